@@ -51,7 +51,7 @@ contains
          end associate
       end do
       if (allocated(plan%curve)) then
-         if (group_of(plan%curve%moving%parameter) == "tones") moving = plan%curve%moving%parameter
+         if (group_of(plan%curve%parameter) == "tones") moving = plan%curve%parameter
       end if
       if (moving%i_group == 0) return
       do i = 1, document%count("tie")

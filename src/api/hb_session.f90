@@ -267,8 +267,8 @@ contains
       else if (is_warm) then
          call self%neighbour%predict(here, self%model%harmonics, .false., start)
       end if
-      call solve_point(self%model, self%document, self%result, failure, level, before, start, self%cached)
-      if (.not. allocated(failure)) call find_gradient(self%model, self%document, level, level%unknowns, self%result)
+      call solve_point(self%model, self%result, failure, level, before, start, self%cached)
+      if (.not. allocated(failure)) call find_gradient(self%model, level, level%unknowns, self%result)
       call self%cancellation%leave()
       call self%neighbour%forget()
       if (allocated(failure)) then
@@ -298,7 +298,7 @@ contains
       if (.not. allocated(error) .and. len(self%plan%origin_path) > 0) &
          call fail(error, "&curve: origin: result files are not read here")
       if (allocated(error)) return
-      call self%document%refuse_tied(self%plan%moving%parameter, self%plan%path, error)
+      call self%document%refuse_tied(self%plan%parameter, self%plan%path, error)
       if (allocated(error)) return
       call self%plan%set(self%document, self%plan%start)
       call share_time(self, self%plan%n_points)
@@ -327,7 +327,7 @@ contains
       if (self%has_begun) then
          call self%curve%next(self%result, error)
       else
-         call self%curve%begin(self%model, self%document, self%request, self%result, error)
+         call self%curve%begin(self%model, self%request, self%result, error)
       end if
       call self%cancellation%leave()
       self%has_begun = .true.

@@ -79,6 +79,7 @@ module hb_balance
       procedure :: drives => balance_drives
       procedure :: frequency_derivative => balance_frequency_derivative
       procedure :: damping_derivative => balance_damping_derivative
+      procedure :: reaction_derivative => balance_reaction_derivative
       procedure :: deform => balance_deform
       procedure :: parameters => balance_parameters
       procedure :: parameter_scales => balance_parameter_scales
@@ -252,6 +253,15 @@ module hb_balance
          real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)   !! [N s]
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_damping_derivative
+
+      !> Derivative of the residual by a number on which the linear part alone depends, from that of the reaction.
+      module subroutine balance_reaction_derivative(self, u, slope, derivative, error)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+         real(wp), intent(in) :: slope(self%harmonics%n_coefficients, self%n_dofs)   !! of s = F_ext - S u at constant u
+         real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine balance_reaction_derivative
    end interface
 
 contains

@@ -136,18 +136,27 @@ contains
       if (allocated(error)) return
       call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, 0.0_wp*self%frequencies, &
                                               reaction, self%omega(m)*self%harmonics%tuples(m, :))
-      associate (along => self%law_set%along)
-         if (self%law_set%needs_reaction) then
-            along%q%values = 0.0_wp
-            if (self%law_set%needs_velocity) along%v%values = 0.0_wp
-            call self%law_set%transform%to_samples(reaction, along%s%values)
-            call self%law_set%differentiate_along(error)
-            call self%law_set%transform%to_coefficients(along%f%values, self%force)
-            derivative = self%law_set%factor*self%force
-         end if
-      end associate
-      derivative = derivative - reaction
+      call self%reaction_derivative(u, reaction, derivative, error)
    end procedure balance_damping_derivative
+
+   !> dR = df/ds ds - ds.
+   module procedure balance_reaction_derivative
+
+      derivative = -slope
+      if (.not. self%law_set%needs_reaction) return
+      call self%differentiate(u, error)
+      if (.not. allocated(error)) call self%law_set%make_direction_samples(error)
+      if (allocated(error)) return
+      associate (along => self%law_set%along)
+         along%q%values = 0.0_wp
+         if (self%law_set%needs_velocity) along%v%values = 0.0_wp
+         call self%law_set%transform%to_samples(slope, along%s%values)
+         call self%law_set%differentiate_along(error)
+         if (allocated(error)) return
+         call self%law_set%transform%to_coefficients(along%f%values, self%force)
+      end associate
+      derivative = self%law_set%factor*self%force - slope
+   end procedure balance_reaction_derivative
 
    !> Common part of both derivatives: checks the arguments, evaluates the laws with derivatives.
    subroutine prepare_slopes(self, u, m, derivative, error)

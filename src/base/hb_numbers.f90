@@ -38,11 +38,13 @@ module hb_numbers
 
    abstract interface
       !> Declares a single number.
-      subroutine add_number(self, key, value)
+      subroutine add_number(self, key, value, required, unit)
          import :: numbers_t, wp
          class(numbers_t), intent(inout) :: self
          character(*), intent(in) :: key                    !! lower case
          real(wp), intent(inout) :: value
+         logical, intent(in), optional :: required          !! whether an input must give it, if the table of keys does not decide
+         character(*), intent(in), optional :: unit         !! likewise
       end subroutine add_number
 
       !> Declares a list of numbers.
@@ -52,7 +54,7 @@ module hb_numbers
          character(*), intent(in) :: key
          real(wp), allocatable, intent(inout) :: values(:)
          integer, intent(in), optional :: n                 !! its length, if an input must give so many
-         logical, intent(in), optional :: required          !! whether an input must give it, if the table of keys does not decide
+         logical, intent(in), optional :: required          !! likewise
       end subroutine add_list
 
       !> Declares a matrix, `n` by `m` in an input.
@@ -73,6 +75,7 @@ module hb_numbers
       procedure :: derive => numbered_derive
       procedure :: has_valid_numbers => numbered_has_valid_numbers
       procedure, non_overridable :: set_number => numbered_set_number
+      procedure, non_overridable :: set_numbers => numbered_set_numbers
       procedure, non_overridable :: find_number => numbered_find_number
       procedure, non_overridable :: list_numbers => numbered_list_numbers
    end type numbered_t
@@ -153,24 +156,39 @@ contains
       are_valid = .true.
    end function numbered_has_valid_numbers
 
-   !> Sets a number and what follows from it. `is_set` is false if the object has no such number, or if the number does
-   !> not fit to the others; the object must then not be used.
+   !> Sets a number and what follows from it, as `set_numbers` does.
    subroutine numbered_set_number(self, number, value, is_set)
       class(numbered_t), intent(inout) :: self
       type(number_t), intent(in) :: number
       real(wp), intent(in) :: value
       logical, intent(out) :: is_set
-      type(access_t) :: access
 
-      access%number = number
-      access%sets = .true.
-      access%value = value
-      call self%declare_numbers(access)
-      is_set = access%is_found
-      if (is_set) is_set = self%has_valid_numbers()
-      if (is_set) call self%derive()
-      if (is_set) is_set = self%has_valid_numbers()         ! some problems are found only here
+      call self%set_numbers([number], [value], is_set)
    end subroutine numbered_set_number
+
+   !> Sets numbers and what follows from them. `are_set` is false if the object does not have one of them, or if they do not
+   !> fit to each other; the object must then not be used.
+   subroutine numbered_set_numbers(self, numbers, values, are_set)
+      class(numbered_t), intent(inout) :: self
+      type(number_t), intent(in) :: numbers(:)
+      real(wp), intent(in) :: values(:)
+      logical, intent(out) :: are_set
+      type(access_t) :: access
+      integer :: i
+
+      access%sets = .true.
+      do i = 1, size(numbers)
+         access%number = numbers(i)
+         access%value = values(i)
+         access%is_found = .false.
+         call self%declare_numbers(access)
+         are_set = access%is_found
+         if (.not. are_set) return
+      end do
+      are_set = self%has_valid_numbers()
+      if (are_set) call self%derive()
+      if (are_set) are_set = self%has_valid_numbers()       ! some problems are found only here
+   end subroutine numbered_set_numbers
 
    !> Finds the value of a number.
    subroutine numbered_find_number(self, number, value, is_found)
@@ -197,10 +215,12 @@ contains
       call move_alloc(list%found, numbers)
    end subroutine numbered_list_numbers
 
-   subroutine access_add_number(self, key, value)
+   subroutine access_add_number(self, key, value, required, unit)
       class(access_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), intent(inout) :: value
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
 
       if (key == self%number%key .and. all(self%number%element == 0)) call exchange(self, value)
    end subroutine access_add_number
@@ -244,10 +264,12 @@ contains
       end if
    end subroutine exchange
 
-   subroutine list_add_number(self, key, value)
+   subroutine list_add_number(self, key, value, required, unit)
       class(list_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), intent(inout) :: value
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
 
       self%found = [self%found, number_t(key)]
    end subroutine list_add_number

@@ -69,7 +69,6 @@ module hb_document
       procedure :: accept_changes => document_accept_changes
       procedure :: add => document_add
       procedure :: begin => document_begin
-      procedure :: changed_group => document_changed_group
       procedure :: count => document_count
       procedure :: expect_groups => document_expect_groups
       procedure :: drives => document_drives
@@ -79,7 +78,6 @@ module hb_document
       procedure :: has_changed => document_has_changed
       procedure :: is_real => document_is_real
       procedure :: n_tones_of => document_n_tones_of
-      procedure :: mark => document_mark
       procedure :: number_at => document_number_at
       procedure :: optional_group => document_optional_group
       procedure :: refuse_tied => document_refuse_tied
@@ -145,17 +143,6 @@ contains
       call group%forget()
       group%reading = self%reading
    end function document_group
-
-   !> Returns the i-th group of a name if a value in it has changed since `accept_changes`, null otherwise.
-   function document_changed_group(self, name, i) result(group)
-      class(document_t), target, intent(inout) :: self
-      character(*), intent(in) :: name
-      integer, intent(in) :: i
-      type(properties_t), pointer :: group
-
-      group => null()
-      if (self%groups%holders(self%groups%position_of(name, i))%group%has_changed) group => self%group(name, i)
-   end function document_changed_group
 
    !> Returns the only group of a name. A missing group is added without keys, so that defaults are read from it;
    !> `finish` reports a second group of the name.
@@ -285,22 +272,14 @@ contains
          if (self%changes(i)%hides(parameter) .and. parameter%hides(self%changes(i))) return
       end do
       if (self%n_changes == max_changes) then
-         call self%mark(parameter)
+         self%groups%holders(parameter%i_group)%group%has_changed = .true.
       else
          self%n_changes = self%n_changes + 1
          self%changes(self%n_changes) = parameter
       end if
    end subroutine note_change
 
-   !> Marks the group of a parameter as changed: it must be read again.
-   pure subroutine document_mark(self, parameter)
-      class(document_t), intent(inout) :: self
-      type(parameter_t), intent(in) :: parameter
-
-      self%groups%holders(parameter%i_group)%group%has_changed = .true.
-   end subroutine document_mark
-
-   !> Returns the numbers that have changed, and forgets them: the caller sets them, or marks their groups.
+   !> Returns the numbers that have changed, and forgets them: the caller sets them, or reads everything again.
    pure subroutine document_take_changes(self, changes)
       class(document_t), intent(inout) :: self
       type(parameter_t), allocatable, intent(out) :: changes(:)
@@ -483,28 +462,31 @@ contains
       number_of_key = self%groups%holders(parameter%i_group)%group%content%names%find(trim(parameter%key))
    end function number_of_key
 
-   !> Whether a value in a group of a name has changed since `accept_changes`; with `others`, in a group of another
-   !> name.
-   pure logical function document_has_changed(self, names, others) result(has_changed)
+   !> Whether a value has changed since `accept_changes`, in groups of some names or in any group; numbers that were taken
+   !> do not count.
+   pure logical function document_has_changed(self, names) result(has_changed)
       class(document_t), intent(in) :: self
-      character(*), intent(in) :: names(:)                  !! lower case
-      logical, intent(in), optional :: others
-      logical :: is_other
+      character(*), intent(in), optional :: names(:)        !! lower case
       integer :: i
 
-      is_other = .false.
-      if (present(others)) is_other = others
       has_changed = .false.
       do i = 1, self%groups%n
          associate (group => self%groups%holders(i)%group)
-            if (group%has_changed) has_changed = has_changed .or. (any(names == group%name) .neqv. is_other)
+            if (group%has_changed) has_changed = has_changed .or. is_one(group%name)
          end associate
       end do
       do i = 1, self%n_changes
-         associate (name => self%groups%holders(self%changes(i)%i_group)%group%name)
-            has_changed = has_changed .or. (any(names == name) .neqv. is_other)
-         end associate
+         has_changed = has_changed .or. is_one(self%groups%holders(self%changes(i)%i_group)%group%name)
       end do
+
+   contains
+
+      pure logical function is_one(name)
+         character(*), intent(in) :: name
+
+         is_one = .true.
+         if (present(names)) is_one = any(names == name)
+      end function is_one
    end function document_has_changed
 
    !> Removes the markers of changes.

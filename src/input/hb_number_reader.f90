@@ -40,12 +40,14 @@ contains
       call object%declare_numbers(reader)
    end subroutine read_numbers
 
-   subroutine reader_add_number(self, key, value)
+   subroutine reader_add_number(self, key, value, required, unit)
       class(reader_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), intent(inout) :: value
+      logical, intent(in), optional :: required
+      character(*), intent(in), optional :: unit
 
-      call self%group%get(key, value)
+      call self%group%get(key, value, required, unit)
    end subroutine reader_add_number
 
    subroutine reader_add_list(self, key, values, n, required)

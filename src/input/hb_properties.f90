@@ -17,7 +17,7 @@ module hb_properties
    use hb_kinds, only: wp
    use hb_property_order, only: any_length, element_at, matrix_text, pick
    use hb_property_record, only: missing_key, record_t, request, value_problem
-   use hb_property_values, only: number_value, value_t
+   use hb_property_values, only: key_t, number_value, value_t
    use hb_text, only: join, lower, quote, shown, string_t, to_text
    implicit none
    private
@@ -29,8 +29,8 @@ module hb_properties
    contains
       generic :: get => get_real, get_integer, get_logical, get_word, get_reals, get_integers, get_logicals, get_words, get_matrix
       generic :: set => set_one, set_list, set_matrix
-      procedure :: accepts => properties_accepts
       procedure :: choose => properties_choose
+      procedure :: find_limits => properties_find_limits
       procedure :: note_number => properties_note_number
       procedure, private :: get_real => properties_get_real
       procedure, private :: get_integer => properties_get_integer
@@ -126,21 +126,43 @@ contains
       choice = findloc(self%content%keys(i_key)%rule%choices == words(1)%value, .true., dim=1)
    end subroutine properties_choose
 
-   !> Whether a number is in the range of a key that has been read as a real number.
-   pure logical function properties_accepts(self, key, number) result(accepts)
+   !> Finds the limits of a number of a key. `is_number` is false unless the key has been read as a real number, or as a list
+   !> that has this element, or no other one.
+   pure subroutine properties_find_limits(self, key, element, is_number, minimum, maximum, above)
       class(properties_t), intent(in) :: self
       character(*), intent(in) :: key                       !! lower case
-      real(wp), intent(in) :: number
+      integer, intent(in) :: element(2)                     !! indices, 0 where there is none
+      logical, intent(out) :: is_number
+      real(wp), intent(out) :: minimum, maximum             !! inclusive
+      real(wp), intent(out) :: above                        !! exclusive
       integer :: i
 
-      accepts = .false.
+      minimum = -huge(1.0_wp)
+      maximum = huge(1.0_wp)
+      above = -huge(1.0_wp)
       i = self%content%names%find(key)
-      if (i == 0) return
+      is_number = i > 0
+      if (.not. is_number) return
       associate (read_key => self%content%keys(i))
-         if (read_key%requested == 0 .or. read_key%kind /= kind_of%number .or. .not. allocated(read_key%rule)) return
-         accepts = suits(number_value(number), kind_of%number, read_key%rule%limits)
+         is_number = read_key%requested > 0 .and. read_key%kind == kind_of%number .and. allocated(read_key%rule) .and. &
+                     allocated(read_key%numbers)
+         if (.not. is_number) return
+         is_number = index_of(read_key, element) <= size(read_key%numbers) .and. &
+                     (any(element > 0) .or. size(read_key%numbers) == 1)
+         minimum = read_key%rule%limits%minimum
+         maximum = read_key%rule%limits%maximum
+         above = read_key%rule%limits%above
       end associate
-   end function properties_accepts
+   end subroutine properties_find_limits
+
+   !> Index of an element among the numbers of a key, row by row.
+   pure integer function index_of(key, element)
+      type(key_t), intent(in) :: key
+      integer, intent(in) :: element(2)
+
+      index_of = max(1, element(1))
+      if (element(2) > 0) index_of = (element(1) - 1)*key%row_length + element(2)
+   end function index_of
 
    !> Stores the number that an object uses, without its having been read.
    pure subroutine properties_note_number(self, key, element, number)
@@ -151,8 +173,7 @@ contains
       integer :: i
 
       associate (read_key => self%content%keys(self%content%names%find(key)))
-         i = max(1, element(1))
-         if (element(2) > 0) i = (element(1) - 1)*read_key%row_length + element(2)
+         i = index_of(read_key, element)
          if (i <= size(read_key%numbers)) read_key%numbers(i) = number
       end associate
    end subroutine properties_note_number

@@ -1,4 +1,4 @@
-!> Derivatives of points of a curve with respect to values of the input.
+!> Derivatives of points of a curve with respect to numbers of the model.
 !> Folds, peaks and similar points move along the curve when a value changes. They are located again on the curves for
 !> both perturbed values, near the original point: first in the plane across the curve, then along it to the zero of
 !> their function, hb_curve_events. All other points are fixed at their value along the curve, hb_gradient. Source:
@@ -9,7 +9,6 @@ module hb_curve_gradient
    use hb_curve, only: event_t
    use hb_curve_events, only: fold_event_t
    use hb_curve_request, only: curve_kind
-   use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t
    use hb_event_location, only: bifurcation_event_t, response_event_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
@@ -18,7 +17,8 @@ module hb_curve_gradient
    use hb_kinds, only: wp
    use hb_level, only: carry, level_t
    use hb_model, only: model_t
-   use hb_model_reader, only: update_model
+   use hb_model_number, only: model_number_t
+   use hb_model_numbers, only: find_model_number, movement_t, new_movement, set_movement
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_outcome, only: is_solved
    use hb_stability, only: bifurcation
@@ -55,7 +55,6 @@ contains
       class(followed_motion_t), intent(inout), target :: curve        !! near the point, on its set
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
-      type(document_t) :: document
       type(error_t), allocatable :: error
       type(located_t) :: located
       real(wp), allocatable :: unknowns(:)
@@ -76,9 +75,8 @@ contains
             call refine(located, problem%model, curve%level, result%gradient)
             if (has_jumping_slopes(problem%model)) call average_position(located, result%gradient)
          case default
-            document = problem%document_here()
             unknowns = [point%x(:problem%n_unknowns), problem%omega]
-            call find_gradient(problem%model, document, curve%level, unknowns, result)
+            call find_gradient(problem%model, curve%level, unknowns, result)
          end select
       end associate
    end subroutine find_curve_gradient
@@ -127,7 +125,7 @@ contains
       associate (model => self%curve%problem%model)
          gradient = zero_gradient(model, level%set)
          do k = 1, size(model%gradient%by)
-            call self%curve%document%number_at(model%gradient%by(k), value, is_found)
+            call find_model_number(self%curve%model, model%gradient%by(k), value, is_found)
             step = self%step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
             do side = -1, 1
                call locate(self, level, model%gradient%by(k), value + side*step, sides(side), is_found)
@@ -145,26 +143,25 @@ contains
    end subroutine located_differentiate
 
    !> Locates the point for a given value of the input.
-   subroutine locate(self, level, parameter, value, neighbour, is_found)
+   subroutine locate(self, level, number, value, neighbour, is_found)
       class(located_t), intent(in) :: self
       type(level_t), intent(in) :: level
-      type(parameter_t), intent(in) :: parameter
+      type(model_number_t), intent(in) :: number
       real(wp), intent(in) :: value
       type(neighbour_t), intent(out) :: neighbour
       logical, intent(out) :: is_found
       class(event_t), allocatable :: event
       type(followed_motion_t), target :: there
       type(error_t), allocatable :: error
+      type(movement_t) :: movement
       real(wp), allocatable :: x(:)
-      logical :: is_new
 
       is_found = .false.
       there%request = self%curve%request
       there%model = self%curve%model
-      there%document = self%curve%document
       there%further = self%curve%further
-      call there%document%set(parameter, value)
-      call update_model(there%model, there%document, is_new, error, there%request%available_memory)
+      call new_movement(movement, there%model, number, .false., error)
+      if (.not. allocated(error)) call set_movement(there%model, movement, value, error)
       there%model%solver%tolerance = min(there%model%solver%tolerance, 1.0e-12_wp)
       if (.not. allocated(error)) call there%put_on(level, error)
       if (.not. allocated(error)) then

@@ -78,7 +78,6 @@ module hb_curve_request
       real(wp), allocatable :: others(:)                              !! likewise; separate motions are searched for there
       real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
       integer :: n_points = 0                                         !! at most
-      real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
       logical :: switches = .false.                                   !! at branch points the other curve is followed as well
       type(located_response_t), allocatable :: responses(:)
       type(curve_origin_t), allocatable :: origin                     !! if given: the point at which the curve leaves another

@@ -10,7 +10,6 @@ module hb_followed_motion
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_events, only: find_extremes, find_motion, find_stability
    use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
-   use hb_document, only: document_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
@@ -82,7 +81,6 @@ module hb_followed_motion
    type, extends(curve_state_t) :: followed_motion_t
       type(curve_request_t) :: request
       type(model_t) :: model                                          !! at the start, as read
-      type(document_t) :: document
       real(wp), allocatable :: further(:)                             !! unknowns in addition to those of the balance, at the start
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error at the point of the curve; huge: not known
       integer :: n_levels = 1                                         !! of the last step
@@ -168,8 +166,7 @@ contains
          found%certificate%aliasing = found%accuracy%tolerance
          call self%problem%destroy()
       end if
-      call new_model_problem(self%problem, found, self%document, self%request%moving, self%request%start, &
-                             self%request%available_memory, error)
+      call new_model_problem(self%problem, found, self%request%moving, self%request%start, error)
       if (allocated(error)) return
       self%level = level_t(level%set, level%n_samples)
       self%problem%which = [which, self%problem%own]
@@ -209,8 +206,7 @@ contains
       if (allocated(error)) return
       reduced%torus = half_of_odd(model)
       allocate (self%odd_problem)
-      call new_model_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
-                             self%request%available_memory, error)
+      call new_model_problem(self%odd_problem, reduced, self%request%moving, self%request%start, error)
       associate (n => self%problem%n_unknowns, m => size(self%problem%which))
          self%odd_indices = [model%harmonics%indices_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
       end associate

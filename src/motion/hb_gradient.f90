@@ -1,4 +1,4 @@
-!> Derivatives of a motion with respect to values of the input.
+!> Derivatives of a motion with respect to numbers of its model.
 !> The equations R(x, p) = 0 of a motion are differentiated with respect to a value p: dx/dp = -J**-1 dR/dp, with the
 !> tangent J of the solution and one linear solution for each value; unknown frequencies are part of x. The
 !> derivatives of interior degrees of freedom follow from a small step along dx/dp. The residual at this step is
@@ -9,7 +9,6 @@ module hb_gradient
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
-   use hb_document, only: document_t, parameter_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
@@ -18,8 +17,9 @@ module hb_gradient
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
+   use hb_model_number, only: model_number_t
+   use hb_model_numbers, only: find_model_number, movement_t, new_movement, set_movement
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
-   use hb_model_reader, only: update_model
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
    use hb_normal_mode, only: amplitude_functionals
    use hb_outcome, only: is_solved, outcome
@@ -51,7 +51,6 @@ module hb_gradient
 
    !> The motion of given values.
    type, extends(differentiable_t) :: known_t
-      type(document_t) :: document                                    ! from which its model was read
       type(model_t) :: model                                          ! on its set and grid, at its frequencies
       integer, allocatable :: tones(:)                                ! numbers of the unknown ones
       integer, allocatable :: which(:)                                ! likewise of parameters: with the damping of a normal mode
@@ -66,9 +65,8 @@ contains
 
    !> Adds the derivatives to a result, if any are requested and the motion is one of the balance; there are none if
    !> its tangent is singular.
-   subroutine find_gradient(model, document, level, unknowns, result)
+   subroutine find_gradient(model, level, unknowns, result)
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document                        !! from which the model was read
       type(level_t), intent(in) :: level                              !! set and grid of the motion
       real(wp), allocatable, intent(in) :: unknowns(:)                !! ordered as those of hb_level%level_t
       type(motion_result_t), intent(inout) :: result
@@ -84,7 +82,6 @@ contains
          if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
          if (any(result%status == [outcome%time_domain, outcome%several])) return ! not a motion of a balance
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
-         known%document = document
          known%model = model
          call put_on_level(known%model, model, own, error)
          call give_up()
@@ -92,7 +89,7 @@ contains
          if (coordinates%n == 0) then
             gradient = zero_gradient(known%model, known%model%harmonics)
             do k = 1, size(by)
-               call differentiate_linear(known, document, k, gradient, error)
+               call differentiate_linear(known, k, gradient, error)
                if (allocated(error)) exit
             end do
             call give_up()
@@ -124,31 +121,28 @@ contains
    end subroutine find_gradient
 
    !> Differentiates a motion without laws: it is computed on both sides of the value.
-   subroutine differentiate_linear(known, document, k, gradient, error)
-      type(known_t), intent(in) :: known
-      type(document_t), intent(in) :: document
+   subroutine differentiate_linear(known, k, gradient, error)
+      type(known_t), intent(inout) :: known                           !! unchanged
       integer, intent(in) :: k                                        !! number of the value
       type(gradient_t), intent(inout) :: gradient
       type(error_t), allocatable, intent(out) :: error
       complex(wp), allocatable :: c(:, :, :)
-      type(model_t) :: fresh, there
-      type(document_t) :: moved
+      type(model_t) :: there
+      type(movement_t) :: movement
       type(dynamic_stiffness_t) :: stiffness
       real(wp) :: step, value
       integer :: side
-      logical :: is_found, is_new
+      logical :: is_found
 
       associate (model => known%model, by => known%model%gradient%by(k), set => known%model%harmonics)
-         call document%number_at(by, value, is_found)
+         call find_model_number(known%model, by, value, is_found)
+         call new_movement(movement, known%model, by, .false., error)
+         if (allocated(error)) return
          step = difference_step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
          allocate (c(model%structure%n_dofs, set%n_harmonics, 2))
          do side = 1, 2
             there = model
-            moved = document
-            call moved%set(by, value + (2*side - 3)*step)
-            call update_model(there, moved, is_new, error)
-            fresh = there
-            if (.not. allocated(error) .and. is_new) call put_on_level(there, fresh, level_t(set, model%torus%n_samples), error)
+            call set_movement(there, movement, value + (2*side - 3)*step, error)
             if (.not. allocated(error)) call new_dynamic_stiffness(stiffness, there%structure, coordinates_of(there), &
                set%frequencies(there%tones%omega), there%loads, error)
             if (allocated(error)) return
@@ -256,7 +250,7 @@ contains
       integer :: attempt, k
       logical :: is_found, is_lost
 
-      associate (by => known%model%gradient%by, document => known%document, n => known%n)
+      associate (by => known%model%gradient%by, n => known%n)
          gradient = zero_gradient(known%model, known%model%harmonics)
          call put_on(here, by(1), 1.0_wp)
          if (allocated(error)) return
@@ -277,7 +271,7 @@ contains
          call new_tangent_solver(tangent, problem, known%x, is_lost, sharp)
          do k = 1, size(by)
             if (is_lost .or. work_is_over()) exit
-            call document%number_at(by(k), value, is_found)
+            call find_model_number(known%model, by(k), value, is_found)
             typical = abs(value)
             if (.not. typical > 0.0_wp) typical = 1.0_wp
             do attempt = 1, 2
@@ -301,17 +295,16 @@ contains
 
    contains
 
-      subroutine put_on(problem, parameter, typical)
+      subroutine put_on(problem, number, typical)
          type(model_problem_t), intent(inout) :: problem
-         type(parameter_t), intent(in) :: parameter
+         type(model_number_t), intent(in) :: number
          real(wp), intent(in) :: typical
          real(wp) :: at
          logical :: is_done
 
-         call known%document%number_at(parameter, at, is_found)
-         call problem%choose_number(moving_value_t(parameter, typical), at, is_done)
-         if (.not. is_done) call new_model_problem(problem, known%model, known%document, moving_value_t(parameter, typical), at, &
-                                                   known%model%memory_limit, error)
+         call find_model_number(known%model, number, at, is_found)
+         call problem%choose_number(moving_value_t(number, typical), at, is_done)
+         if (.not. is_done) call new_model_problem(problem, known%model, moving_value_t(number, typical), at, error)
       end subroutine put_on
    end subroutine differentiate
 

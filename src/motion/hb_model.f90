@@ -3,18 +3,21 @@
 !> of input keys (src/input_keys.txt). hb_model_reader reads models from an input.
 module hb_model
    use hb_amplitudes, only: amplitudes_t
-   use hb_document, only: parameter_t
+   use hb_bearing, only: bearing_t
    use hb_error, only: error_t
    use hb_fe_model, only: fe_model_source_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
+   use hb_load, only: load_t
+   use hb_model_number, only: model_number_t, model_tie_t
    use hb_normal_mode, only: normal_mode_t
    use hb_outcome, only: outcome
    use hb_response, only: response_t
    use hb_solver_types, only: share_of_solver, solver_config_t
    use hb_stability, only: stability_config_t, stability_finder_t
    use hb_structure, only: structure_t
+   use hb_structure_builder, only: structure_builder_t
    use hb_time_domain, only: integration_config_t, locking_t, primary_method, steady_motion_t
    use hb_tones, only: tones_t
    use hb_torus, only: torus_t
@@ -53,10 +56,10 @@ module hb_model
       real(wp) :: max_work = 6.0e9_wp                                 !! of all solutions of a point, as `work` of a report
    end type accuracy_t
 
-   !> Values of the input with respect to which motions are differentiated.
+   !> Numbers with respect to which motions are differentiated.
    type :: gradient_config_t
-      character(64), allocatable :: names(:)                          !! their paths
-      type(parameter_t), allocatable :: by(:)                         !! in the document of the model
+      character(64), allocatable :: names(:)                          !! as given
+      type(model_number_t), allocatable :: by(:)
    end type gradient_config_t
 
    !> Limits above which a solved point counts as inaccurate.
@@ -102,7 +105,9 @@ module hb_model
       logical :: is_read = .false.                                    !! from an input, without an error
       type(callbacks_t) :: callbacks
       logical :: may_integrate = .true.                               !! by the time-domain solver, if there is one
-      type(structure_t) :: structure
+      class(structure_builder_t), allocatable :: builder              !! of the structure without bearings
+      type(bearing_t), allocatable :: bearings(:)
+      type(structure_t) :: structure                                  !! with them
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that are zero, by unknown tone; size 0:
                                                                       !! integral phase conditions
@@ -112,10 +117,12 @@ module hb_model
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
       integer, allocatable :: law_groups(:)                           !! number of the group of each law
+      type(load_t), allocatable :: given_loads(:)
       type(amplitudes_t) :: loads                                     !! [N], of `harmonics`
       type(amplitudes_t) :: load_slopes                               !! their derivatives by j.omega [N s]
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency
-      type(amplitudes_t) :: start                                     !! added to the first guess [m]
+      type(load_t), allocatable :: given_starts(:)                    !! terms of the first guess
+      type(amplitudes_t) :: start                                     !! their sum [m]
       type(solver_config_t) :: solver
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, otherwise zero
       logical :: start_from_integration = .false.                     !! or the end of a time integration
@@ -126,6 +133,7 @@ module hb_model
       type(output_config_t) :: output
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may use
       type(integration_config_t) :: integration
+      type(model_tie_t), allocatable :: ties(:)                       !! by which numbers follow others, in their order
       type(gradient_config_t) :: gradient
       integer :: primary_method = primary_method%auto                 !! to its motion, one of hb_time_domain
    contains

@@ -1,10 +1,14 @@
 !> Amplitudes of a model by harmonic: loads (`&load`) and terms added to the first guess (`&start`).
 module hb_model_loads
-   use hb_amplitudes, only: amplitudes_t, new_amplitudes
+   use hb_amplitudes, only: amplitudes_t
    use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
+   use hb_load, only: load_kind, load_t
    use hb_model, only: model_t
+   use hb_model_numbers, only: build_loads, build_starts, unknown_tone_of
+   use hb_number_reader, only: read_numbers
    use hb_properties, only: properties_t
    use hb_text, only: to_text
    implicit none
@@ -15,15 +19,25 @@ contains
 
    !> Reads all `&load`.
    subroutine read_loads(self, document)
-      type(model_t), intent(inout) :: self
+      type(model_t), intent(inout) :: self                            !! with its structure, tones and harmonics
       type(document_t), intent(inout), target :: document
+      type(amplitudes_t) :: loads, slopes
+      type(error_t), allocatable :: error
+      type(properties_t), pointer :: group
       integer :: i
 
-      call new_amplitudes(self%loads, self%structure%n_dofs, self%harmonics%n_harmonics)
-      self%load_slopes = self%loads
-      do i = 1, document%count("load")
-         call read_load(self, document%group("load", i))
+      allocate (self%given_loads(document%count("load")))
+      do i = 1, size(self%given_loads)
+         group => document%group("load", i)
+         call read_load(self%given_loads(i), self, group)
+         if (.not. allocated(self%given_loads(i)%weights)) cycle
+         if (unknown_tone_of(self, i) > 0) call group%problem("tuple", "tone "//to_text(unknown_tone_of(self, i))// &
+            " of &tones is unknown, and a load needs a given frequency; a first guess is given by &start")
       end do
+      self%has_inertia_loads = any(self%given_loads%grows())
+      call build_loads(self, self%structure, loads, slopes, error)    ! an error has been reported
+      self%loads = loads
+      self%load_slopes = slopes
    end subroutine read_loads
 
    !> Reads all `&start`.
@@ -32,87 +46,65 @@ contains
       type(document_t), intent(inout), target :: document
       integer :: i
 
-      call new_amplitudes(self%start, self%structure%n_dofs, self%harmonics%n_harmonics)
-      do i = 1, document%count("start")
-         call read_amplitude(self, document%group("start", i), "m", self%start)
+      allocate (self%given_starts(document%count("start")))
+      do i = 1, size(self%given_starts)
+         self%given_starts(i)%unit = "m"
+         call read_amplitude(self%given_starts(i), self, document%group("start", i))
       end do
+      call build_starts(self)
    end subroutine read_starts
 
-   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it. In the frame of a base that moves by
-   !> r a(t), the load is -M r a''.
-   subroutine read_load(self, group)
-      type(model_t), intent(inout) :: self
+   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
+   subroutine read_load(self, model, group)
+      type(load_t), intent(inout) :: self
+      type(model_t), intent(in) :: model
       type(properties_t), intent(inout) :: group
-      type(amplitudes_t) :: amplitudes
-      real(wp), allocatable :: w(:)
       character(4), parameter :: units(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
-      integer :: h, kind, power, tone                                 ! force, base_acceleration, base_displacement
 
-      call group%get("frequency_power", power)
-      call group%choose("kind", kind)
-      call new_amplitudes(amplitudes, self%structure%n_dofs, self%harmonics%n_harmonics)
-      if (kind == 1) then
-         call read_amplitude(self, group, trim(units(max(0, min(power, 4)))), amplitudes)
-      else
-         call read_amplitude(self, group, trim(merge("m/s2", "m   ", kind == 2)), amplitudes)
-         do h = 1, size(amplitudes%values, 2)
-            amplitudes%values(:, h) = merge(-1, 1, kind == 2)*self%structure%mass_times(amplitudes%values(:, h))
-         end do
-         if (kind == 3) power = power + 2
-      end if
-      do h = 1, self%harmonics%n_harmonics
-         if (amplitudes%is_zero_at(h)) cycle
-         tone = findloc(self%tones%is_unknown .and. self%harmonics%tuples(:, h) /= 0, .true., dim=1)
-         if (tone == 0) cycle
-         call group%problem("tuple", "tone "//to_text(tone)//" of &tones is unknown, and a load needs a given frequency; "// &
-                            "a first guess is given by &start")
-         return
-      end do
-      if (power == 0) then
-         call self%loads%add_scaled(amplitudes, spread(1.0_wp, 1, self%harmonics%n_harmonics))
-         return
-      end if
-      self%has_inertia_loads = .true.
-      w = self%harmonics%frequencies(merge(0.0_wp, self%tones%omega, self%tones%is_unknown))
-      call self%loads%add_scaled(amplitudes, abs(w)**power)
-      call self%load_slopes%add_scaled(amplitudes, power*abs(w)**(power - 1)*sign(1.0_wp, w))
+      call group%get("frequency_power", self%power)
+      call group%choose("kind", self%kind)
+      self%unit = units(max(0, min(self%power, 4)))
+      if (self%kind == load_kind%base_acceleration) self%unit = "m/s2"
+      if (self%kind == load_kind%base_displacement) self%unit = "m"
+      call read_amplitude(self, model, group)
    end subroutine read_load
 
-   !> Reads `&load` and `&start`: `dof` or `vector`, `tuple`, `cos`, `sin`, added to the amplitudes.
-   subroutine read_amplitude(self, group, unit, amplitudes)
-      type(model_t), intent(in) :: self
+   !> Reads `&load` and `&start`: `dof` or `vector`, `tuple`, `cos`, `sin`. Weights are not allocated after a problem.
+   subroutine read_amplitude(self, model, group)
+      type(load_t), intent(inout) :: self
+      type(model_t), intent(in) :: model
       type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: unit                                !! of the amplitudes
-      type(amplitudes_t), intent(inout) :: amplitudes
       character(:), allocatable :: name, vector
-      integer, allocatable :: dofs(:), tuple(:)
+      integer, allocatable :: dofs(:)
       real(wp), allocatable :: weights(:)
       type(error_t), allocatable :: error
-      real(wp) :: cosine, sine
 
       call group%get("dof", name, required=.not. group%given("vector"))
       call group%get("vector", vector)
       if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
-      call group%get("tuple", tuple, n=self%tones%n_tones)
-      call group%get("cos", cosine, unit=unit)
-      call group%get("sin", sine, unit=unit)
+      call group%get("tuple", self%tuple, n=model%tones%n_tones)
+      call read_numbers(self, group)
       if (.not. (group%given("cos") .or. group%given("sin"))) then
          call group%problem("cos", "give 'cos', 'sin' or both")
       end if
-      if (.not. ((allocated(name) .or. allocated(vector)) .and. allocated(tuple))) return
-      if (size(tuple) /= self%tones%n_tones) return
+      if (.not. ((allocated(name) .or. allocated(vector)) .and. allocated(self%tuple))) return
+      if (size(self%tuple) /= model%tones%n_tones) return
       if (allocated(vector)) then
-         call self%structure%vectors%find(vector, dofs, weights, error)
+         call model%structure%vectors%find(vector, dofs, weights, error)
          if (allocated(error)) call group%problem("vector", error%message)
       else
-         call self%structure%find_dofs(name, dofs, error)
+         call model%structure%find_dofs(name, dofs, error)
          if (allocated(error)) call group%problem("dof", error%message)
          if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
       end if
       if (allocated(error)) return
-      call amplitudes%add_tuple(self%harmonics, tuple, dofs, weights*cosine, weights*sine, error)
-      if (allocated(error)) call group%problem("tuple", error%message//"; give one entry per tone, and raise the order in "// &
-                                               "&harmonics if it is too low")
+      if (model%harmonics%index_of(self%tuple) == 0) then
+         call group%problem("tuple", "tuple "//tuple_text(self%tuple)//" is not in the set of harmonics; give one entry per "// &
+                            "tone, and raise the order in &harmonics if it is too low")
+         return
+      end if
+      call move_alloc(dofs, self%dofs)
+      call move_alloc(weights, self%weights)
    end subroutine read_amplitude
 
    !> Tuples of all loads and first guesses, (n_tones, any); tuples of a wrong size are reported when they are read.

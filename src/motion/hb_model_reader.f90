@@ -1,24 +1,26 @@
-!> Reads models from documents: the permitted groups, the order in which their procedures read them, and the groups
-!> that are read again when values of the document change.
+!> Reads models from documents: the permitted groups, and the order in which their procedures read them. Numbers of the
+!> document that change are set in the model (hb_model_numbers).
 module hb_model_reader
    use hb_bearing, only: read_bearing
    use hb_document, only: document_t, parameter_t, tie_t
    use hb_error, only: annotate, error_t
    use hb_fe_model, only: fe_model_source_t
    use hb_floquet, only: floquet_t
+   use hb_frequency_part, only: frequency_part_t
    use hb_frequency_part_input, only: read_frequency_part
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
-   use hb_model, only: callbacks_t, gradient_config_t, model_t, symmetry
-   use hb_model_laws, only: read_laws, set_law_number, update_laws
+   use hb_model, only: callbacks_t, model_t
+   use hb_model_laws, only: read_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
+   use hb_model_number, only: has_number, model_number_t, model_tie_t
+   use hb_model_numbers, only: find_model_number, set_model_numbers
    use hb_model_settings, only: check_symmetry, read_accuracy, read_certificate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
-   use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_text, only: shown, string_t, to_text
    use hb_time_domain, only: primary_method
@@ -26,7 +28,7 @@ module hb_model_reader
    use hb_truncation_reader, only: read_harmonics, read_lowest_set
    implicit none
    private
-   public :: group_names, moving_groups, read_model, set_changed_numbers, update_model
+   public :: find_number, group_names, moving_groups, read_model, update_model
 
    !> All groups that an input file may contain.
    character(17), parameter :: group_names(19) = [character(17) :: &
@@ -38,9 +40,9 @@ module hb_model_reader
    character(17), parameter :: moving_groups(6) = [character(17) :: &
       "structure", "bearing", "dynamic_stiffness", "tones", "load", "law"]
 
-   !> Groups that are read separately if only their numbers change.
-   character(17), parameter :: read_alone(7) = [character(17) :: &
-      "structure", "bearing", "dynamic_stiffness", "tones", "load", "law", "start"]
+   !> The objects of a model that have numbers, in the order of `has_number`, by their groups.
+   character(17), parameter :: groups_of_numbers(8) = [character(17) :: &
+      "structure", "bearing", "dynamic_stiffness", "tones", "load", "start", "law", "normal_mode"]
 
    real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
                                                                       ! of the solver's fallbacks; two methods share
@@ -67,9 +69,8 @@ contains
       if (self%is_read) call document%accept_changes()
    end subroutine read_model
 
-   !> Updates a model that was read from a document to the present values of the document: sets the numbers of laws that
-   !> have changed, reads the other changed groups, or everything if more than numbers have changed. In unusual cases,
-   !> including an error in the input, everything is read again, and that reading is authoritative; `is_new` is then true.
+   !> Updates a model that was read from a document to the present values of the document: numbers that have changed are
+   !> set, anything else, an error included, makes the model be read again; `is_new` is then true.
    subroutine update_model(self, document, is_new, error, available, callbacks)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -78,51 +79,79 @@ contains
       real(wp), intent(in), optional :: available                     !! bytes for this process
       type(callbacks_t), intent(in), optional :: callbacks             !! default: the previous ones
       type(callbacks_t) :: same
-      logical :: is_read
+      logical :: is_done
 
-      is_read = self%is_read
-      if (is_read) then
-         call set_changed_numbers(self, document, is_read)
-         if (is_read) then
-            is_new = .false.
-            return
-         end if
-         is_read = .not. document%has_changed(read_alone, others=.true.)
-      else
-         call document%follow_ties()
-      end if
-      if (is_read) then
-         call document%begin()
-         call read_changes(self, document, is_read)
-         if (is_read) call document%accept_changes()
-      end if
-      is_new = .not. is_read
+      call document%follow_ties()
+      is_done = self%is_read
+      if (is_done) call set_changes(self, document, is_done)
+      is_new = .not. is_done
       if (.not. is_new) return
       same = self%callbacks
       if (present(callbacks)) same = callbacks
       call read_model(self, document, error, available, same)
    end subroutine update_model
 
-   !> Sets the numbers of laws that have changed. `is_done` is false if other values have changed as well, whose groups
-   !> must be read again, or if a number is not possible.
-   subroutine set_changed_numbers(self, document, is_done)
+   !> Sets the numbers of a document that have changed. `is_done` is false if something else has changed, or if a reader
+   !> must decide: whether a number is possible, or changes more than numbers of the model.
+   subroutine set_changes(self, document, is_done)
       type(model_t), intent(inout) :: self                            !! as it was read from the document
       type(document_t), intent(inout) :: document
       logical, intent(out) :: is_done
+      type(error_t), allocatable :: error
+      type(model_number_t), allocatable :: numbers(:)
       type(parameter_t), allocatable :: changes(:)
-      logical :: is_set
+      real(wp), allocatable :: values(:)
       integer :: i
 
-      call document%follow_ties()
       call document%take_changes(changes)
-      is_done = .not. document%has_changed([character ::], others=.true.)
+      is_done = .not. document%has_changed()
+      if (.not. is_done .or. size(changes) == 0) return
+      allocate (numbers(size(changes)), values(size(changes)))
       do i = 1, size(changes)
-         call set_law_number(self, document, changes(i), is_set)
-         if (is_set) cycle
-         call document%mark(changes(i))
-         is_done = .false.
+         call find_number(document, changes(i), numbers(i))
+         is_done = numbers(i)%object /= has_number%none
+         if (is_done .and. self%normal_mode%has_energy) is_done = numbers(i)%object == has_number%normal_mode   ! check_energy
+         if (is_done) call document%number_at(changes(i), values(i), is_done)
+         if (.not. is_done) return
       end do
-   end subroutine set_changed_numbers
+      call set_model_numbers(self, numbers, values, error, is_alike=is_done)
+      is_done = is_done .and. .not. allocated(error)
+      if (.not. is_done) return
+      do i = 1, size(changes)
+         associate (group => document%groups%holders(changes(i)%i_group)%group)
+            call group%note_number(trim(changes(i)%key), changes(i)%element, values(i))
+         end associate
+      end do
+   end subroutine set_changes
+
+   !> The number of a model that a parameter of a document, from which the model was read, is; without an object if it is
+   !> none, such as a word or an integer.
+   subroutine find_number(document, parameter, number)
+      type(document_t), intent(in) :: document
+      type(parameter_t), intent(in) :: parameter
+      type(model_number_t), intent(out) :: number
+      logical :: is_number
+
+      associate (group => document%groups%holders(parameter%i_group)%group)
+         call group%find_limits(trim(parameter%key), parameter%element, is_number, number%minimum, number%maximum, number%above)
+         if (is_number) number%object = findloc(groups_of_numbers == group%name, .true., dim=1)
+         number%i = group%number
+         number%name = group%name
+         if (group%is_repeated) number%name = trim(number%name)//"("//to_text(group%number)//")"
+         number%name = trim(number%name)//"%"//trim(parameter%key)
+      end associate
+      if (number%object == has_number%tones) then                      ! only an unknown tone may have the frequency 0
+         number%minimum = -huge(1.0_wp)
+         number%above = 0.0_wp
+      end if
+      number%key = parameter%key
+      number%element = parameter%element
+      if (all(parameter%element > 0)) then
+         number%name = trim(number%name)//"("//to_text(parameter%element(1))//", "//to_text(parameter%element(2))//")"
+      else if (parameter%element(1) > 0) then
+         number%name = trim(number%name)//"("//to_text(parameter%element(1))//")"
+      end if
+   end subroutine find_number
 
    !> Tuples of loads, first guesses and outputs with a requested accuracy, (n_tones, any).
    function wanted_tuples(self, document) result(tuples)
@@ -149,7 +178,7 @@ contains
       type(properties_t), pointer :: group
 
       call read_solver(self, document%optional_group("solver"))
-      call read_whole_structure(self%structure, document, error, self%memory_limit, self%callbacks%fe_models)
+      call read_whole_structure(self, document, error)
       if (allocated(error)) return
       self%may_integrate = document%count("dynamic_stiffness") == 0
       call read_tones(self%tones, document, error)
@@ -193,6 +222,7 @@ contains
       end if
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_integration(self%integration, document%optional_group("integration"))
+      call put_ties(self, document)
       call read_gradient(self, document)
       if (.not. self%may_integrate) call refuse_integration()
       self%integration%work_limit = work_of_method*self%solver%fallback_work
@@ -219,26 +249,32 @@ contains
    end subroutine read_parts
 
    !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` stops the reading.
-   subroutine read_whole_structure(structure, document, error, memory_limit, fe_models)
-      type(structure_t), intent(out) :: structure
+   subroutine read_whole_structure(self, document, error)
+      type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in) :: memory_limit                            !! bytes
-      class(fe_model_source_t), intent(in), allocatable :: fe_models  !! for structures of type `model`
+      type(frequency_part_t) :: part
+      type(frequency_part_t), allocatable :: parts(:)
       type(properties_t), pointer :: group
       integer :: i
 
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, structure, error, memory_limit, fe_models)
+      call read_structure(group, self%structure, error, self%memory_limit, self%callbacks%fe_models, self%builder)
       if (allocated(error)) return
-      do i = 1, document%count("bearing")
-         call read_bearing(document%group("bearing", i), structure)
+      allocate (self%bearings(document%count("bearing")))
+      do i = 1, size(self%bearings)
+         call read_bearing(self%bearings(i), document%group("bearing", i), self%structure)
+         if (self%bearings(i)%is_complete()) call self%bearings(i)%add_to(self%structure)
       end do
+      if (document%count("dynamic_stiffness") == 0) return
+      allocate (parts(0))
       do i = 1, document%count("dynamic_stiffness")
-         call read_frequency_part(document%group("dynamic_stiffness", i), structure, error)
+         call read_frequency_part(part, document%group("dynamic_stiffness", i), self%structure, error)
          if (allocated(error)) return
+         if (allocated(part%acts)) parts = [parts, part]
       end do
+      call move_alloc(parts, self%structure%parts)
    end subroutine read_whole_structure
 
    !> Checks that sets and tones are given, as improvement steps require.
@@ -251,59 +287,6 @@ contains
          "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
       if (any(self%tones%is_unknown)) call group%problem("improvement_steps", "requires given tones; leave it out")
    end subroutine check_improvement
-
-   !> Reads the changed groups again; `is_read` is false, and the model is unusable, if they contain errors or differ
-   !> in more than numbers.
-   subroutine read_changes(self, document, is_read)
-      type(model_t), intent(inout) :: self
-      type(document_t), intent(inout), target :: document
-      logical, intent(out) :: is_read
-      type(tones_t) :: tones
-      type(error_t), allocatable :: error
-
-      is_read = .false.
-      if (any(self%tones%is_unknown) .or. self%symmetry == symmetry%odd) return
-      if (document%has_changed(read_alone(:3))) then
-         call read_other_numbers(self, document, is_read)
-         if (.not. is_read) return
-         call check_memory(sizes_of(self), self%memory_limit, error)  ! zero entries make a structure smaller
-         is_read = .not. allocated(error)
-         if (.not. is_read) return
-      end if
-      if (document%has_changed(["tones"])) then
-         is_read = .false.
-         call read_tones(tones, document, error)
-         if (allocated(error)) return
-         if (tones%n_tones /= self%tones%n_tones .or. any(tones%is_unknown)) return
-         self%tones = tones
-      end if
-      call update_laws(self, document, is_read)
-      if (.not. is_read) return
-      if (document%has_changed([character(9) :: "load", "structure"]) .or. &   ! bases that move load masses
-          (self%has_inertia_loads .and. document%has_changed(["tones"]))) &
-         call read_loads(self, document)
-      if (document%has_changed(["start"])) call read_starts(self, document)
-      call document%finish(error)
-      is_read = .not. allocated(error)
-   end subroutine read_changes
-
-   !> Reads the structure again if its degrees of freedom are unchanged, so that all references to them remain valid.
-   subroutine read_other_numbers(self, document, is_read)
-      type(model_t), intent(inout) :: self
-      type(document_t), intent(inout), target :: document
-      logical, intent(out) :: is_read
-      type(structure_t) :: other
-      type(error_t), allocatable :: error
-
-      is_read = .false.
-      call read_whole_structure(other, document, error, self%memory_limit, self%callbacks%fe_models)
-      if (allocated(error)) return
-      associate (structure => self%structure)
-         if (other%n_dofs /= structure%n_dofs) return
-         is_read = all(other%labels == structure%labels) .and. all(other%units == structure%units)
-         if (is_read) structure = other
-      end associate
-   end subroutine read_other_numbers
 
    !> Reads the ties of a document, which stores them, and sets the values that follow. Invalid paths are reported as
    !> problems of their groups.
@@ -347,6 +330,25 @@ contains
       call document%follow_ties()
    end subroutine read_ties
 
+   !> Stores ties between numbers of the model in it; the others concern settings, which do not move.
+   subroutine put_ties(self, document)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(in) :: document
+      type(model_tie_t) :: tie
+      integer :: i
+
+      allocate (self%ties(0))
+      if (.not. allocated(document%ties)) return
+      do i = 1, size(document%ties)
+         call find_number(document, document%ties(i)%to, tie%to)
+         if (tie%to%object == has_number%none) cycle
+         call find_number(document, document%ties(i)%parameter, tie%number)
+         tie%factor = document%ties(i)%factor
+         tie%offset = document%ties(i)%offset
+         self%ties = [self%ties, tie]
+      end do
+   end subroutine put_ties
+
    !> Why a parameter has no number.
    pure function absence_of(document, parameter) result(text)
       type(document_t), intent(in) :: document
@@ -380,28 +382,28 @@ contains
          return
       end if
       do i = 1, size(paths)
-         call add_value(self%gradient, document, group, trim(adjustl(paths(i)%value)), self%tones%is_unknown)
+         call add_value(self, document, group, trim(adjustl(paths(i)%value)))
       end do
    end subroutine read_gradient
 
    !> Adds a value that may move to those of a gradient; an invalid path is reported as a problem of the key.
-   subroutine add_value(self, document, group, path, is_unknown)
-      type(gradient_config_t), intent(inout) :: self
+   subroutine add_value(self, document, group, path)
+      type(model_t), intent(inout) :: self
       type(document_t), intent(inout) :: document
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: path
-      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
       type(error_t), allocatable :: error
+      type(model_number_t) :: number
       type(parameter_t) :: parameter
       character(:), allocatable :: problem
-      real(wp) :: number
-      logical :: is_given
+      real(wp) :: value
+      logical :: is_given, is_found
 
       call find_value(document, group, "by", path, parameter)
       if (parameter%i_group == 0) return
       problem = ""
       call document%refuse_tied(parameter, path, error)
-      call document%number_at(parameter, number, is_given)
+      call document%number_at(parameter, value, is_given)
       if (allocated(error)) then
          problem = error%message
       else if (.not. any(document%groups%holders(parameter%i_group)%group%name == moving_groups)) then
@@ -413,15 +415,18 @@ contains
       else if (.not. document%is_real(parameter)) then
          problem = "is not a real number; only real numbers have derivatives"
       else if (document%groups%holders(parameter%i_group)%group%name == "tones") then
-         if (is_unknown(max(1, parameter%element(1)))) problem = "is unknown, not given"
+         if (self%tones%is_unknown(max(1, parameter%element(1)))) problem = "is unknown, not given"
       end if
+      call find_number(document, parameter, number)
+      call find_model_number(self, number, value, is_found)
+      if (len(problem) == 0 .and. .not. is_found) problem = "is not a number that can move: give all numbers of its list"
       if (len(problem) > 0) then
          if (.not. allocated(error)) problem = "'"//trim(shown(path))//"' "//problem
          call group%problem("by", problem)
          return
       end if
-      self%by = [self%by, parameter]
-      self%names = [character(64) :: self%names, path]
+      self%gradient%by = [self%gradient%by, number]
+      self%gradient%names = [character(64) :: self%gradient%names, path]
    end subroutine add_value
 
    !> Finds the value of a path in a key; an invalid path is reported as a problem of the key.

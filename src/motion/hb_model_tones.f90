@@ -15,7 +15,7 @@ module hb_model_tones
    use hb_tones, only: new_tones, tones_t
    implicit none
    private
-   public :: check_fundamentals, put_frequencies, read_normal_mode, read_phase, read_tones, tied_tones, tone_of
+   public :: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
 
 contains
 
@@ -83,20 +83,6 @@ contains
       end function is_before
    end subroutine read_tones
 
-   !> Unknown tones whose frequencies other values follow by ties.
-   pure function tied_tones(document, tones) result(which)
-      type(document_t), intent(in) :: document
-      type(tones_t), intent(in) :: tones
-      integer, allocatable :: which(:)
-      integer :: i, tone
-
-      which = [integer ::]
-      if (.not. allocated(document%ties)) return
-      do tone = 1, tones%n_tones
-         if (any([(tone_of(document, i, tones) == tone, i=1, size(document%ties))])) which = [which, tone]
-      end do
-   end function tied_tones
-
    !> The unknown tone whose frequency a tie follows; 0: none.
    pure integer function tone_of(document, i, tones) result(tone)
       type(document_t), intent(in) :: document
@@ -110,24 +96,6 @@ contains
       if (tone == 0) return
       if (.not. tones%is_unknown(tone)) tone = 0
    end function tone_of
-
-   !> Sets the frequencies of unknown tones in a document where other values follow them.
-   pure subroutine put_frequencies(document, tones, omega)
-      type(document_t), intent(inout) :: document
-      type(tones_t), intent(in) :: tones
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
-      integer :: i, tone
-
-      if (.not. allocated(document%ties)) return
-      do i = 1, size(document%ties)
-         tone = tone_of(document, i, tones)
-         if (tone == 0) cycle
-         associate (to => document%ties(i)%to)
-            call document%set(to, omega(tone)*tones%subharmonic/merge(two_pi, 1.0_wp, to%key == "hertz"))
-         end associate
-      end do
-      call document%follow_ties()
-   end subroutine put_frequencies
 
    !> Rejects a model without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
    subroutine check_fundamentals(self, group)

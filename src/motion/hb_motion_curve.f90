@@ -12,7 +12,6 @@ module hb_motion_curve
    use hb_curve_request, only: curve_kind, curve_request_t, find_direction, find_null_vector
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
    use hb_curve_step, only: longest_chord, step
-   use hb_document, only: document_t
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
@@ -61,10 +60,9 @@ contains
    ! Start of a curve
 
    !> Solves the first motion by all methods of a point; the curve has ended if none is found.
-   subroutine motion_curve_begin(self, model, document, request, result, error)
+   subroutine motion_curve_begin(self, model, request, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(inout) :: model                           !! at the start
-      type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
@@ -74,15 +72,15 @@ contains
 
       self%request = request
       if (allocated(request%origin)) then
-         call begin_at_origin(self, model, document, result, error)
+         call begin_at_origin(self, model, result, error)
          return
       end if
       if (model%accuracy%is_on) model%chain%is_on = .false.          ! the point has no neighbour and is none
-      call solve_point(model, document, result, error, level)
+      call solve_point(model, result, error, level)
       if (allocated(level%unknowns) .and. model%accuracy%is_on .and. model%accuracy%grows_set) then
          lowest = level
          call join(lowest, model%harmonics, is_new)                   ! without even tuples no loss of symmetry is detected
-         if (is_new) call solve_point(model, document, result, error, level, lowest)
+         if (is_new) call solve_point(model, result, error, level, lowest)
       end if
       self%is_done = allocated(error) .or. .not. allocated(level%unknowns)
       if (any(result%status == [outcome%time_domain, outcome%several])) then
@@ -98,7 +96,7 @@ contains
       further = [pack(result%frequency, model%tones%is_unknown)]
       if (model%normal_mode%is_requested) further = [further, pack(result%artificial_damping, model%tones%is_unknown)]
       further = [further, request%start]
-      call self%prepare(model, document, further, level, error)
+      call self%prepare(model, further, level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = [level%unknowns(:self%problem%n_unknowns), further]
@@ -110,15 +108,14 @@ contains
 
    !> Begins where the curve leaves another one, a short distance along it: at the intersection itself the tangent is
    !> singular.
-   subroutine begin_at_origin(self, model, document, result, error)
+   subroutine begin_at_origin(self, model, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       logical :: is_found
 
-      call self%prepare(model, document, self%request%origin%further, self%request%origin%level, error)
+      call self%prepare(model, self%request%origin%further, self%request%origin%level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       call find_first(self, is_found)
@@ -178,10 +175,9 @@ contains
 
    !> Replaces `begin`: starts from a motion and tangent of another curve, in the plane across the tangent and
    !> slightly before the motion, so that the events there are ahead. `is_found` is false if there is no motion.
-   subroutine motion_curve_begin_next_to(self, model, document, request, position, is_found, error)
+   subroutine motion_curve_begin_next_to(self, model, request, position, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(curve_position_t), intent(in) :: position                  !! a fold or peak of the other curve, with its tangent
       logical, intent(out) :: is_found
@@ -191,7 +187,7 @@ contains
       self%branch = 0
       self%is_reversed = .false.
       is_found = .false.
-      call self%prepare(model, document, further_of(position, model), level_of(model, position), error)
+      call self%prepare(model, further_of(position, model), level_of(model, position), error)
       if (allocated(error)) return
       associate (direction => position%direction)
          self%first%x = position%unknowns - run_up*request%longest_step*direction/norm2(direction/self%units_at(position%unknowns))
@@ -203,10 +199,9 @@ contains
    end subroutine motion_curve_begin_next_to
 
    !> Replaces `begin`: restores the state of a stored curve at its last point, a step or the start of a branch.
-   subroutine motion_curve_continue_from(self, model, document, request, stored, error)
+   subroutine motion_curve_continue_from(self, model, request, stored, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model                              !! at the start
-      type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error
@@ -215,7 +210,7 @@ contains
       integer :: i
 
       self%request = request
-      call self%prepare(model, document, further_of(stored(1), model), level_of(model, stored(1)), error)
+      call self%prepare(model, further_of(stored(1), model), level_of(model, stored(1)), error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = stored(1)%unknowns
@@ -274,17 +269,15 @@ contains
    end function further_of
 
    !> Prepares the curve for its start on a set and a grid.
-   subroutine motion_curve_prepare(self, model, document, further, level, error)
+   subroutine motion_curve_prepare(self, model, further, level, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document
       real(wp), intent(in) :: further(:)                              !! unknowns in addition to those of the balance, at the start
       type(level_t), intent(in) :: level                              !! of its first motion
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
       self%model = model
-      self%document = document
       self%further = further
       self%first%level = level_t(level%set, level%n_samples)
       if (.not. allocated(self%request%values)) allocate (self%request%values(0))

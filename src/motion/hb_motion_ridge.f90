@@ -7,12 +7,11 @@ module hb_motion_ridge
    use hb_clock, only: wall_clock
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_step, only: largest_change
-   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_level, only: distance, level_of, level_t
    use hb_model, only: model_t
-   use hb_model_reader, only: update_model
+   use hb_model_numbers, only: movement_t, new_movement, set_movement
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_outcome, only: outcome, reason
@@ -53,22 +52,18 @@ contains
 
    !> Follows a whole curve along the first value at the start of the second: the ridge begins at its highest peak, or
    !> at its first point of another kind.
-   subroutine motion_ridge_begin(self, model, document, request, result, error)
+   subroutine motion_ridge_begin(self, model, request, result, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(inout) :: model                           !! at the start
-      type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request                    !! with `over`
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: point
       real(wp) :: highest, measure
-      logical :: is_new
 
-      call prepare(self, model, document, request)
-      call set_values(self, request%start, self%inner%start)
-      call update_model(self%model, self%document, is_new, error, request%available_memory)
-      if (.not. allocated(error)) &
-         call self%short%begin(self%model, self%document, self%inner, point, error)
+      call prepare(self, model, request)
+      call set_values(self, request%start, self%inner%start, error)
+      if (.not. allocated(error)) call self%short%begin(self%model, self%inner, point, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       highest = -huge(1.0_wp)
@@ -99,15 +94,14 @@ contains
    end subroutine motion_ridge_begin
 
    !> Replaces `begin`: restores the state of a stored ridge.
-   subroutine motion_ridge_continue_from(self, model, document, request, stored, error)
+   subroutine motion_ridge_continue_from(self, model, request, stored, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error                !! if there is none
 
-      call prepare(self, model, document, request)
+      call prepare(self, model, request)
       self%last = stored(size(stored))
       self%step = self%last%step
       self%value = self%last%parameter
@@ -116,15 +110,13 @@ contains
       self%is_done = self%n_reported >= request%n_points
    end subroutine motion_ridge_continue_from
 
-   subroutine prepare(self, model, document, request)
+   subroutine prepare(self, model, request)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
 
       self%request = request
       self%model = model
-      self%document = document
       if (.not. allocated(self%short)) allocate (self%short)
       self%step = 0.25_wp*request%longest_step
       self%inner%moving = request%over%moving
@@ -134,16 +126,19 @@ contains
       self%inner%longest_step = request%longest_step
       self%inner%n_points = huge(1)
       self%inner%responses = request%responses
-      self%inner%available_memory = request%available_memory
    end subroutine prepare
 
-   !> Sets both values in the document.
-   subroutine set_values(self, value, first_value)
+   !> Sets both values, and what follows them, in the model.
+   subroutine set_values(self, value, first_value, error)
       class(motion_ridge_t), intent(inout), target :: self
       real(wp), intent(in) :: value, first_value
+      type(error_t), allocatable, intent(out) :: error
+      type(movement_t) :: movement
 
-      call self%document%set(self%request%moving%parameter, value)
-      call self%document%set(self%inner%moving%parameter, first_value)
+      call new_movement(movement, self%model, self%request%moving%number, self%request%moving%is_tied, error)
+      if (.not. allocated(error)) call set_movement(self%model, movement, value, error)
+      if (.not. allocated(error)) call new_movement(movement, self%model, self%inner%moving%number, .false., error)
+      if (.not. allocated(error)) call set_movement(self%model, movement, first_value, error)
    end subroutine set_values
 
    !> Makes a point of a curve along the first value the last point of the ridge.
@@ -231,16 +226,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t) :: position
       integer :: attempt
-      logical :: is_new
 
       is_found = .false.
-      call set_values(self, value, self%last%unknowns(size(self%last%unknowns)))
-      call update_model(self%model, self%document, is_new, error, self%request%available_memory)
+      call set_values(self, value, self%last%unknowns(size(self%last%unknowns)), error)
       if (allocated(error)) return
       position = self%last
       do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          call self%short%destroy()
-         call self%short%begin_next_to(self%model, self%document, self%inner, position, is_found, error)
+         call self%short%begin_next_to(self%model, self%inner, position, is_found, error)
          if (allocated(error) .or. .not. is_found) return
          call self%short%search_for(self%request%over%kind, result, is_found, error)
          if (allocated(error) .or. is_found) exit

@@ -7,14 +7,12 @@
 module hb_point
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_cancellation, only: work_is_over
-   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
-   use hb_model_reader, only: update_model
-   use hb_model_tones, only: put_frequencies, tied_tones
+   use hb_model_numbers, only: follow_frequencies, tied_tones
    use hb_motion, only: forget_motion, solve_motion
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_outcome, only: outcome
@@ -28,29 +26,25 @@ module hb_point
 contains
 
    !> Solves a model. An `error` is a failure of this point alone.
-   subroutine solve_point(model, document, result, error, level, below, guess, cached)
+   subroutine solve_point(model, result, error, level, below, guess, cached)
       type(model_t), intent(inout) :: model                           !! on return with the values that follow its motion
-      type(document_t), intent(in) :: document                        !! from which the model was read
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(level_t), intent(out) :: level                             !! of the motion; without unknowns if none is found
       type(level_t), intent(in), optional :: below                    !! start with a tolerance
       real(wp), intent(in), optional :: guess(:)                      !! start on a given set, as that of hb_motion
       type(cached_linear_parts_t), intent(inout), optional, target :: cached
-      type(document_t), target :: there
       type(effort_t) :: effort
       type(level_t) :: before
       integer, allocatable :: tones(:)
       real(wp), allocatable, dimension(:) :: change, defect, omega, step
       real(wp), allocatable :: slope(:, :)
       integer :: i
-      logical :: is_new
 
       call solve_once(model, result, error, level, below, guess, cached)
-      allocate (tones, source=tied_tones(document, model%tones))
+      allocate (tones, source=tied_tones(model))
       if (size(tones) == 0) return
-      there = document
-      model%is_read = .false.                                         ! its values are no longer those of the document
+      model%is_read = .false.                                         ! its values are no longer those of the input
       allocate (omega, source=model%tones%omega)
       allocate (change(size(tones)), defect(size(tones)), step(size(tones)), source=0.0_wp)
       allocate (slope(size(tones), size(tones)), source=0.0_wp)
@@ -74,9 +68,7 @@ contains
             step = 0.5_wp*step
          end do
          omega(tones) = omega(tones) + step
-         call put_frequencies(there, model%tones, omega)
-         call update_model(model, there, is_new, error)
-         model%is_read = .false.
+         call follow_frequencies(model, omega, error)
          if (allocated(error)) return
          effort = result%effort_t
          before = level

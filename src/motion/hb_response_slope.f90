@@ -7,7 +7,6 @@ module hb_response_slope
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
    use hb_model_problem, only: model_problem_t
-   use hb_model_tones, only: tied_tones
    use hb_motion_slope, only: find_motion_slope, moving_parameters_t
    use hb_structure, only: structure_t
    use hb_thresholds, only: difference_step
@@ -66,7 +65,7 @@ contains
       type(model_problem_t), intent(in) :: problem
 
       moves = problem%moves_frequency
-      if (problem%moves_mode) moves = size(tied_tones(problem%document, problem%model%tones)) == 0
+      if (problem%moves_mode) moves = .not. problem%follows_tones()
    end function moves_frequencies_alone
 
    !> Amplitudes of the coordinates of a vector along the curve, (n_coordinates, n_harmonics).

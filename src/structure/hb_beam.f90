@@ -11,47 +11,89 @@
 !> The degrees of freedom are the modal amplitudes q1, q2, ...; a law or load at the position x acts on them with the
 !> weights sin(k pi x/L).
 module hb_beam
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: error_t, fail
    use hb_kinds, only: pi, wp
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
-   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_proportional_damping, only: proportional_damping_t
    use hb_structure, only: check_memory_of_structure, label_length, new_structure, structure_t, unit_length
+   use hb_structure_builder, only: structure_builder_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: new_beam, new_modal_beam, read_beam, read_modal_beam
+   public :: beam_t, modal_beam_t, new_beam, new_modal_beam, read_beam, read_modal_beam
+
+   type, extends(structure_builder_t), abstract :: any_beam_t
+      real(wp) :: length = 0.0_wp                            !! [m]
+      real(wp) :: bending_stiffness = 0.0_wp                 !! E I [N m**2]
+      real(wp) :: mass_per_length = 0.0_wp                   !! rho A [kg/m]
+   contains
+      procedure :: declare_numbers => any_beam_declare_numbers
+      procedure :: is_affine_in => any_beam_is_affine_in
+   end type any_beam_t
+
+   !> Beam of elements; see `new_beam`.
+   type, extends(any_beam_t) :: beam_t
+      integer :: n_elements = 0
+      character(7) :: ends(2) = "pinned"
+   contains
+      procedure :: build => beam_build
+   end type beam_t
+
+   !> Beam by its modes; see `new_modal_beam`.
+   type, extends(any_beam_t) :: modal_beam_t
+      integer :: n_modes = 0
+   contains
+      procedure :: build => modal_beam_build
+   end type modal_beam_t
 
 contains
 
-   !> Reads the beam from the keys of its group `&structure`.
-   subroutine read_beam(group, structure, error, memory_limit)
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(out) :: structure
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: memory_limit         !! bytes
-      type(proportional_damping_t) :: damping
-      character(:), allocatable :: left_support, right_support
-      character(7) :: ends(2)
-      real(wp) :: bending_stiffness, length, mass_per_length
-      integer :: n_elements
+   subroutine any_beam_declare_numbers(self, numbers)
+      class(any_beam_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
 
-      call group%get("length", length)
-      call group%get("bending_stiffness", bending_stiffness)
-      call group%get("mass_per_length", mass_per_length)
-      call group%get("n_elements", n_elements)
+      call numbers%add("length", self%length)
+      call numbers%add("bending_stiffness", self%bending_stiffness)
+      call numbers%add("mass_per_length", self%mass_per_length)
+      call self%proportional%declare_numbers(numbers)
+   end subroutine any_beam_declare_numbers
+
+   pure logical function any_beam_is_affine_in(self, number) result(is_affine)
+      class(any_beam_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      is_affine = number%key /= "length"
+   end function any_beam_is_affine_in
+
+   !> Reads the beam from the keys of its group `&structure`.
+   subroutine read_beam(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      type(beam_t) :: beam
+      character(:), allocatable :: left_support, right_support
+
+      call read_numbers(beam, group)
+      call group%get("n_elements", beam%n_elements)
       call group%get("left_support", left_support)
       call group%get("right_support", right_support)
-      call read_proportional_damping(group, damping)
-      call group%finish(error)
-      if (allocated(error)) return
-      call check_memory_of_structure(2*n_elements + 2, error, memory_limit)
-      ends(1) = left_support
-      ends(2) = right_support
-      if (.not. allocated(error)) then
-         call new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, ends, damping, error)
-      end if
-      call annotate(error, group%location())
+      beam%ends(1) = left_support
+      beam%ends(2) = right_support
+      allocate (self, source=beam)
    end subroutine read_beam
+
+   subroutine beam_build(self, structure, error, memory_limit)
+      class(beam_t), intent(inout) :: self
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit
+
+      call check_memory_of_structure(2*self%n_elements + 2, error, memory_limit)
+      if (allocated(error)) return
+      call new_beam(structure, self%length, self%bending_stiffness, self%mass_per_length, self%n_elements, self%ends, &
+                    self%proportional, error)
+   end subroutine beam_build
 
    !> Creates a beam; fails if no degree of freedom is free.
    subroutine new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, ends, damping, error)
@@ -144,28 +186,27 @@ contains
    end function hermite_mass
 
    !> Reads the modal beam from the keys of its group `&structure`.
-   subroutine read_modal_beam(group, structure, error, memory_limit)
+   subroutine read_modal_beam(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
       type(properties_t), intent(inout) :: group
+      type(modal_beam_t) :: beam
+
+      call read_numbers(beam, group)
+      call group%get("n_modes", beam%n_modes)
+      allocate (self, source=beam)
+   end subroutine read_modal_beam
+
+   subroutine modal_beam_build(self, structure, error, memory_limit)
+      class(modal_beam_t), intent(inout) :: self
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: memory_limit         !! bytes
-      type(proportional_damping_t) :: damping
-      real(wp) :: bending_stiffness, length, mass_per_length
-      integer :: n_modes
+      real(wp), intent(in), optional :: memory_limit
 
-      call group%get("length", length)
-      call group%get("bending_stiffness", bending_stiffness)
-      call group%get("mass_per_length", mass_per_length)
-      call group%get("n_modes", n_modes)
-      call read_proportional_damping(group, damping)
-      call group%finish(error)
+      call check_memory_of_structure(self%n_modes, error, memory_limit)
       if (allocated(error)) return
-      call check_memory_of_structure(n_modes, error, memory_limit)
-      if (.not. allocated(error)) then
-         call new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
-      end if
-      call annotate(error, group%location())
-   end subroutine read_modal_beam
+      call new_modal_beam(structure, self%length, self%bending_stiffness, self%mass_per_length, self%n_modes, &
+                          self%proportional, error)
+   end subroutine modal_beam_build
 
    !> Creates a modal beam, M_kk = rho A L/2 and K_kk = E I (k pi/L)**4 L/2.
    subroutine new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)

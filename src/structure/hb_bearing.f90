@@ -1,48 +1,92 @@
-!> Reads `&bearing`: stiffness and damping of two directions, tabulated over the speed of a shaft.
+!> `&bearing`: stiffness and damping of two directions, tabulated over the speed of a shaft.
 module hb_bearing
    use hb_error, only: error_t
    use hb_interpolation, only: is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbered_t, numbers_t
    use hb_properties, only: properties_t
    use hb_sparse, only: sparse_from_entries, sparse_sum
    use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: read_bearing
+   public :: bearing_t, read_bearing
 
    integer, parameter :: row(4) = [1, 1, 2, 2], column(4) = [1, 2, 1, 2]   ! of the columns of a table: xx, xy, yx, yy
 
+   type, extends(numbered_t) :: bearing_t
+      integer :: dofs(2) = 0                                          !! directions x and y
+      real(wp) :: speed = 0.0_wp                                      !! [rad/s], in the table
+      real(wp), allocatable :: speeds(:)                              !! [rad/s], ascending, two or more
+      real(wp), allocatable :: stiffness(:, :), damping(:, :)         !! [N/m], [N s/m], (size(speeds), 4)
+   contains
+      procedure :: declare_numbers => bearing_declare_numbers
+      procedure :: has_valid_numbers => bearing_has_valid_numbers
+      procedure :: is_complete => bearing_is_complete
+      procedure :: add_to => bearing_add_to
+   end type bearing_t
+
 contains
 
-   !> Adds the bearing of a group, at its speed, to the structure; errors are reported as problems of its keys.
-   subroutine read_bearing(group, structure)
-      type(properties_t), intent(inout) :: group                      !! &bearing
-      type(structure_t), intent(inout) :: structure
-      character(:), allocatable :: label
-      integer :: dofs(2)
-      real(wp) :: speed
-      real(wp), allocatable :: damping(:, :), speeds(:), stiffness(:, :)
+   subroutine bearing_declare_numbers(self, numbers)
+      class(bearing_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
 
-      dofs = 0
-      speed = 0.0_wp
+      call numbers%add("speed", self%speed)
+      call numbers%add("speeds", self%speeds)
+      if (.not. allocated(self%speeds)) return
+      call numbers%add("stiffness", self%stiffness, size(self%speeds), 4)
+      if (.not. allocated(self%damping)) allocate (self%damping(size(self%speeds), 4), source=0.0_wp)
+      call numbers%add("damping", self%damping, size(self%speeds), 4)
+   end subroutine bearing_declare_numbers
+
+   logical function bearing_has_valid_numbers(self) result(are_valid)
+      class(bearing_t), intent(in) :: self
+
+      are_valid = size(self%speeds) > 1
+      if (are_valid) are_valid = is_ascending(self%speeds) .and. &
+                                 self%speed >= self%speeds(1) .and. self%speed <= self%speeds(size(self%speeds))
+   end function bearing_has_valid_numbers
+
+   !> Reads a bearing; errors are reported as problems of its keys.
+   subroutine read_bearing(self, group, structure)
+      type(bearing_t), intent(out) :: self
+      type(properties_t), intent(inout) :: group                      !! &bearing
+      type(structure_t), intent(in) :: structure
+      character(:), allocatable :: label
+
       if (group%given("label")) call group%get("label", label)        ! used by paths
-      call find_dofs(group, structure, dofs)
-      call group%get("speed", speed)
-      call group%get("speeds", speeds)
-      if (.not. allocated(speeds)) return
-      call group%get("stiffness", stiffness, n=size(speeds), m=4)
-      allocate (damping(size(speeds), 4), source=0.0_wp)
-      call group%get("damping", damping, n=size(speeds), m=4)
-      if (size(speeds) < 2 .or. .not. is_ascending(speeds)) then
-         call group%problem("speeds", "two or more are needed, each greater than the one before")
-      else if (speed < speeds(1) .or. speed > speeds(size(speeds))) then
-         call group%problem("speed", to_text(speed)//" rad/s lies outside of the table, "//to_text(speeds(1))//" to "// &
-                            to_text(speeds(size(speeds))))
-      else if (allocated(stiffness) .and. all(dofs > 0)) then
-         call add_at(structure, dofs, values_at(speeds, stiffness, speed), values_at(speeds, damping, speed))
-      end if
+      call find_dofs(group, structure, self%dofs)
+      call read_numbers(self, group)
+      if (.not. allocated(self%speeds)) return
+      associate (speed => self%speed, speeds => self%speeds)
+         if (size(speeds) < 2 .or. .not. is_ascending(speeds)) then
+            call group%problem("speeds", "two or more are needed, each greater than the one before")
+         else if (.not. self%has_valid_numbers()) then
+            call group%problem("speed", to_text(speed)//" rad/s lies outside of the table, "//to_text(speeds(1))//" to "// &
+                               to_text(speeds(size(speeds))))
+         end if
+      end associate
    end subroutine read_bearing
+
+   !> Whether the bearing was read without a problem.
+   logical function bearing_is_complete(self) result(is_complete)
+      class(bearing_t), intent(in) :: self
+
+      is_complete = allocated(self%speeds) .and. allocated(self%stiffness) .and. all(self%dofs > 0)
+      if (is_complete) is_complete = all([size(self%stiffness, 1), size(self%damping, 1)] == size(self%speeds)) .and. &
+                                     self%has_valid_numbers()
+   end function bearing_is_complete
+
+   !> Adds the bearing, at its speed, to a structure.
+   subroutine bearing_add_to(self, structure)
+      class(bearing_t), intent(in) :: self
+      type(structure_t), intent(inout) :: structure
+
+      call add_at(structure, self%dofs, values_at(self%speeds, self%stiffness, self%speed), &
+                  values_at(self%speeds, self%damping, self%speed))
+   end subroutine bearing_add_to
 
    !> Finds the two degrees of freedom; 0 on failure.
    subroutine find_dofs(group, structure, dofs)

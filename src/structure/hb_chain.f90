@@ -1,48 +1,100 @@
 !> Chain of masses in a line, each coupled to the next one by a spring and optionally to the ground by another.
 module hb_chain
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
-   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_proportional_damping, only: proportional_damping_t
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
    use hb_structure, only: check_memory_of_structure, label_length, most_dense, new_structure, structure_t, unit_length
+   use hb_structure_builder, only: structure_builder_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: new_chain, read_chain
+   public :: chain_t, new_chain, read_chain
+
+   !> The chain as given: one value applies to all masses or springs.
+   type, extends(structure_builder_t) :: chain_t
+      integer :: n_masses = 0
+      character(:), allocatable :: ends                      !! as for `new_chain`
+      real(wp), allocatable :: mass(:)                       !! [kg]
+      real(wp), allocatable :: coupling_stiffness(:)         !! [N/m]
+      real(wp), allocatable :: ground_stiffness(:)           !! [N/m]
+   contains
+      procedure :: declare_numbers => chain_declare_numbers
+      procedure :: build => chain_build
+   end type chain_t
 
 contains
 
-   !> Reads the chain from the keys of its group `&structure`; a single value applies to all masses or springs.
-   subroutine read_chain(group, structure, error, memory_limit)
+   subroutine chain_declare_numbers(self, numbers)
+      class(chain_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("mass", self%mass)
+      call numbers%add("coupling_stiffness", self%coupling_stiffness)
+      call numbers%add("ground_stiffness", self%ground_stiffness)
+      call self%proportional%declare_numbers(numbers)
+   end subroutine chain_declare_numbers
+
+   !> Reads the chain from the keys of its group `&structure`.
+   subroutine read_chain(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
       type(properties_t), intent(inout) :: group
+      type(chain_t) :: chain
+
+      call group%get("n_masses", chain%n_masses)
+      call group%get("ends", chain%ends)
+      call read_numbers(chain, group)
+      if (chain%n_masses > 0) then
+         call check_number(group, "mass", chain%mass, chain%n_masses)
+         call check_number(group, "coupling_stiffness", chain%coupling_stiffness, n_springs(chain%n_masses, chain%ends))
+         call check_number(group, "ground_stiffness", chain%ground_stiffness, chain%n_masses)
+      end if
+      allocate (self, source=chain)
+   end subroutine read_chain
+
+   !> Reports a number of values other than 1 or `n` as a problem of the key.
+   subroutine check_number(group, key, values, n)
+      type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: key
+      real(wp), allocatable, intent(in) :: values(:)
+      integer, intent(in) :: n
+      character(:), allocatable :: wanted
+
+      if (.not. allocated(values)) return                    ! already a problem of the group
+      if (any(size(values) == [1, n])) return
+      wanted = "1 value"
+      if (n /= 1) wanted = "1 or "//to_text(n)//" values"
+      call group%problem(key, "needs "//wanted//", there are "//to_text(size(values)))
+   end subroutine check_number
+
+   subroutine chain_build(self, structure, error, memory_limit)
+      class(chain_t), intent(inout) :: self
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: memory_limit         !! bytes
-      type(proportional_damping_t) :: damping
-      real(wp), allocatable :: coupling_stiffness(:), ground_stiffness(:), mass(:)
-      character(:), allocatable :: ends
-      integer :: n_masses
+      real(wp), intent(in), optional :: memory_limit
 
-      call group%get("n_masses", n_masses)
-      call group%get("ends", ends)
-      call group%get("mass", mass)
-      call group%get("coupling_stiffness", coupling_stiffness)
-      call group%get("ground_stiffness", ground_stiffness)
-      call read_proportional_damping(group, damping)
-      if (n_masses > 0) then
-         call spread_value(group, "mass", mass, n_masses)
-         call spread_value(group, "coupling_stiffness", coupling_stiffness, n_springs(n_masses, ends))
-         call spread_value(group, "ground_stiffness", ground_stiffness, n_masses)
-      end if
-      call group%finish(error)
+      call check_memory_of_structure(min(self%n_masses, most_dense), error, memory_limit)
       if (allocated(error)) return
-      call check_memory_of_structure(min(n_masses, most_dense), error, memory_limit)
-      if (.not. allocated(error)) then
-         call new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
+      call new_chain(structure, for_each(self%mass, self%n_masses), &
+                     for_each(self%coupling_stiffness, n_springs(self%n_masses, self%ends)), &
+                     for_each(self%ground_stiffness, self%n_masses), self%ends, self%proportional, error)
+   end subroutine chain_build
+
+   !> Repeats a single value `n` times.
+   pure function for_each(values, n)
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: n
+      real(wp), allocatable :: for_each(:)
+
+      if (size(values) == 1) then
+         for_each = spread(values(1), 1, n)
+      else
+         for_each = values
       end if
-      call annotate(error, group%location())
-   end subroutine read_chain
+   end function for_each
 
    !> Creates a chain; fails if a number of springs does not match the number of masses.
    subroutine new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
@@ -129,22 +181,4 @@ contains
          n_springs = n_masses - 1
       end select
    end function n_springs
-
-   !> Repeats a single value `n` times; a number of values other than 1 or `n` is a problem of the key.
-   subroutine spread_value(group, key, values, n)
-      type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: key
-      real(wp), allocatable, intent(inout) :: values(:)
-      integer, intent(in) :: n
-      character(:), allocatable :: wanted
-
-      if (.not. allocated(values)) return                    ! already a problem of the group
-      if (size(values) == 1) then
-         values = spread(values(1), 1, n)
-      else if (size(values) /= n) then
-         wanted = "1 value"
-         if (n /= 1) wanted = "1 or "//to_text(n)//" values"
-         call group%problem(key, "needs "//wanted//", there are "//to_text(size(values)))
-      end if
-   end subroutine spread_value
 end module hb_chain

@@ -3,13 +3,16 @@
 !> The caller provides models through an `fe_model_source_t`; that of the program reads files (hb_fe_model_file).
 module hb_fe_model
    use hb_checksum, only: checksum
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_node_sets, only: named_vectors_t, node_sets_t
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
-   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_proportional_damping, only: proportional_damping_t
    use hb_sparse, only: sparse_sum, sparse_t
    use hb_structure, only: check_memory_of_structure, max_sparse_dofs, new_structure, structure_t
+   use hb_structure_builder, only: structure_builder_t
    use hb_system, only: beside
    use hb_text, only: number_of, to_text
    implicit none
@@ -46,6 +49,21 @@ module hb_fe_model
       procedure(fetch_model), deferred :: fetch
    end type fe_model_source_t
 
+   !> A model by its name, such as that of its file.
+   type, extends(structure_builder_t) :: fe_model_builder_t
+      character(:), allocatable :: name                               !! as given
+      character(:), allocatable :: path                               !! for the source
+      class(fe_model_source_t), allocatable :: source
+      real(wp), allocatable :: speeds(:)                              !! [rad/s]
+      real(wp) :: structural_frequency = 0.0_wp                       !! [rad/s]
+      integer, private :: n_built = 0                                 ! structures
+      type(fe_model_t), allocatable, private :: model                 ! retained from the second one on: its numbers move
+   contains
+      procedure :: declare_numbers => fe_model_builder_declare_numbers
+      procedure :: is_affine_in => fe_model_builder_is_affine_in
+      procedure :: build => fe_model_builder_build
+   end type fe_model_builder_t
+
    abstract interface
       !> Returns the model of a name, such as that of a file. Sizes of its parts agree, numbers are finite.
       subroutine fetch_model(self, name, fe_model, error)
@@ -59,39 +77,64 @@ module hb_fe_model
 
 contains
 
-   !> Reads the structure from the keys of its group `&structure`.
-   subroutine read_fe_model(group, structure, error, memory_limit, source)
+   subroutine fe_model_builder_declare_numbers(self, numbers)
+      class(fe_model_builder_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("speed", self%speeds, required=.false.)
+      call numbers%add("structural_frequency", self%structural_frequency, required=.false.)
+      call self%proportional%declare_numbers(numbers)
+   end subroutine fe_model_builder_declare_numbers
+
+   pure logical function fe_model_builder_is_affine_in(self, number) result(is_affine)
+      class(fe_model_builder_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      is_affine = index(number%key, "damping") == 1
+   end function fe_model_builder_is_affine_in
+
+   !> Reads the model's keys from its group `&structure`.
+   subroutine read_fe_model(self, group, source)
+      class(structure_builder_t), allocatable, intent(out) :: self
       type(properties_t), intent(inout) :: group
+      class(fe_model_source_t), intent(in), optional :: source
+      type(fe_model_builder_t) :: builder
+
+      allocate (builder%speeds(0))
+      call group%get("file", builder%name)
+      call read_numbers(builder, group)
+      if (allocated(builder%name)) builder%path = trim(beside(group%file_name, builder%name))
+      if (present(source)) allocate (builder%source, source=source)
+      allocate (self, source=builder)
+   end subroutine read_fe_model
+
+   !> Fetches the model for the first structure, beside which it takes no memory; it is retained if there are more.
+   subroutine fe_model_builder_build(self, structure, error, memory_limit)
+      class(fe_model_builder_t), intent(inout) :: self
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: memory_limit                  !! bytes
-      class(fe_model_source_t), intent(in), optional :: source
-      type(fe_model_t) :: fe_model
-      type(proportional_damping_t) :: proportional
-      character(:), allocatable :: file
-      real(wp), allocatable :: speeds(:)
-      real(wp) :: structural_frequency
+      real(wp), intent(in), optional :: memory_limit
+      type(fe_model_t), allocatable :: fe_model
 
-      allocate (speeds(0))
-      call group%get("file", file)
-      call group%get("speed", speeds, required=.false.)
-      call group%get("structural_frequency", structural_frequency, required=.false.)
-      call read_proportional_damping(group, proportional)
-      call group%finish(error)
-      if (allocated(error)) return
-      if (.not. present(source)) then
+      if (.not. allocated(self%source)) then
          call fail(error, "models cannot be read here: there is no source of models")
-      else
-         call source%fetch(trim(beside(group%file_name, file)), fe_model, error)
+         return
       end if
-      if (.not. allocated(error)) call check_memory_of_structure(fe_model%n_dofs, error, memory_limit, fe_model%mass%n_entries() + &
-                                                        2*fe_model%stiffness%n_entries() + fe_model%damping%n_entries())
-      if (.not. allocated(error)) call new_fe_model_structure(structure, fe_model, proportional, structural_frequency, speeds, &
-         error)
-      structure%model_file = file
-      if (.not. allocated(error)) structure%origin = "model '"//file//"': "//trim(structure_fingerprint(structure))
-      call annotate(error, group%location())
-   end subroutine read_fe_model
+      call move_alloc(self%model, fe_model)
+      if (.not. allocated(fe_model)) then
+         allocate (fe_model)
+         call self%source%fetch(self%path, fe_model, error)
+         if (allocated(error)) return
+      end if
+      call check_memory_of_structure(fe_model%n_dofs, error, memory_limit, fe_model%mass%n_entries() + &
+                                     2*fe_model%stiffness%n_entries() + fe_model%damping%n_entries())
+      if (.not. allocated(error)) call new_fe_model_structure(structure, fe_model, self%proportional, &
+                                                              self%structural_frequency, self%speeds, error)
+      structure%model_file = self%name
+      if (.not. allocated(error)) structure%origin = "model '"//self%name//"': "//trim(structure_fingerprint(structure))
+      self%n_built = self%n_built + 1
+      if (self%n_built > 1) call move_alloc(fe_model, self%model)
+   end subroutine fe_model_builder_build
 
    !> Creates a structure from a model. Structural damping becomes viscous damping that is equal at one frequency.
    !> Fails for a gyroscopic matrix that is not skew-symmetric, and as `new_structure` does.

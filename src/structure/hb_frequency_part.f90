@@ -4,8 +4,9 @@
 !> the dynamic stiffness of hb_dynamic_stiffness. Motions are real: Z(-w) = conj(Z(w)). Kinds: below and
 !> docs/why/theory.md, section 4.
 module hb_frequency_part
-   use hb_interpolation, only: monotone_cubic_t
+   use hb_interpolation, only: is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
+   use hb_numbers, only: numbered_t, numbers_t
    implicit none
    private
    public :: frequency_part_t, kind_of_part
@@ -19,22 +20,100 @@ module hb_frequency_part
    end type kind_of_part_t
    type(kind_of_part_t), parameter :: kind_of_part = kind_of_part_t()
 
-   type :: frequency_part_t
+   type, extends(numbered_t) :: frequency_part_t
       integer :: kind = 0
       real(wp), allocatable :: acts(:), feels(:)                      !! a, b, (n_dofs)
+      integer, allocatable :: dofs(:), force_dofs(:)                  !! of b, and of a if that differs
+      real(wp), allocatable :: weights(:), force_weights(:)           !! (size(dofs)), (size(force_dofs))
+      integer :: n_weights = 0, n_force_weights = 0                   !! as many are numbers of an input
       real(wp) :: factor = 1.0_wp                                     !! of all terms below; for differences of two parts
       real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp                !! k [N/m], d [N s/m]
       real(wp) :: delay = 0.0_wp                                      !! T [s]
       real(wp) :: coefficient = 0.0_wp, exponent = 0.0_wp             !! c [N s**alpha/m], alpha
       real(wp) :: loss_factor = 0.0_wp                                !! eta
       real(wp), allocatable :: moduli(:), times(:)                    !! k_j [N/m], t_j [s]
+      real(wp), allocatable :: frequencies(:)                         !! [rad/s] of a table, with the values there [N/m]:
+      real(wp), allocatable :: storage_values(:), loss_values(:)
       type(monotone_cubic_t) :: storage, loss                         !! [N/m] over |w| [rad/s]
    contains
+      procedure :: declare_numbers => frequency_part_declare_numbers
+      procedure :: derive => frequency_part_derive
+      procedure :: has_valid_numbers => frequency_part_has_valid_numbers
       procedure :: evaluate => frequency_part_evaluate
       procedure :: equals => frequency_part_equals
    end type frequency_part_t
 
 contains
+
+   subroutine frequency_part_declare_numbers(self, numbers)
+      class(frequency_part_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      select case (self%kind)
+      case (kind_of_part%delay)
+         call numbers%add("stiffness", self%stiffness)
+         call numbers%add("damping", self%damping)
+         call numbers%add("delay", self%delay)
+      case (kind_of_part%fractional)
+         call numbers%add("coefficient", self%coefficient)
+         call numbers%add("exponent", self%exponent)
+      case (kind_of_part%loss_factor)
+         call numbers%add("stiffness", self%stiffness)
+         call numbers%add("loss_factor", self%loss_factor)
+      case (kind_of_part%maxwell)
+         call numbers%add("moduli", self%moduli)
+         if (allocated(self%moduli)) call numbers%add("times", self%times, n=size(self%moduli))
+      case (kind_of_part%table)
+         call numbers%add("frequencies", self%frequencies)
+         if (allocated(self%frequencies)) then
+            call numbers%add("storage", self%storage_values, n=size(self%frequencies))
+            call numbers%add("loss", self%loss_values, n=size(self%frequencies))
+         end if
+      end select
+      if (self%n_weights > 0) call numbers%add("weights", self%weights, n=self%n_weights, required=.true.)
+      if (self%n_force_weights > 0) &
+         call numbers%add("force_weights", self%force_weights, n=self%n_force_weights, required=.true.)
+   end subroutine frequency_part_declare_numbers
+
+   !> Computes the vectors a and b, and the functions of a table: below its first frequency the loss is proportional to
+   !> the frequency.
+   pure subroutine frequency_part_derive(self)
+      class(frequency_part_t), intent(inout) :: self
+
+      if (allocated(self%dofs)) then
+         self%feels = 0.0_wp
+         self%feels(self%dofs) = self%weights
+         self%acts = self%feels
+      end if
+      if (allocated(self%force_dofs)) then
+         self%acts = 0.0_wp
+         self%acts(self%force_dofs) = self%force_weights
+      end if
+      if (self%kind /= kind_of_part%table) return
+      associate (w => self%frequencies, storage => self%storage_values, loss => self%loss_values)
+         if (w(1) > 0.0_wp) then
+            call new_monotone_cubic(self%storage, [0.0_wp, w], [storage(1), storage], is_constant_beyond=.true.)
+            call new_monotone_cubic(self%loss, [0.0_wp, w], [0.0_wp, loss], is_constant_beyond=.true.)
+         else
+            call new_monotone_cubic(self%storage, w, storage, is_constant_beyond=.true.)
+            call new_monotone_cubic(self%loss, w, loss, is_constant_beyond=.true.)
+         end if
+      end associate
+   end subroutine frequency_part_derive
+
+   !> The coordinate and the force need a weight, frequencies of a table must ascend from 0 or more.
+   logical function frequency_part_has_valid_numbers(self) result(are_valid)
+      class(frequency_part_t), intent(in) :: self
+
+      are_valid = .true.
+      if (allocated(self%dofs)) are_valid = any(abs(self%weights) > 0.0_wp)
+      if (allocated(self%force_dofs)) are_valid = are_valid .and. any(abs(self%force_weights) > 0.0_wp)
+      if (self%kind /= kind_of_part%table .or. .not. are_valid) return
+      associate (w => self%frequencies)
+         are_valid = size(w) > 1 .and. is_ascending(w)
+         if (are_valid) are_valid = w(1) > 0.0_wp .or. (w(1) >= 0.0_wp .and. .not. abs(self%loss_values(1)) > 0.0_wp)
+      end associate
+   end function frequency_part_has_valid_numbers
 
    !> Z and its derivative with respect to the frequency, of any sign; at zero frequency the limit of slow motion.
    pure subroutine frequency_part_evaluate(self, frequency, z, dz_dw)

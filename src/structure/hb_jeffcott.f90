@@ -9,18 +9,21 @@
 !>
 !> Source: G. Genta, Dynamics of Rotating Systems, Springer 2005, chapters 2 to 4. Unbalance is a load, see `frequency_power`.
 module hb_jeffcott
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
-   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_proportional_damping, only: proportional_damping_t
    use hb_structure, only: label_length, new_structure, structure_t, unit_length
+   use hb_structure_builder, only: structure_builder_t
    use hb_turning_frame, only: add_turned_pair, quarter_turn
    implicit none
    private
    public :: jeffcott_t, new_jeffcott, read_jeffcott
 
    !> Parameters of the rotor. Without a diametral inertia it has no tilt, without a ring mass no ring.
-   type :: jeffcott_t
+   type, extends(structure_builder_t) :: jeffcott_t
       real(wp) :: mass = 0.0_wp                              !! m [kg]
       real(wp) :: stiffness = 0.0_wp                         !! k [N/m]
       real(wp) :: damping = 0.0_wp                           !! d [N s/m], to the ground
@@ -34,47 +37,61 @@ module hb_jeffcott
       real(wp) :: ring_mass = 0.0_wp                         !! m_r [kg]
       real(wp) :: ring_stiffness = 0.0_wp                    !! k_r [N/m]
       real(wp) :: ring_damping = 0.0_wp                      !! d_r [N s/m]
+   contains
+      procedure :: declare_numbers => jeffcott_declare_numbers
+      procedure :: build => jeffcott_build
    end type jeffcott_t
 
 contains
 
+   subroutine jeffcott_declare_numbers(self, numbers)
+      class(jeffcott_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("mass", self%mass)
+      call numbers%add("stiffness", self%stiffness)
+      call numbers%add("damping", self%damping)
+      call numbers%add("rotating_damping", self%rotating_damping)
+      call numbers%add("diametral_inertia", self%diametral_inertia)
+      if (self%diametral_inertia > 0.0_wp) then
+         call numbers%add("tilt_stiffness", self%tilt_stiffness)
+         call numbers%add("polar_inertia", self%polar_inertia)
+         call numbers%add("tilt_damping", self%tilt_damping)
+         call numbers%add("coupling_stiffness", self%coupling_stiffness)
+      end if
+      call numbers%add("speed", self%speed, required=self%rotating_damping > 0.0_wp .or. self%polar_inertia > 0.0_wp)
+      call numbers%add("ring_mass", self%ring_mass)
+      if (self%ring_mass > 0.0_wp) then
+         call numbers%add("ring_stiffness", self%ring_stiffness)
+         call numbers%add("ring_damping", self%ring_damping)
+      end if
+      call self%proportional%declare_numbers(numbers)
+   end subroutine jeffcott_declare_numbers
+
    !> Reads the rotor from the keys of its group `&structure`.
-   subroutine read_jeffcott(group, structure, error)
+   subroutine read_jeffcott(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
       type(properties_t), intent(inout) :: group
-      type(structure_t), intent(out) :: structure
-      type(error_t), allocatable, intent(out) :: error
-      type(proportional_damping_t) :: damping
       type(jeffcott_t) :: rotor
 
-      call group%get("mass", rotor%mass)
-      call group%get("stiffness", rotor%stiffness)
-      call group%get("damping", rotor%damping)
-      call group%get("rotating_damping", rotor%rotating_damping)
-      call group%get("diametral_inertia", rotor%diametral_inertia)
-      if (rotor%diametral_inertia > 0.0_wp) then
-         call group%get("tilt_stiffness", rotor%tilt_stiffness)
-         call group%get("polar_inertia", rotor%polar_inertia)
-         call group%get("tilt_damping", rotor%tilt_damping)
-         call group%get("coupling_stiffness", rotor%coupling_stiffness)
-      end if
-      call group%get("speed", rotor%speed, required=rotor%rotating_damping > 0.0_wp .or. rotor%polar_inertia > 0.0_wp)
-      call group%get("ring_mass", rotor%ring_mass)
-      if (rotor%ring_mass > 0.0_wp) then
-         call group%get("ring_stiffness", rotor%ring_stiffness)
-         call group%get("ring_damping", rotor%ring_damping)
-      end if
-      call read_proportional_damping(group, damping)
-      call group%finish(error)
-      if (allocated(error)) return
-      call new_jeffcott(structure, rotor, damping, error)
-      call annotate(error, group%location())
+      call read_numbers(rotor, group)
+      allocate (self, source=rotor)
    end subroutine read_jeffcott
+
+   subroutine jeffcott_build(self, structure, error, memory_limit)
+      class(jeffcott_t), intent(inout) :: self
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit
+
+      call new_jeffcott(structure, self, self%proportional, error)
+   end subroutine jeffcott_build
 
    !> Creates the rotor: `x`, `y`, then `tilt_x`, `tilt_y`, then `ring_x`, `ring_y` if present. Fails if the coupling
    !> of deflection and tilt makes the shaft unstable.
    subroutine new_jeffcott(structure, rotor, damping, error)
       type(structure_t), intent(out) :: structure
-      type(jeffcott_t), intent(in) :: rotor
+      class(jeffcott_t), intent(in) :: rotor
       type(proportional_damping_t), intent(in) :: damping    !! from mass and elastic stiffness, in the stationary frame
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: damping_matrix(:, :), mass(:, :), stiffness(:, :)

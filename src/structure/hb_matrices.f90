@@ -1,80 +1,116 @@
 !> Structure given by its matrices, for instance from another program or from a paper.
 module hb_matrices
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
-   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: check_memory_of_structure, label_length, new_structure, structure_t
+   use hb_structure_builder, only: structure_builder_t
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: read_matrices
+   public :: matrices_t, read_matrices
 
    character(26), parameter :: keys(7) = [character(26) :: "mass", "damping", "gyroscopic", "stiffness", &
       "gyroscopic_by_speed", "stiffness_by_speed", "stiffness_by_speed_squared"]
 
-   !> Numbers of one matrix as given in the input.
+   !> Numbers of one matrix: row by row, or those of its diagonal.
    type :: values_t
-      real(wp), allocatable :: values(:)
+      real(wp), allocatable :: values(:)                     !! n_dofs**2 or n_dofs of them
    end type values_t
 
+   type, extends(structure_builder_t) :: matrices_t
+      integer :: n_dofs = 0
+      type(values_t) :: of(size(keys))                       !! in the order of `keys`
+      real(wp) :: speed = 0.0_wp                             !! [rad/s], of the last three
+      type(string_t), allocatable :: labels(:), units(:)     !! (n_dofs)
+   contains
+      procedure :: declare_numbers => matrices_declare_numbers
+      procedure :: is_affine_in => matrices_is_affine_in
+      procedure :: build => matrices_build
+   end type matrices_t
+
 contains
+
+   subroutine matrices_declare_numbers(self, numbers)
+      class(matrices_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+      integer :: i
+
+      do i = 1, size(keys)
+         call numbers%add(trim(keys(i)), self%of(i)%values)
+      end do
+      call numbers%add("speed", self%speed, required=has_speed(self))
+      call self%proportional%declare_numbers(numbers)
+   end subroutine matrices_declare_numbers
+
+   !> Whether a matrix depends on the speed.
+   pure logical function has_speed(self)
+      class(matrices_t), intent(in) :: self
+      integer :: i
+
+      has_speed = .false.
+      do i = 5, size(keys)
+         if (allocated(self%of(i)%values)) has_speed = has_speed .or. any(abs(self%of(i)%values) > 0.0_wp)
+      end do
+   end function has_speed
+
+   pure logical function matrices_is_affine_in(self, number) result(is_affine)
+      class(matrices_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      is_affine = number%key /= "speed"
+   end function matrices_is_affine_in
 
    !> Reads the matrices from the keys of their group `&structure`.
    !>
    !> Each matrix is given row by row with n_dofs**2 numbers, or as the n_dofs numbers of its diagonal. Labels are x1,
    !> x2, ... and units `m` by default.
-   subroutine read_matrices(group, structure, error, memory_limit)
+   subroutine read_matrices(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
       type(properties_t), intent(inout) :: group
-      type(structure_t), intent(out) :: structure
-      type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: memory_limit         !! bytes
-      type(proportional_damping_t) :: proportional
-      type(string_t), allocatable :: labels(:), units(:)
-      real(wp), allocatable :: damping(:, :), stiffness(:, :)
-      type(values_t) :: of(size(keys))
-      real(wp) :: speed
-      integer :: i, n_dofs
+      type(matrices_t) :: given
+      integer :: i
 
-      call group%get("n_dofs", n_dofs)
-      allocate (labels(max(n_dofs, 0)), units(max(n_dofs, 0)))
-      do i = 1, n_dofs
-         labels(i)%value = "x"//to_text(i)
+      call group%get("n_dofs", given%n_dofs)
+      allocate (given%labels(max(given%n_dofs, 0)), given%units(max(given%n_dofs, 0)))
+      do i = 1, given%n_dofs
+         given%labels(i)%value = "x"//to_text(i)
       end do
       do i = 1, size(keys)
-         allocate (of(i)%values(max(n_dofs, 0)), source=0.0_wp)
+         allocate (given%of(i)%values(max(given%n_dofs, 0)), source=0.0_wp)
       end do
-      call group%get("mass", of(1)%values)
-      call group%get("damping", of(2)%values)
-      call group%get("gyroscopic", of(3)%values)
-      call group%get("stiffness", of(4)%values)
-      call group%get("gyroscopic_by_speed", of(5)%values)
-      call group%get("stiffness_by_speed", of(6)%values)
-      call group%get("stiffness_by_speed_squared", of(7)%values)
-      do i = 1, merge(size(keys), 0, n_dofs > 0)
-         call check_matrix(group, trim(keys(i)), of(i)%values, n_dofs)
+      call read_numbers(given, group)
+      do i = 1, merge(size(keys), 0, given%n_dofs > 0)
+         call check_matrix(group, trim(keys(i)), given%of(i)%values, given%n_dofs)
       end do
-      call group%get("speed", speed, required=any([(group%given(trim(keys(i))), i=5, size(keys))]))
-      call group%get("labels", labels)
-      call group%get("units", units)
-      call read_proportional_damping(group, proportional)
-      call group%finish(error)
-      if (allocated(error)) return
-      call check_memory_of_structure(n_dofs, error, memory_limit)
-      if (.not. allocated(error)) call check_skew("gyroscopic", full(of(3)%values, n_dofs), error)
-      if (.not. allocated(error)) call check_skew("gyroscopic_by_speed", full(of(5)%values, n_dofs), error)
-      if (.not. allocated(error)) then
-         stiffness = full(of(4)%values, n_dofs)
-         associate (m => full(of(1)%values, n_dofs))
-            damping = full(of(2)%values, n_dofs) + full(of(3)%values, n_dofs) + proportional%matrix(m, stiffness)
-            if (group%given("gyroscopic_by_speed")) damping = damping + speed*full(of(5)%values, n_dofs)
-            if (group%given("stiffness_by_speed")) stiffness = stiffness + speed*full(of(6)%values, n_dofs)
-            if (group%given("stiffness_by_speed_squared")) stiffness = stiffness + speed**2*full(of(7)%values, n_dofs)
-            call new_structure(structure, m, damping, stiffness, words(labels), words(units), error)
-         end associate
-      end if
-      call annotate(error, group%location())
+      call group%get("labels", given%labels)
+      call group%get("units", given%units)
+      allocate (self, source=given)
    end subroutine read_matrices
+
+   subroutine matrices_build(self, structure, error, memory_limit)
+      class(matrices_t), intent(inout) :: self
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit
+      real(wp), allocatable :: damping(:, :), mass(:, :), stiffness(:, :)
+
+      call check_memory_of_structure(self%n_dofs, error, memory_limit)
+      if (.not. allocated(error)) call check_skew("gyroscopic", matrix(self, 3), error)
+      if (.not. allocated(error)) call check_skew("gyroscopic_by_speed", matrix(self, 5), error)
+      if (allocated(error)) return
+      mass = matrix(self, 1)
+      stiffness = matrix(self, 4)
+      damping = matrix(self, 2) + matrix(self, 3) + self%proportional%matrix(mass, stiffness)
+      if (has_speed(self)) then
+         damping = damping + self%speed*matrix(self, 5)
+         stiffness = stiffness + self%speed*matrix(self, 6)
+         stiffness = stiffness + self%speed**2*matrix(self, 7)
+      end if
+      call new_structure(structure, mass, damping, stiffness, words(self%labels), words(self%units), error)
+   end subroutine matrices_build
 
    subroutine check_skew(name, matrix, error)
       character(*), intent(in) :: name
@@ -98,22 +134,24 @@ contains
                          " for a diagonal matrix; there are "//to_text(size(values)))
    end subroutine check_matrix
 
-   !> Matrix from its rows, or from its diagonal.
-   pure function full(values, n) result(matrix)
-      real(wp), intent(in) :: values(:)                      !! n**2 or n of them
-      integer, intent(in) :: n
-      real(wp) :: matrix(n, n)
-      integer :: i
+   !> Matrix `i` in the order of `keys`, from its rows or from its diagonal.
+   pure function matrix(self, i)
+      class(matrices_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp) :: matrix(self%n_dofs, self%n_dofs)
+      integer :: k
 
-      if (size(values) == n**2) then
-         matrix = transpose(reshape(values, [n, n]))
-      else
-         matrix = 0.0_wp
-         do i = 1, n
-            matrix(i, i) = values(i)
-         end do
-      end if
-   end function full
+      associate (values => self%of(i)%values, n => self%n_dofs)
+         if (size(values) == n**2) then
+            matrix = transpose(reshape(values, [n, n]))
+         else
+            matrix = 0.0_wp
+            do k = 1, n
+               matrix(k, k) = values(k)
+            end do
+         end if
+      end associate
+   end function matrix
 
    !> Texts of a list in one length, long enough to detect those that are too long.
    pure function words(list)

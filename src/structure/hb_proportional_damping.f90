@@ -1,17 +1,18 @@
 !> Proportional damping from the matrices of a builder, D = diagonal I + mass M + stiffness K.
 module hb_proportional_damping
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
+   use hb_numbers, only: numbers_t
    use hb_sparse, only: sparse_identity, sparse_sum, sparse_t
    implicit none
    private
-   public :: proportional_damping_t, read_proportional_damping
+   public :: proportional_damping_t
 
    type :: proportional_damping_t
       real(wp) :: diagonal = 0.0_wp                          !! [N s/m] on each degree of freedom
       real(wp) :: mass = 0.0_wp                              !! [1/s], Rayleigh
       real(wp) :: stiffness = 0.0_wp                         !! [s], Rayleigh
    contains
+      procedure :: declare_numbers => proportional_damping_declare_numbers
       generic :: matrix => dense_matrix, sparse_matrix
       procedure, private :: dense_matrix => proportional_damping_matrix
       procedure, private :: sparse_matrix => proportional_damping_sparse_matrix
@@ -19,16 +20,15 @@ module hb_proportional_damping
 
 contains
 
-   !> Reads the optional keys `damping_diagonal`, `damping_mass` and `damping_stiffness`, none of them
-   !> negative.
-   subroutine read_proportional_damping(group, self)
-      type(properties_t), intent(inout) :: group
-      type(proportional_damping_t), intent(out) :: self
+   !> Declares its numbers, for a structure that has such damping.
+   subroutine proportional_damping_declare_numbers(self, numbers)
+      class(proportional_damping_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
 
-      call group%get("damping_diagonal", self%diagonal)
-      call group%get("damping_mass", self%mass)
-      call group%get("damping_stiffness", self%stiffness)
-   end subroutine read_proportional_damping
+      call numbers%add("damping_diagonal", self%diagonal)
+      call numbers%add("damping_mass", self%mass)
+      call numbers%add("damping_stiffness", self%stiffness)
+   end subroutine proportional_damping_declare_numbers
 
    !> Returns the damping matrix for this mass and stiffness.
    pure function proportional_damping_matrix(self, mass, stiffness) result(damping)

@@ -5,15 +5,18 @@
 !> the disk against the rotation and one of the casing along it coincide at the speed (w_c + w_d)/n. Source: the paper
 !> (docs/why/theory.md), section 4 and eq. (14).
 module hb_rotor_stator
-   use hb_error, only: annotate, error_t
+   use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
-   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_proportional_damping, only: proportional_damping_t
    use hb_structure, only: new_structure, structure_t
+   use hb_structure_builder, only: structure_builder_t
    use hb_turning_frame, only: add_turned_pair
    implicit none
    private
-   public :: body_t, new_rotor_stator, read_rotor_stator
+   public :: body_t, new_rotor_stator, read_rotor_stator, rotor_stator_t
 
    !> One of the two bodies in its own frame.
    type :: body_t
@@ -22,34 +25,61 @@ module hb_rotor_stator
       real(wp) :: damping_ratio = 0.0_wp
    end type body_t
 
+   !> Disk and casing; see `new_rotor_stator`.
+   type, extends(structure_builder_t) :: rotor_stator_t
+      integer :: n_diameters = 1
+      real(wp) :: speed = 0.0_wp                             !! Omega [rad/s]
+      character(:), allocatable :: frame
+      type(body_t) :: disk, casing
+   contains
+      procedure :: declare_numbers => rotor_stator_declare_numbers
+      procedure :: is_affine_in => rotor_stator_is_affine_in
+      procedure :: build => rotor_stator_build
+   end type rotor_stator_t
+
 contains
 
+   subroutine rotor_stator_declare_numbers(self, numbers)
+      class(rotor_stator_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("speed", self%speed)
+      call numbers%add("disk_frequency", self%disk%frequency)
+      call numbers%add("casing_frequency", self%casing%frequency)
+      call numbers%add("disk_mass", self%disk%mass)
+      call numbers%add("casing_mass", self%casing%mass)
+      call numbers%add("disk_damping_ratio", self%disk%damping_ratio)
+      call numbers%add("casing_damping_ratio", self%casing%damping_ratio)
+      call self%proportional%declare_numbers(numbers)
+   end subroutine rotor_stator_declare_numbers
+
+   pure logical function rotor_stator_is_affine_in(self, number) result(is_affine)
+      class(rotor_stator_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      is_affine = .not. any(number%key == [character(16) :: "speed", "disk_frequency", "casing_frequency"])
+   end function rotor_stator_is_affine_in
+
    !> Reads disk and casing from the keys of their group `&structure`.
-   subroutine read_rotor_stator(group, structure, error)
+   subroutine read_rotor_stator(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
       type(properties_t), intent(inout) :: group
+      type(rotor_stator_t) :: bodies
+
+      call group%get("n_diameters", bodies%n_diameters)
+      call group%get("frame", bodies%frame)
+      call read_numbers(bodies, group)
+      allocate (self, source=bodies)
+   end subroutine read_rotor_stator
+
+   subroutine rotor_stator_build(self, structure, error, memory_limit)
+      class(rotor_stator_t), intent(inout) :: self
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
-      type(proportional_damping_t) :: damping
-      type(body_t) :: casing, disk
-      character(:), allocatable :: frame
-      integer :: n_diameters
-      real(wp) :: speed
+      real(wp), intent(in), optional :: memory_limit
 
-      call group%get("n_diameters", n_diameters)
-      call group%get("speed", speed)
-      call group%get("frame", frame)
-      call group%get("disk_frequency", disk%frequency)
-      call group%get("casing_frequency", casing%frequency)
-      call group%get("disk_mass", disk%mass)
-      call group%get("casing_mass", casing%mass)
-      call group%get("disk_damping_ratio", disk%damping_ratio)
-      call group%get("casing_damping_ratio", casing%damping_ratio)
-      call read_proportional_damping(group, damping)
-      call group%finish(error)
-      if (allocated(error)) return
-      call new_rotor_stator(structure, n_diameters, speed, frame, disk, casing, damping, error)
-      call annotate(error, group%location())
-   end subroutine read_rotor_stator
+      call new_rotor_stator(structure, self%n_diameters, self%speed, self%frame, self%disk, self%casing, self%proportional, error)
+   end subroutine rotor_stator_build
 
    !> Creates disk and casing.
    subroutine new_rotor_stator(structure, n_diameters, speed, frame, disk, casing, damping, error)

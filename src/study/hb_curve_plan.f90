@@ -6,7 +6,9 @@ module hb_curve_plan
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_model, only: model_t
-   use hb_model_reader, only: moving_groups
+   use hb_model_numbers, only: movement_t, new_movement
+   use hb_model_problem, only: moving_value_t
+   use hb_model_reader, only: find_number, moving_groups
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
    use hb_response, only: new_response
@@ -30,6 +32,7 @@ module hb_curve_plan
    !> A request whose responses and origin are still text: resolving them requires the model.
    type, extends(curve_request_t) :: curve_plan_t
       character(:), allocatable :: path                               !! in the input, such as tones%frequency
+      type(parameter_t) :: parameter                                  !! that it is
       character(:), allocatable :: units                              !! of the value; empty until known
       character(:), allocatable :: location                           !! of the group, for messages
       type(names_t) :: responses_of(size(keys_of_responses))          !! as the keys
@@ -38,6 +41,7 @@ module hb_curve_plan
       integer :: origin_point = 0                                     !! from 0
       integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
       character(:), allocatable :: over_path !! path of the value `over` which the located point is followed
+      type(parameter_t) :: over_parameter                             !! that it is
       real(wp), allocatable :: ratios(:)                              !! of all tones to the moving one, if they are tied
    contains
       procedure :: set => curve_plan_set
@@ -93,7 +97,7 @@ contains
       if (allocated(error)) return
       call find_values(self, document, error)
       group => document%group("curve", 1)
-      self%moving%parameter%line = group%line
+      self%parameter%line = group%line
    end subroutine read_curve_plan
 
    !> Reports a problem for each of the values that is outside the range.
@@ -161,17 +165,17 @@ contains
       type(document_t), intent(inout) :: document
       type(error_t), allocatable, intent(out) :: error
 
-      call document%resolve(self%path, self%moving%parameter, error)
+      call document%resolve(self%path, self%parameter, error)
       if (allocated(error)) then
          error%message = self%location//": parameter '"//shown(self%path)//"': "//error%message
          return
       end if
       if (allocated(self%over)) then
-         call document%resolve(self%over_path, self%over%moving%parameter, error)
+         call document%resolve(self%over_path, self%over_parameter, error)
          if (.not. allocated(error)) then
-            if (.not. any(moving_groups == document%groups%holders(self%over%moving%parameter%i_group)%group%name)) then
+            if (.not. any(moving_groups == document%groups%holders(self%over_parameter%i_group)%group%name)) then
                call fail(error, "a curve follows a number of "//movable)
-            else if (document%n_tones_of(self%over%moving%parameter) > 1) then
+            else if (document%n_tones_of(self%over_parameter) > 1) then
                call fail(error, "specify the tone that moves, such as '"//trim(lower(self%over_path))//"(1)'")
             end if
          end if
@@ -180,16 +184,16 @@ contains
             return
          end if
       end if
-      associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
+      associate (name => document%groups%holders(self%parameter%i_group)%group%name)
          if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
             call fail(error, self%location//": parameter '"//shown(self%path)// &
                       "': a curve follows a number of "//movable//", or of &normal_mode; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%location//": tie: 'ratio' is for the frequency of a tone")
       end associate
-      if (document%n_tones_of(self%moving%parameter) > 1) &
+      if (document%n_tones_of(self%parameter) > 1) &
          call fail(error, self%location//": parameter '"//shown(self%path)//"': there are "// &
-                   to_text(document%n_tones_of(self%moving%parameter))//" tones; say which of them moves, such as '"// &
+                   to_text(document%n_tones_of(self%parameter))//" tones; say which of them moves, such as '"// &
                    trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along")
    end subroutine find_values
 
@@ -197,7 +201,7 @@ contains
    !> Fails if the path is not a real number or not a single one, or if a response is unknown.
    subroutine curve_plan_make_request(self, model, document, request, error)
       class(curve_plan_t), intent(in) :: self
-      type(model_t), intent(in) :: model
+      type(model_t), intent(inout) :: model                           !! unchanged
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(out) :: request
       type(error_t), allocatable, intent(out) :: error
@@ -207,6 +211,10 @@ contains
       call check_model(self, model, document, error)
       if (allocated(error)) return
       request = self%curve_request_t
+      call find_moving(self%parameter, "parameter '"//shown(self%path)//"'", request%moving)
+      if (allocated(request%over) .and. .not. allocated(error)) &
+         call find_moving(self%over_parameter, "over '"//shown(self%over_path)//"'", request%over%moving)
+      if (allocated(error)) return
       if (size(request%others) == 0) deallocate (request%others)
       allocate (request%responses(0))
       do k = 1, size(keys_of_responses)
@@ -224,6 +232,20 @@ contains
             if (response%kind == curve_kind%amplitude) call add_amplitudes(self%amplitudes, response, request%responses)
          end do
       end do
+
+   contains
+
+      !> The number of the model that moves; fails if it cannot, or if something follows it that cannot.
+      subroutine find_moving(parameter, name, moving)
+         type(parameter_t), intent(in) :: parameter
+         character(*), intent(in) :: name                             !! for the message
+         type(moving_value_t), intent(inout) :: moving
+         type(movement_t) :: movement
+
+         call find_number(document, parameter, moving%number)
+         call new_movement(movement, model, moving%number, moving%is_tied, error)
+         if (allocated(error)) error%message = self%location//": "//name//": "//error%message
+      end subroutine find_moving
    end subroutine curve_plan_make_request
 
    !> Whether a wall has a given restitution.
@@ -268,15 +290,15 @@ contains
       logical :: is_mode, is_tones
 
       error_text = ""
-      associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
+      associate (name => document%groups%holders(self%parameter%i_group)%group%name)
          is_tones = name == "tones"
          is_mode = name == "normal_mode"
       end associate
-      if (.not. document%is_real(self%moving%parameter)) then
+      if (.not. document%is_real(self%parameter)) then
          error_text = "is not a real number; only real numbers can vary continuously"
       else if (model%normal_mode%has_energy .and. .not. is_mode) then
          error_text = "a curve keeps the amplitude of a &normal_mode, not its energy"
-      else if (is_mode .and. document%drives(self%moving%parameter)) then
+      else if (is_mode .and. document%drives(self%parameter)) then
          error_text = "no &tie may follow what a curve moves in &normal_mode"
       else if (is_mode .and. min(self%from*self%start, self%to*self%start) <= 0.0_wp) then
          error_text = "an amplitude or energy must not be 0 and must not change its sign on a curve"
@@ -286,7 +308,7 @@ contains
          call find_refusal_with_impacts(self, model, error_text)
       end if
       if (is_tones .and. len(error_text) == 0) then
-         if (model%tones%is_unknown(max(1, self%moving%parameter%element(1)))) error_text = "this frequency is unknown, not given"
+         if (model%tones%is_unknown(max(1, self%parameter%element(1)))) error_text = "this frequency is unknown, not given"
          if (any(model%tones%is_unknown) .and. self%moving%is_tied) error_text = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(error_text) > 0) then
@@ -307,7 +329,7 @@ contains
             error_text = "flips and tori are located by the multipliers that &stability finds"
          else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. .not. model%may_integrate) then
             error_text = "flips and tori are located by multipliers, which are not known with a &dynamic_stiffness"
-         else if (.not. document%is_real(self%over%moving%parameter)) then
+         else if (.not. document%is_real(self%over_parameter)) then
             error_text = "is not a real number; only real numbers can vary continuously"
          end if
          if (len(error_text) > 0) call fail(error, self%location//": over '"//shown(self%over_path)//"': "//error_text)
@@ -356,12 +378,12 @@ contains
       real(wp), intent(in) :: omega(:)                                !! base frequencies, (n_tones)
       type(error_t), allocatable, intent(out) :: error
 
-      if (document%groups%holders(self%moving%parameter%i_group)%group%name /= "tones") return
-      if (self%moving%parameter%element(1) > size(omega)) then
+      if (document%groups%holders(self%parameter%i_group)%group%name /= "tones") return
+      if (self%parameter%element(1) > size(omega)) then
          call fail(error, self%location//": parameter '"//shown(self%path)//"': the highest number of a tone is "// &
             to_text(size(omega)))
       else if (self%moving%is_tied) then
-         self%ratios = omega/omega(max(1, self%moving%parameter%element(1)))
+         self%ratios = omega/omega(max(1, self%parameter%element(1)))
       end if
    end subroutine curve_plan_tie_tones
 
@@ -373,12 +395,12 @@ contains
       type(parameter_t) :: tone
       integer :: i
 
-      call document%set(self%moving%parameter, value)
+      call document%set(self%parameter, value)
       if (.not. allocated(self%ratios)) return
-      tone = self%moving%parameter
+      tone = self%parameter
       do i = 1, size(self%ratios)
          tone%element(1) = i
-         if (i /= self%moving%parameter%element(1)) call document%set(tone, self%ratios(i)*value)
+         if (i /= self%parameter%element(1)) call document%set(tone, self%ratios(i)*value)
       end do
    end subroutine curve_plan_set
 

@@ -20,7 +20,7 @@ contains
    !> Creates the request of a plan, with its origin in a file.
    subroutine request_curve(plan, model, document, request, error)
       type(curve_plan_t), intent(in) :: plan
-      type(model_t), intent(in) :: model                              !! at the start
+      type(model_t), intent(inout) :: model                           !! at the start; unchanged
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(out) :: request
       type(error_t), allocatable, intent(out) :: error

@@ -183,7 +183,7 @@ contains
                return
             end do
             if (allocated(plan%curve)) then
-               if (plan%curve%moving%parameter%hides(parameter)) then
+               if (plan%curve%parameter%hides(parameter)) then
                   call fail(error, "--set "//trim(adjustl(path))//": no point would have this value, &curve varies "// &
                             plan%curve%path//"; change its range, such as --set curve%from=...")
                   return

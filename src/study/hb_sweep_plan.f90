@@ -159,9 +159,9 @@ contains
          if (allocated(error)) return
       end do
       if (.not. allocated(self%curve)) return
-      call document%refuse_tied(self%curve%moving%parameter, self%curve%path, error)
+      call document%refuse_tied(self%curve%parameter, self%curve%path, error)
       if (.not. allocated(error) .and. allocated(self%curve%over)) &
-         call document%refuse_tied(self%curve%over%moving%parameter, self%curve%over_path, error)
+         call document%refuse_tied(self%curve%over_parameter, self%curve%over_path, error)
       if (allocated(error)) error%message = self%curve%location//": "//error%message
    end subroutine sweep_plan_refuse_tied
 
@@ -187,7 +187,7 @@ contains
       type(swept_t), intent(in) :: swept
       type(error_t), allocatable, intent(out) :: error
 
-      if (swept%parameter%hides(curve%moving%parameter) .or. curve%moving%parameter%hides(swept%parameter)) then
+      if (swept%parameter%hides(curve%parameter) .or. curve%parameter%hides(swept%parameter)) then
          call fail(error, "moves along the curve; sweep another value, or leave out &curve")
       else if (swept%group == "curve") then
          call fail(error, "a sweep cannot vary a curve; give the path of another group")
@@ -487,7 +487,7 @@ contains
          call self%curve%set(document, self%curve%start)
       else if (ieee_is_finite(self%curve_values(point))) then
          call self%curve%set(document, self%curve_values(point))
-         if (allocated(self%over_values)) call document%set(self%curve%over%moving%parameter, self%over_values(point))
+         if (allocated(self%over_values)) call document%set(self%curve%over_parameter, self%over_values(point))
       end if
    end subroutine sweep_plan_apply
 
@@ -528,7 +528,7 @@ contains
          self%parameters(i)%units = trim(document%unit_of(self%parameters(i)%parameter))
          self%parameters(i)%is_real = document%is_real(self%parameters(i)%parameter)
       end do
-      if (allocated(self%curve)) self%curve%units = trim(document%unit_of(self%curve%moving%parameter))
+      if (allocated(self%curve)) self%curve%units = trim(document%unit_of(self%curve%parameter))
    end subroutine sweep_plan_note_units
 
    !> Text such as `law(1)%gap = 0.0015, solver%method = 'newton'`; empty without parameters.

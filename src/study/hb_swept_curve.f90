@@ -4,7 +4,6 @@ module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_plan, only: curve_plan_t
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -12,6 +11,7 @@ module hb_swept_curve
    use hb_kinds, only: wp
    use hb_level, only: estimate_of
    use hb_model, only: model_t
+   use hb_model_numbers, only: movement_t, new_movement, set_movement
    use hb_model_reader, only: update_model
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
@@ -31,10 +31,8 @@ module hb_swept_curve
       integer, allocatable :: stored(:) !! statuses of the points in the file after which it continues
       logical :: is_done = .false.                                    !! there is no further point
       class(motion_curve_t), allocatable, private :: curve
-      type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       type(model_t), private :: model
-      type(document_t), private :: document
       real(wp), private :: last_parameter = 0.0_wp
       integer, private :: last_branch = 0
       logical, private :: has_begun = .false.
@@ -57,16 +55,15 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t), allocatable :: positions(:)
       integer, allocatable :: status(:)
+      type(document_t), target :: document
       integer :: last
       logical :: is_new
 
-      self%document = source%document
-      call source%plan%apply(first, self%document)
-      call update_model(self%model, self%document, is_new, failure, source%available_memory, source%callbacks)
+      document = source%document
+      call source%plan%apply(first, document)
+      call update_model(self%model, document, is_new, failure, source%available_memory, source%callbacks)
       if (.not. allocated(failure)) call check_layout(self%model, source%layout, failure)
-      if (.not. allocated(failure)) call request_curve(source%plan%curve, self%model, self%document, self%request, failure)
-      self%request%available_memory = source%available_memory
-      self%plan = source%plan%curve
+      if (.not. allocated(failure)) call request_curve(source%plan%curve, self%model, document, self%request, failure)
       allocate (self%stored(0))
       call new_curve_of(self%curve, self%model, self%request)
       self%is_done = allocated(failure)
@@ -80,7 +77,7 @@ contains
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) &
          call go_to(self, positions(1)%parameter, failure)
       if (.not. allocated(failure)) &
-         call self%curve%continue_from(self%model, self%document, self%request, positions(:last), failure)
+         call self%curve%continue_from(self%model, self%request, positions(:last), failure)
       self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
@@ -159,11 +156,11 @@ contains
              allocated(request%over) .or. any(self%model%tones%is_unknown) .or. self%model%start_from_integration .or. &
              self%model%normal_mode%is_requested .or. self%model%lacks_impacts_of(outcome%impact))) then
             self%model%may_integrate = .false.
-            call self%curve%begin(self%model, self%document, request, result, error)
+            call self%curve%begin(self%model, request, result, error)
             if (has_ended()) return
             call go_to(self, other, error)
             self%model%may_integrate = .false.
-            if (.not. allocated(error)) call self%curve%begin(self%model, self%document, request, result, error)
+            if (.not. allocated(error)) call self%curve%begin(self%model, request, result, error)
             if (has_ended()) then
                if (is_solved(result%status)) result%message = "no motion was found at "//to_text(start)// &
                   "; the curve begins at the other end of its range"
@@ -174,7 +171,7 @@ contains
             self%model%may_integrate = .true.
          end if
       end associate
-      call self%curve%begin(self%model, self%document, self%request, result, error)
+      call self%curve%begin(self%model, self%request, result, error)
 
    contains
 
@@ -190,14 +187,14 @@ contains
       class(swept_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: start
       type(error_t), allocatable, intent(out) :: error
-      logical :: is_new
+      type(movement_t) :: movement
 
       if (abs(start - self%request%start) <= 0.0_wp) return
       call self%curve%destroy()
       call new_curve_of(self%curve, self%model, self%request)
       self%request%start = start
-      call self%plan%set(self%document, start)
-      call update_model(self%model, self%document, is_new, error, self%request%available_memory)
+      call new_movement(movement, self%model, self%request%moving%number, self%request%moving%is_tied, error)
+      if (.not. allocated(error)) call set_movement(self%model, movement, start, error)
    end subroutine go_to
 
    !> Frees the curve; safe to call twice.

@@ -56,8 +56,8 @@ contains
             else if (model%chain%is_on) then
                call neighbour%predict(value, model%harmonics, model%chain%secant, start)
             end if
-            call solve_point(model, source%document, result, error, level, below, start, source%cached)
-            if (.not. allocated(error)) call find_gradient(model, source%document, level, level%unknowns, result)
+            call solve_point(model, result, error, level, below, start, source%cached)
+            if (.not. allocated(error)) call find_gradient(model, level, level%unknowns, result)
          end associate
       end if
       if (allocated(error)) then

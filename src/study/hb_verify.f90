@@ -8,8 +8,8 @@ module hb_verify
    use hb_integration_verdict, only: verdict
    use hb_kinds, only: wp
    use hb_model, only: model_t
-   use hb_model_reader, only: read_model, update_model
-   use hb_model_tones, only: put_frequencies
+   use hb_model_numbers, only: follow_frequencies
+   use hb_model_reader, only: read_model
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t, refuse_damaged_rows
@@ -153,14 +153,12 @@ contains
       type(document_t), target :: document
       type(model_t) :: model
       type(claim_t) :: claim
-      logical :: is_new
 
       document = stored%study%document
       call stored%study%plan%apply(point, document)
       call read_model(model, document, error, callbacks=run_callbacks(is_followed=allocated(stored%study%plan%curve)))
       if (.not. allocated(error)) then                                ! values may follow unknown frequencies
-         call put_frequencies(document, model%tones, stored%frequency(:, point))
-         call update_model(model, document, is_new, error)
+         call follow_frequencies(model, stored%frequency(:, point), error)
       end if
       if (allocated(error)) return
       claim%omega = stored%frequency(:, point)

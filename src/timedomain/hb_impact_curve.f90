@@ -12,7 +12,6 @@ module hb_impact_curve
    use hb_curve, only: curve_config_t, new_curve
    use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
    use hb_curve_step, only: step
-   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_followed_motion, only: known_t, largest_load, waiting_t
    use hb_harmonics, only: harmonics_t
@@ -104,10 +103,9 @@ contains
    end subroutine new_curve_of
 
    !> Solves the first motion by all methods of a point, and the period map from there.
-   subroutine impact_curve_begin(self, model, document, request, result, error)
+   subroutine impact_curve_begin(self, model, request, result, error)
       class(impact_curve_t), intent(inout), target :: self
       type(model_t), intent(inout) :: model                           !! at the start
-      type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
@@ -122,7 +120,7 @@ contains
       whole = model
       whole%output%dofs = [(i, i=1, model%structure%n_dofs)]
       whole%chain%is_on = .false.
-      call solve_point(whole, document, result, error, level)
+      call solve_point(whole, result, error, level)
       self%is_done = allocated(error) .or. .not. (is_solved(result%status) .and. allocated(result%coefficients))
       if (self%is_done) return
       set = model%harmonics
@@ -132,7 +130,7 @@ contains
       call new_impact_orbit(self%orbit, model, motion, error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      call self%orbit%move(document, request%moving, request%start)
+      call self%orbit%move(request%moving, request%start)
       x = self%orbit%map%state_at(self%orbit%section*self%orbit%period())
       call solve_newton(self%orbit, solver_config_t(tolerance=accurate, max_iterations=3*most_corrections), x, report)
       self%is_done = report%status /= outcome%converged
@@ -143,16 +141,15 @@ contains
       end if
       self%first_section = self%orbit%section
       self%request = request
-      call self%prepare(model, document, [request%start], level_t(), error)
+      call self%prepare(model, [request%start], level_t(), error)
       self%first%x = [x, request%start]
       call self%report_start(result, error)
    end subroutine impact_curve_begin
 
    !> Restores the state of a stored curve at its last point, a step.
-   subroutine impact_curve_continue_from(self, model, document, request, stored, error)
+   subroutine impact_curve_continue_from(self, model, request, stored, error)
       class(impact_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error
@@ -166,7 +163,7 @@ contains
                                 cmplx(reshape(last(n + 1:n + n_dofs), [n_dofs, 1]), kind=wp))
          call new_impact_orbit(self%orbit, model, motion, error)
          if (allocated(error)) return
-         call self%orbit%move(document, request%moving, request%start)
+         call self%orbit%move(request%moving, request%start)
          self%orbit%map%scale = last(n + 1:2*n)
          self%first_section = stored(1)%unknowns(2*n + 1)
          bare = stored
@@ -174,7 +171,7 @@ contains
             bare(i)%unknowns = [stored(i)%unknowns(:n), stored(i)%unknowns(2*n + 2)]
             if (allocated(stored(i)%direction)) bare(i)%direction = [stored(i)%direction(:n), stored(i)%direction(2*n + 2)]
          end do
-         call motion_curve_continue_from(self, model, document, request, bare, error)
+         call motion_curve_continue_from(self, model, request, bare, error)
          if (allocated(error)) return
          call self%orbit%put_section(last(2*n + 1))
       end associate

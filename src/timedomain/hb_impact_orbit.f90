@@ -9,7 +9,6 @@
 module hb_impact_orbit
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_coordinates, only: coordinates_t
-   use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_floquet, only: stability_of_map
    use hb_harmonics, only: harmonics_t
@@ -17,8 +16,8 @@ module hb_impact_orbit
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
+   use hb_model_numbers, only: movement_t, new_movement, set_movement
    use hb_model_problem, only: moving_value_t, refusal_t
-   use hb_model_reader, only: update_model
    use hb_motion_series, only: motion_series_t
    use hb_period_map, only: distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
    use hb_problem, only: problem_t
@@ -44,7 +43,6 @@ module hb_impact_orbit
    !> Owns memory: call `destroy`. Its parameter 1 is the moving value.
    type, extends(problem_t) :: impact_orbit_t
       type(model_t) :: model                                          !! at the present value
-      type(document_t) :: document                                    !! likewise
       type(moving_value_t), allocatable :: moving                     !! if present
       real(wp) :: value = 0.0_wp
       real(wp) :: section = 0.0_wp                                    !! phase of the map, part of a period
@@ -280,19 +278,19 @@ contains
       if (allocated(self%moving)) scales = self%moving%typical
    end function impact_orbit_parameter_scales
 
-   !> Sets the value in the document, and reads the model again.
+   !> Sets the value, and what follows it, in the model.
    subroutine impact_orbit_set_parameters(self, which, values, is_possible)
       class(impact_orbit_t), intent(inout) :: self
       integer, intent(in) :: which(:)
       real(wp), intent(in) :: values(:)
       logical, intent(out) :: is_possible
       type(error_t), allocatable :: error
-      logical :: is_new
+      type(movement_t) :: movement
 
       is_possible = .true.
       if (abs(values(1) - self%value) <= 0.0_wp) return
-      call self%document%set(self%moving%parameter, values(1))
-      call update_model(self%model, self%document, is_new, error)
+      call new_movement(movement, self%model, self%moving%number, self%moving%is_tied, error)
+      if (.not. allocated(error)) call set_movement(self%model, movement, values(1), error)
       if (.not. allocated(error)) then
          self%value = values(1)
          call put_system(self)
@@ -308,13 +306,11 @@ contains
    end subroutine impact_orbit_set_parameters
 
    !> Assigns the value that moves.
-   subroutine impact_orbit_move(self, document, moving, value)
+   subroutine impact_orbit_move(self, moving, value)
       class(impact_orbit_t), intent(inout) :: self
-      type(document_t), intent(in) :: document                        !! from which the model was read
       type(moving_value_t), intent(in) :: moving
       real(wp), intent(in) :: value                                   !! its value in the model
 
-      self%document = document
       self%moving = moving
       self%value = value
    end subroutine impact_orbit_move

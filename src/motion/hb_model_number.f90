@@ -1,0 +1,115 @@
+!> A number of a model: the object that has it, its key and indices there, and its range; and ties, by which numbers
+!> follow others.
+module hb_model_number
+   use hb_kinds, only: wp
+   use hb_numbers, only: number_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: follower_t, followers_of, has_number, model_number_t, model_tie_t, values_at
+
+   !> The objects of a model that have numbers.
+   type :: has_number_t
+      integer :: none = 0
+      integer :: structure = 1
+      integer :: bearing = 2
+      integer :: dynamic_stiffness = 3
+      integer :: tones = 4
+      integer :: load = 5
+      integer :: start = 6
+      integer :: law = 7
+      integer :: normal_mode = 8
+   end type has_number_t
+   type(has_number_t), parameter :: has_number = has_number_t()
+
+   type, extends(number_t) :: model_number_t
+      integer :: object = has_number%none                             !! one of `has_number`
+      integer :: i = 1                                                !! number among the objects of this kind, as given
+      real(wp) :: minimum = -huge(1.0_wp), maximum = huge(1.0_wp)     !! inclusive limits
+      real(wp) :: above = -huge(1.0_wp)                               !! exclusive limit
+      character(64) :: name = ""                                      !! for messages
+   contains
+      procedure :: range_problem => model_number_range_problem
+      procedure :: includes => model_number_includes
+   end type model_number_t
+
+   !> A number that follows another one: offset + factor times the other.
+   type :: model_tie_t
+      type(model_number_t) :: number                                  !! the one that follows
+      type(model_number_t) :: to                                      !! the one that is followed
+      real(wp) :: factor = 1.0_wp
+      real(wp) :: offset = 0.0_wp
+   end type model_tie_t
+
+   !> One of the numbers that move with a value.
+   type :: follower_t
+      type(model_number_t) :: number
+      integer :: source = 0                                           !! index of the follower that it follows; 0: the value
+      real(wp) :: factor = 1.0_wp, offset = 0.0_wp                    !! as those of a tie
+      real(wp) :: slope = 1.0_wp                                      !! derivative by the value
+   end type follower_t
+
+contains
+
+   !> Why a value is outside of the range; empty if it is inside.
+   pure function model_number_range_problem(self, value) result(text)
+      class(model_number_t), intent(in) :: self
+      real(wp), intent(in) :: value
+      character(120) :: text
+
+      text = ""
+      if (.not. value >= self%minimum) then
+         text = "must be "//to_text(self%minimum)//" or greater"
+      else if (.not. value <= self%maximum) then
+         text = "must be "//to_text(self%maximum)//" or less"
+      else if (.not. value > self%above) then
+         text = "must be above "//to_text(self%above)
+      end if
+      if (text /= "") text = trim(self%name)//" = "//to_text(value)//" "//trim(text)
+   end function model_number_range_problem
+
+   !> Whether another number is this one, or an element of this list; a list without an index is followed by its first
+   !> element.
+   pure logical function model_number_includes(self, other) result(includes)
+      class(model_number_t), intent(in) :: self
+      type(model_number_t), intent(in) :: other
+
+      includes = self%object == other%object .and. self%i == other%i .and. self%key == other%key
+      if (includes) includes = all(self%element == 0) .or. all(self%element == other%element) .or. &
+                               (all(other%element == 0) .and. all(self%element == [1, 0]))
+   end function model_number_includes
+
+   !> The numbers that move with the first ones by ties, after these.
+   pure function followers_of(ties, first) result(followers)
+      type(model_tie_t), intent(in) :: ties(:)                        !! in their order
+      type(follower_t), intent(in) :: first(:)                        !! the value itself, and others that it moves
+      type(follower_t), allocatable :: followers(:)
+      integer :: i, k
+
+      followers = first
+      do i = 1, size(ties)
+         do k = 1, size(followers)
+            if (.not. followers(k)%number%includes(ties(i)%to)) cycle
+            followers = [followers, follower_t(ties(i)%number, k, ties(i)%factor, ties(i)%offset, &
+                                               ties(i)%factor*followers(k)%slope)]
+            exit
+         end do
+      end do
+   end function followers_of
+
+   !> The numbers at a value.
+   pure function values_at(followers, value) result(values)
+      type(follower_t), intent(in) :: followers(:)
+      real(wp), intent(in) :: value
+      real(wp) :: values(size(followers))
+      integer :: i
+
+      do i = 1, size(followers)
+         if (followers(i)%source > 0) then
+            values(i) = followers(i)%offset + followers(i)%factor*values(followers(i)%source)
+         else
+            values(i) = followers(i)%factor*value
+         end if
+      end do
+   end function values_at
+end module hb_model_number

@@ -1,0 +1,93 @@
+!> A load, or a term of a first guess: cosine and sine amplitudes of one tuple at some degrees of freedom. A force, or
+!> the motion of a base; both may grow with a power of the frequency.
+module hb_load
+   use hb_amplitudes, only: amplitudes_t, new_amplitudes
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_numbers, only: numbered_t, numbers_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: load_kind, load_t
+
+   !> In the order of the words of an input.
+   type :: load_kind_t
+      integer :: force = 1
+      integer :: base_acceleration = 2
+      integer :: base_displacement = 3
+   end type load_kind_t
+   type(load_kind_t), parameter :: load_kind = load_kind_t()
+
+   type, extends(numbered_t) :: load_t
+      integer :: kind = load_kind%force
+      integer :: power = 0                                            !! of |j.omega|, by which the amplitudes are multiplied
+      integer, allocatable :: tuple(:)                                !! j, (n_tones)
+      integer, allocatable :: dofs(:)
+      real(wp), allocatable :: weights(:)                             !! (size(dofs))
+      real(wp) :: cosine = 0.0_wp, sine = 0.0_wp
+      character(4) :: unit = "N"                                      !! of both
+   contains
+      procedure :: declare_numbers => load_declare_numbers
+      procedure :: add_to => load_add_to
+      procedure :: grows => load_grows
+      procedure :: depends_on_structure => load_depends_on_structure
+   end type load_t
+
+contains
+
+   subroutine load_declare_numbers(self, numbers)
+      class(load_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("cos", self%cosine, unit=trim(self%unit))
+      call numbers%add("sin", self%sine, unit=trim(self%unit))
+   end subroutine load_declare_numbers
+
+   !> Whether the force depends on the frequency.
+   elemental logical function load_grows(self) result(grows)
+      class(load_t), intent(in) :: self
+
+      grows = self%power > 0 .or. self%kind == load_kind%base_displacement
+   end function load_grows
+
+   !> Whether the force depends on the mass of the structure.
+   elemental logical function load_depends_on_structure(self) result(depends)
+      class(load_t), intent(in) :: self
+
+      depends = self%kind /= load_kind%force
+   end function load_depends_on_structure
+
+   !> Adds the force to those of all loads, unless the set does not have its tuple. In the frame of a base that moves by
+   !> r a(t), the force is -M r a''.
+   subroutine load_add_to(self, structure, set, frequencies, loads, slopes)
+      class(load_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      type(amplitudes_t), intent(inout) :: loads                      !! [N], or [m] of a first guess
+      type(amplitudes_t), intent(inout), optional :: slopes           !! their derivatives by j.omega [N s]
+      type(amplitudes_t) :: amplitudes
+      type(error_t), allocatable :: error
+      integer :: h, power
+
+      call new_amplitudes(amplitudes, structure%n_dofs, set%n_harmonics)
+      call amplitudes%add_tuple(set, self%tuple, self%dofs, self%weights*self%cosine, self%weights*self%sine, error)
+      if (allocated(error)) return
+      power = self%power
+      if (self%kind /= load_kind%force) then
+         do h = 1, size(amplitudes%values, 2)
+            amplitudes%values(:, h) = merge(-1, 1, self%kind == load_kind%base_acceleration)* &
+                                      structure%mass_times(amplitudes%values(:, h))
+         end do
+         if (self%kind == load_kind%base_displacement) power = power + 2
+      end if
+      if (power == 0) then
+         call loads%add_scaled(amplitudes, spread(1.0_wp, 1, set%n_harmonics))
+         return
+      end if
+      call loads%add_scaled(amplitudes, abs(frequencies)**power)
+      if (present(slopes)) &
+         call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
+   end subroutine load_add_to
+end module hb_load
