@@ -326,7 +326,7 @@ contains
       do pass = 1, 2                                                  ! explicit laws, then multipliers
          do i = 1, size(self%laws)
             if (.not. is_moved(i) .or. (self%laws(i)%law%is_multiplier .neqv. pass == 2)) cycle
-            if (allocated(self%sampled(i)%hysteresis)) then
+            if (allocated(self%sampled(i)%hysteresis) .or. self%laws(i)%law%has_weight(number)) then
                is_known = .false.
                return
             end if

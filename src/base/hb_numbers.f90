@@ -72,6 +72,8 @@ module hb_numbers
    type, abstract :: numbered_t
    contains
       procedure :: declare_numbers => numbered_declare_numbers
+      procedure :: declare_inherited => numbered_declare_inherited
+      procedure :: derive_inherited => numbered_derive_inherited
       procedure :: derive => numbered_derive
       procedure :: has_valid_numbers => numbered_has_valid_numbers
       procedure, non_overridable :: set_number => numbered_set_number
@@ -144,6 +146,17 @@ contains
       class(numbers_t), intent(inout) :: numbers
    end subroutine numbered_declare_numbers
 
+   !> Declares the numbers of a parent type, which are not read with the others; without an override it has none.
+   subroutine numbered_declare_inherited(self, numbers)
+      class(numbered_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+   end subroutine numbered_declare_inherited
+
+   !> Computes all components that follow from these, after one of them was set.
+   pure subroutine numbered_derive_inherited(self)
+      class(numbered_t), intent(inout) :: self
+   end subroutine numbered_derive_inherited
+
    !> Computes all components that follow from the numbers; without an override there are none.
    pure subroutine numbered_derive(self)
       class(numbered_t), intent(inout) :: self
@@ -182,6 +195,10 @@ contains
          access%value = values(i)
          access%is_found = .false.
          call self%declare_numbers(access)
+         if (.not. access%is_found) then
+            call self%declare_inherited(access)
+            if (access%is_found) call self%derive_inherited()
+         end if
          are_set = access%is_found
          if (.not. are_set) return
       end do
@@ -200,6 +217,7 @@ contains
 
       access%number = number
       call self%declare_numbers(access)
+      if (.not. access%is_found) call self%declare_inherited(access)
       value = access%value
       is_found = access%is_found
    end subroutine numbered_find_number
@@ -212,6 +230,7 @@ contains
 
       allocate (list%found(0))
       call self%declare_numbers(list)
+      call self%declare_inherited(list)
       call move_alloc(list%found, numbers)
    end subroutine numbered_list_numbers
 

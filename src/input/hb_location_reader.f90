@@ -128,6 +128,10 @@ contains
          end if
       end do
       if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
-      call add_coordinate(self, positions, weights)
+      if (key == "dof") then
+         call add_coordinate(self, positions, weights)
+      else
+         call add_coordinate(self, positions, weights, key(:index(key, "dofs") - 1)//"weights")
+      end if
    end subroutine read_coordinate
 end module hb_location_reader

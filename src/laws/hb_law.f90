@@ -11,8 +11,9 @@
 module hb_law
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_numbers, only: number_t, numbered_t
+   use hb_numbers, only: number_t, numbered_t, numbers_t
    use hb_problems, only: problem_list_t, problems_t
+   use hb_text, only: max_name
    implicit none
    private
    public :: add_coordinate, defects_t, hold_t, kink_t, law_box_t, law_t, new_law, place_on_dofs, placement_t
@@ -53,10 +54,19 @@ module hb_law
       character(11) :: further(2) = ""                                !! keys of further coordinates, such as "second_dofs"
    end type placement_t
 
+   !> Weights of a coordinate, which are numbers of the law.
+   type :: weights_t
+      character(max_name) :: key = ""
+      real(wp), allocatable :: values(:)
+      integer, allocatable :: rows(:)                                 !! in the column of `shape`
+      integer :: column = 1
+   end type weights_t
+
    type, extends(numbered_t), abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, otherwise kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
       real(wp), allocatable :: shape(:, :)                            !! (n_dofs, n_coordinates)
+      type(weights_t), allocatable, private :: weights(:)             ! of coordinates that have any
       integer, allocatable :: positions(:, :)                         !! (n_dofs, n_places): `dofs` of all laws that a law on
                                                                       !! sets of nodes represents; not allocated: of this one
                                                                       !! only
@@ -85,6 +95,9 @@ module hb_law
       procedure :: set_frequencies => law_set_frequencies
       procedure :: frequency_slope => law_frequency_slope
       procedure :: number_slope => law_number_slope
+      procedure :: declare_inherited => law_declare_inherited
+      procedure :: derive_inherited => law_derive_inherited
+      procedure :: has_weight => law_has_weight
       procedure :: correct => law_correct
       procedure :: defects => law_defects
       procedure :: potential => law_potential
@@ -221,6 +234,37 @@ contains
       is_known = .false.
    end subroutine law_number_slope
 
+   subroutine law_declare_inherited(self, numbers)
+      class(law_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+      integer :: i
+
+      if (.not. allocated(self%weights)) return
+      do i = 1, size(self%weights)
+         call numbers%add(trim(self%weights(i)%key), self%weights(i)%values)
+      end do
+   end subroutine law_declare_inherited
+
+   pure subroutine law_derive_inherited(self)
+      class(law_t), intent(inout) :: self
+      integer :: i
+
+      do i = 1, size(self%weights)
+         associate (weights => self%weights(i))
+            self%shape(weights%rows, weights%column) = weights%values
+         end associate
+      end do
+   end subroutine law_derive_inherited
+
+   !> Whether a number is a weight of a coordinate.
+   pure logical function law_has_weight(self, number) result(has)
+      class(law_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      has = .false.
+      if (allocated(self%weights)) has = any(self%weights%key == number%key)
+   end function law_has_weight
+
    !> Coordinates that satisfy the constraint of the law: the motion moved onto a wall. Other laws leave it unchanged.
    pure subroutine law_correct(self, z, corrected)
       class(law_t), intent(in) :: self
@@ -317,17 +361,19 @@ contains
       class(law_t), intent(inout) :: self
       integer, intent(in) :: dofs(:)
 
+      if (allocated(self%weights)) deallocate (self%weights)
       self%dofs = dofs
       self%shape = self%shape_on_dofs(size(dofs))
    end subroutine place_on_dofs
 
    !> Adds a coordinate of the law, z = sum of weights times degrees of freedom; those of previous coordinates may occur
    !> again. With several columns of `positions` the law stands for as many laws, each at one of them.
-   pure subroutine add_coordinate(self, positions, weights)
+   pure subroutine add_coordinate(self, positions, weights, key)
       class(law_t), intent(inout) :: self
       integer, intent(in) :: positions(:, :)                          !! degrees of freedom, (any, n_places); n_places is at least
                                                                       !! that of the law
       real(wp), intent(in) :: weights(:)                              !! (any)
+      character(*), intent(in), optional :: key                       !! of the weights, if they are numbers of the law
       integer, allocatable :: all_positions(:, :), row(:)
       real(wp), allocatable :: shape(:, :)
       integer :: i, k, n, n_before, n_coordinates
@@ -364,5 +410,8 @@ contains
       call move_alloc(shape, self%shape)
       if (allocated(self%positions)) deallocate (self%positions)
       if (size(all_positions, 2) > 1) self%positions = all_positions(:n, :)
+      if (.not. present(key)) return
+      if (.not. allocated(self%weights)) allocate (self%weights(0))
+      self%weights = [self%weights, weights_t(key, weights, row, n_coordinates)]
    end subroutine add_coordinate
 end module hb_law
