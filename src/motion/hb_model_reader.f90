@@ -1,7 +1,7 @@
 !> Reads models from documents: the permitted groups, and the order in which their procedures read them. Numbers of the
 !> document that change are set in the model (hb_model_numbers).
 module hb_model_reader
-   use hb_bearing, only: read_bearing
+   use hb_bearing_reader, only: read_bearing
    use hb_document, only: document_t, parameter_t, tie_t
    use hb_error, only: annotate, error_t
    use hb_fe_model, only: fe_model_source_t

@@ -13,16 +13,14 @@
 module hb_beam
    use hb_error, only: error_t, fail
    use hb_kinds, only: pi, wp
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_structure, only: check_memory_of_structure, label_length, new_structure, structure_t, unit_length
    use hb_structure_builder, only: structure_builder_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: beam_t, modal_beam_t, new_beam, new_modal_beam, read_beam, read_modal_beam
+   public :: beam_t, modal_beam_t, new_beam, new_modal_beam
 
    type, extends(structure_builder_t), abstract :: any_beam_t
       real(wp) :: length = 0.0_wp                            !! [m]
@@ -66,22 +64,6 @@ contains
 
       is_affine = number%key /= "length"
    end function any_beam_is_affine_in
-
-   !> Reads the beam from the keys of its group `&structure`.
-   subroutine read_beam(self, group)
-      class(structure_builder_t), allocatable, intent(out) :: self
-      type(properties_t), intent(inout) :: group
-      type(beam_t) :: beam
-      character(:), allocatable :: left_support, right_support
-
-      call read_numbers(beam, group)
-      call group%get("n_elements", beam%n_elements)
-      call group%get("left_support", left_support)
-      call group%get("right_support", right_support)
-      beam%ends(1) = left_support
-      beam%ends(2) = right_support
-      allocate (self, source=beam)
-   end subroutine read_beam
 
    subroutine beam_build(self, structure, error, memory_limit)
       class(beam_t), intent(inout) :: self
@@ -184,17 +166,6 @@ contains
       m(:, 4) = [-13*l, -3*l**2, -22*l, 4*l**2]
       m = mass_per_length*l/420.0_wp*m
    end function hermite_mass
-
-   !> Reads the modal beam from the keys of its group `&structure`.
-   subroutine read_modal_beam(self, group)
-      class(structure_builder_t), allocatable, intent(out) :: self
-      type(properties_t), intent(inout) :: group
-      type(modal_beam_t) :: beam
-
-      call read_numbers(beam, group)
-      call group%get("n_modes", beam%n_modes)
-      allocate (self, source=beam)
-   end subroutine read_modal_beam
 
    subroutine modal_beam_build(self, structure, error, memory_limit)
       class(modal_beam_t), intent(inout) :: self

@@ -1,17 +1,13 @@
-!> `&bearing`: stiffness and damping of two directions, tabulated over the speed of a shaft.
+!> A bearing: stiffness and damping of two directions, tabulated over the speed of a shaft.
 module hb_bearing
-   use hb_error, only: error_t
    use hb_interpolation, only: is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: numbered_t, numbers_t
-   use hb_properties, only: properties_t
    use hb_sparse, only: sparse_from_entries, sparse_sum
    use hb_structure, only: structure_t
-   use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: bearing_t, read_bearing
+   public :: bearing_t
 
    integer, parameter :: row(4) = [1, 1, 2, 2], column(4) = [1, 2, 1, 2]   ! of the columns of a table: xx, xy, yx, yy
 
@@ -49,28 +45,7 @@ contains
                                  self%speed >= self%speeds(1) .and. self%speed <= self%speeds(size(self%speeds))
    end function bearing_has_valid_numbers
 
-   !> Reads a bearing; errors are reported as problems of its keys.
-   subroutine read_bearing(self, group, structure)
-      type(bearing_t), intent(out) :: self
-      type(properties_t), intent(inout) :: group                      !! &bearing
-      type(structure_t), intent(in) :: structure
-      character(:), allocatable :: label
-
-      if (group%given("label")) call group%get("label", label)        ! used by paths
-      call find_dofs(group, structure, self%dofs)
-      call read_numbers(self, group)
-      if (.not. allocated(self%speeds)) return
-      associate (speed => self%speed, speeds => self%speeds)
-         if (size(speeds) < 2 .or. .not. is_ascending(speeds)) then
-            call group%problem("speeds", "two or more are needed, each greater than the one before")
-         else if (.not. self%has_valid_numbers()) then
-            call group%problem("speed", to_text(speed)//" rad/s lies outside of the table, "//to_text(speeds(1))//" to "// &
-                               to_text(speeds(size(speeds))))
-         end if
-      end associate
-   end subroutine read_bearing
-
-   !> Whether the bearing was read without a problem.
+   !> Whether all numbers are there, and fit together.
    logical function bearing_is_complete(self) result(is_complete)
       class(bearing_t), intent(in) :: self
 
@@ -87,28 +62,6 @@ contains
       call add_at(structure, self%dofs, values_at(self%speeds, self%stiffness, self%speed), &
                   values_at(self%speeds, self%damping, self%speed))
    end subroutine bearing_add_to
-
-   !> Finds the two degrees of freedom; 0 on failure.
-   subroutine find_dofs(group, structure, dofs)
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      integer, intent(inout) :: dofs(2)
-      type(string_t), allocatable :: names(:)
-      type(error_t), allocatable :: error
-      integer :: i
-
-      call group%get("dofs", names, n=2)
-      if (.not. allocated(names)) return
-      if (size(names) /= 2) return
-      do i = 1, 2
-         call structure%find_dof(names(i)%value, dofs(i), error)
-         if (allocated(error)) call group%problem("dofs", error%message)
-      end do
-      if (dofs(1) == dofs(2) .and. dofs(1) > 0) then
-         call group%problem("dofs", "degree of freedom '"//names(1)%value//"' is named twice")
-         dofs = 0
-      end if
-   end subroutine find_dofs
 
    !> The four coefficients at a speed.
    function values_at(speeds, table, speed) result(values)

@@ -2,9 +2,7 @@
 module hb_chain
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
    use hb_structure, only: check_memory_of_structure, label_length, most_dense, new_structure, structure_t, unit_length
@@ -12,7 +10,7 @@ module hb_chain
    use hb_text, only: to_text
    implicit none
    private
-   public :: chain_t, new_chain, read_chain
+   public :: chain_t, n_springs, new_chain
 
    !> The chain as given: one value applies to all masses or springs.
    type, extends(structure_builder_t) :: chain_t
@@ -37,38 +35,6 @@ contains
       call numbers%add("ground_stiffness", self%ground_stiffness)
       call self%proportional%declare_numbers(numbers)
    end subroutine chain_declare_numbers
-
-   !> Reads the chain from the keys of its group `&structure`.
-   subroutine read_chain(self, group)
-      class(structure_builder_t), allocatable, intent(out) :: self
-      type(properties_t), intent(inout) :: group
-      type(chain_t) :: chain
-
-      call group%get("n_masses", chain%n_masses)
-      call group%get("ends", chain%ends)
-      call read_numbers(chain, group)
-      if (chain%n_masses > 0) then
-         call check_number(group, "mass", chain%mass, chain%n_masses)
-         call check_number(group, "coupling_stiffness", chain%coupling_stiffness, n_springs(chain%n_masses, chain%ends))
-         call check_number(group, "ground_stiffness", chain%ground_stiffness, chain%n_masses)
-      end if
-      allocate (self, source=chain)
-   end subroutine read_chain
-
-   !> Reports a number of values other than 1 or `n` as a problem of the key.
-   subroutine check_number(group, key, values, n)
-      type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: key
-      real(wp), allocatable, intent(in) :: values(:)
-      integer, intent(in) :: n
-      character(:), allocatable :: wanted
-
-      if (.not. allocated(values)) return                    ! already a problem of the group
-      if (any(size(values) == [1, n])) return
-      wanted = "1 value"
-      if (n /= 1) wanted = "1 or "//to_text(n)//" values"
-      call group%problem(key, "needs "//wanted//", there are "//to_text(size(values)))
-   end subroutine check_number
 
    subroutine chain_build(self, structure, error, memory_limit)
       class(chain_t), intent(inout) :: self

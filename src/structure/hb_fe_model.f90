@@ -6,18 +6,15 @@ module hb_fe_model
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_node_sets, only: named_vectors_t, node_sets_t
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_sparse, only: sparse_sum, sparse_t
    use hb_structure, only: check_memory_of_structure, max_sparse_dofs, new_structure, structure_t
    use hb_structure_builder, only: structure_builder_t
-   use hb_system, only: beside
    use hb_text, only: number_of, to_text
    implicit none
    private
-   public :: fe_model_source_t, fe_model_t, most_speeds, new_fe_model_structure, read_fe_model
+   public :: fe_model_builder_t, fe_model_source_t, fe_model_t, most_speeds, new_fe_model_structure
 
    integer, parameter :: most_speeds = 2                              !! shafts with speeds of their own
 
@@ -92,21 +89,6 @@ contains
 
       is_affine = index(number%key, "damping") == 1
    end function fe_model_builder_is_affine_in
-
-   !> Reads the model's keys from its group `&structure`.
-   subroutine read_fe_model(self, group, source)
-      class(structure_builder_t), allocatable, intent(out) :: self
-      type(properties_t), intent(inout) :: group
-      class(fe_model_source_t), intent(in), optional :: source
-      type(fe_model_builder_t) :: builder
-
-      allocate (builder%speeds(0))
-      call group%get("file", builder%name)
-      call read_numbers(builder, group)
-      if (allocated(builder%name)) builder%path = trim(beside(group%file_name, builder%name))
-      if (present(source)) allocate (builder%source, source=source)
-      allocate (self, source=builder)
-   end subroutine read_fe_model
 
    !> Fetches the model for the first structure, beside which it takes no memory; it is retained if there are more.
    subroutine fe_model_builder_build(self, structure, error, memory_limit)

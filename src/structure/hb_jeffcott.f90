@@ -11,16 +11,14 @@
 module hb_jeffcott
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_structure, only: label_length, new_structure, structure_t, unit_length
    use hb_structure_builder, only: structure_builder_t
    use hb_turning_frame, only: add_turned_pair, quarter_turn
    implicit none
    private
-   public :: jeffcott_t, new_jeffcott, read_jeffcott
+   public :: jeffcott_t, new_jeffcott
 
    !> Parameters of the rotor. Without a diametral inertia it has no tilt, without a ring mass no ring.
    type, extends(structure_builder_t) :: jeffcott_t
@@ -67,16 +65,6 @@ contains
       end if
       call self%proportional%declare_numbers(numbers)
    end subroutine jeffcott_declare_numbers
-
-   !> Reads the rotor from the keys of its group `&structure`.
-   subroutine read_jeffcott(self, group)
-      class(structure_builder_t), allocatable, intent(out) :: self
-      type(properties_t), intent(inout) :: group
-      type(jeffcott_t) :: rotor
-
-      call read_numbers(rotor, group)
-      allocate (self, source=rotor)
-   end subroutine read_jeffcott
 
    subroutine jeffcott_build(self, structure, error, memory_limit)
       class(jeffcott_t), intent(inout) :: self

@@ -2,17 +2,15 @@
 module hb_matrices
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
    use hb_structure, only: check_memory_of_structure, label_length, new_structure, structure_t
    use hb_structure_builder, only: structure_builder_t
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: matrices_t, read_matrices
+   public :: matrices_t, new_matrices, names_of_matrices
 
-   character(26), parameter :: keys(7) = [character(26) :: "mass", "damping", "gyroscopic", "stiffness", &
+   character(26), parameter :: names_of_matrices(7) = [character(26) :: "mass", "damping", "gyroscopic", "stiffness", &
       "gyroscopic_by_speed", "stiffness_by_speed", "stiffness_by_speed_squared"]
 
    !> Numbers of one matrix: row by row, or those of its diagonal.
@@ -22,7 +20,7 @@ module hb_matrices
 
    type, extends(structure_builder_t) :: matrices_t
       integer :: n_dofs = 0
-      type(values_t) :: of(size(keys))                       !! in the order of `keys`
+      type(values_t) :: of(size(names_of_matrices))                       !! in the order of their names
       real(wp) :: speed = 0.0_wp                             !! [rad/s], of the last three
       type(string_t), allocatable :: labels(:), units(:)     !! (n_dofs)
    contains
@@ -38,8 +36,8 @@ contains
       class(numbers_t), intent(inout) :: numbers
       integer :: i
 
-      do i = 1, size(keys)
-         call numbers%add(trim(keys(i)), self%of(i)%values)
+      do i = 1, size(names_of_matrices)
+         call numbers%add(trim(names_of_matrices(i)), self%of(i)%values)
       end do
       call numbers%add("speed", self%speed, required=has_speed(self))
       call self%proportional%declare_numbers(numbers)
@@ -51,7 +49,7 @@ contains
       integer :: i
 
       has_speed = .false.
-      do i = 5, size(keys)
+      do i = 5, size(names_of_matrices)
          if (allocated(self%of(i)%values)) has_speed = has_speed .or. any(abs(self%of(i)%values) > 0.0_wp)
       end do
    end function has_speed
@@ -63,32 +61,22 @@ contains
       is_affine = number%key /= "speed"
    end function matrices_is_affine_in
 
-   !> Reads the matrices from the keys of their group `&structure`.
-   !>
-   !> Each matrix is given row by row with n_dofs**2 numbers, or as the n_dofs numbers of its diagonal. Labels are x1,
-   !> x2, ... and units `m` by default.
-   subroutine read_matrices(self, group)
-      class(structure_builder_t), allocatable, intent(out) :: self
-      type(properties_t), intent(inout) :: group
-      type(matrices_t) :: given
+   !> Creates a structure without numbers: all are zero, labels are x1, x2, ... and units `m`.
+   subroutine new_matrices(self, n_dofs)
+      type(matrices_t), intent(out) :: self
+      integer, intent(in) :: n_dofs
       integer :: i
 
-      call group%get("n_dofs", given%n_dofs)
-      allocate (given%labels(max(given%n_dofs, 0)), given%units(max(given%n_dofs, 0)))
-      do i = 1, given%n_dofs
-         given%labels(i)%value = "x"//to_text(i)
+      self%n_dofs = n_dofs
+      allocate (self%labels(max(n_dofs, 0)), self%units(max(n_dofs, 0)))
+      do i = 1, n_dofs
+         self%labels(i)%value = "x"//to_text(i)
+         self%units(i)%value = "m"
       end do
-      do i = 1, size(keys)
-         allocate (given%of(i)%values(max(given%n_dofs, 0)), source=0.0_wp)
+      do i = 1, size(names_of_matrices)
+         allocate (self%of(i)%values(max(n_dofs, 0)), source=0.0_wp)
       end do
-      call read_numbers(given, group)
-      do i = 1, merge(size(keys), 0, given%n_dofs > 0)
-         call check_matrix(group, trim(keys(i)), given%of(i)%values, given%n_dofs)
-      end do
-      call group%get("labels", given%labels)
-      call group%get("units", given%units)
-      allocate (self, source=given)
-   end subroutine read_matrices
+   end subroutine new_matrices
 
    subroutine matrices_build(self, structure, error, memory_limit)
       class(matrices_t), intent(inout) :: self
@@ -122,19 +110,7 @@ contains
                    "dissipative terms belong to the damping matrix")
    end subroutine check_skew
 
-   !> Adds a problem unless the number of values is that of a full or a diagonal matrix.
-   subroutine check_matrix(group, key, values, n_dofs)
-      type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: key
-      real(wp), intent(in) :: values(:)
-      integer, intent(in) :: n_dofs
-
-      if (size(values) == n_dofs .or. size(values) == n_dofs**2) return
-      call group%problem(key, "needs "//to_text(n_dofs**2)//" values row by row, or "//to_text(n_dofs)// &
-                         " for a diagonal matrix; there are "//to_text(size(values)))
-   end subroutine check_matrix
-
-   !> Matrix `i` in the order of `keys`, from its rows or from its diagonal.
+   !> Matrix `i` in the order of their names, from its rows or from its diagonal.
    pure function matrix(self, i)
       class(matrices_t), intent(in) :: self
       integer, intent(in) :: i

@@ -7,16 +7,14 @@
 module hb_rotor_stator
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_structure, only: new_structure, structure_t
    use hb_structure_builder, only: structure_builder_t
    use hb_turning_frame, only: add_turned_pair
    implicit none
    private
-   public :: body_t, new_rotor_stator, read_rotor_stator, rotor_stator_t
+   public :: body_t, new_rotor_stator, rotor_stator_t
 
    !> One of the two bodies in its own frame.
    type :: body_t
@@ -59,18 +57,6 @@ contains
 
       is_affine = .not. any(number%key == [character(16) :: "speed", "disk_frequency", "casing_frequency"])
    end function rotor_stator_is_affine_in
-
-   !> Reads disk and casing from the keys of their group `&structure`.
-   subroutine read_rotor_stator(self, group)
-      class(structure_builder_t), allocatable, intent(out) :: self
-      type(properties_t), intent(inout) :: group
-      type(rotor_stator_t) :: bodies
-
-      call group%get("n_diameters", bodies%n_diameters)
-      call group%get("frame", bodies%frame)
-      call read_numbers(bodies, group)
-      allocate (self, source=bodies)
-   end subroutine read_rotor_stator
 
    subroutine rotor_stator_build(self, structure, error, memory_limit)
       class(rotor_stator_t), intent(inout) :: self

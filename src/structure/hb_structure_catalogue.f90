@@ -1,17 +1,20 @@
-!> The known builders of structures, one case each. Their names are the types of `&structure` in the table of input
-!> keys.
+!> Reads `&structure`: the known builders of structures, one case each. Their names are the types of the group in the
+!> table of input keys.
 module hb_structure_catalogue
-   use hb_beam, only: read_beam, read_modal_beam
-   use hb_chain, only: read_chain
+   use hb_beam, only: beam_t, modal_beam_t
+   use hb_chain, only: chain_t, n_springs
    use hb_error, only: annotate, error_t
-   use hb_fe_model, only: fe_model_source_t, read_fe_model
-   use hb_jeffcott, only: read_jeffcott
+   use hb_fe_model, only: fe_model_builder_t, fe_model_source_t
+   use hb_jeffcott, only: jeffcott_t
    use hb_kinds, only: wp
-   use hb_matrices, only: read_matrices
+   use hb_matrices, only: matrices_t, names_of_matrices, new_matrices
+   use hb_number_reader, only: read_numbers
    use hb_properties, only: properties_t
-   use hb_rotor_stator, only: read_rotor_stator
+   use hb_rotor_stator, only: rotor_stator_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
+   use hb_system, only: beside
+   use hb_text, only: to_text
    implicit none
    private
    public :: read_structure
@@ -57,4 +60,122 @@ contains
       call annotate(error, group%location())
       if (present(builder)) call move_alloc(new, builder)
    end subroutine read_structure
+
+   !> Reads a beam.
+   subroutine read_beam(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      type(beam_t) :: beam
+      character(:), allocatable :: left_support, right_support
+
+      call read_numbers(beam, group)
+      call group%get("n_elements", beam%n_elements)
+      call group%get("left_support", left_support)
+      call group%get("right_support", right_support)
+      beam%ends(1) = left_support
+      beam%ends(2) = right_support
+      allocate (self, source=beam)
+   end subroutine read_beam
+
+   !> Reads a beam by its modes.
+   subroutine read_modal_beam(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      type(modal_beam_t) :: beam
+
+      call read_numbers(beam, group)
+      call group%get("n_modes", beam%n_modes)
+      allocate (self, source=beam)
+   end subroutine read_modal_beam
+
+   !> Reads a chain.
+   subroutine read_chain(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      type(chain_t) :: chain
+
+      call group%get("n_masses", chain%n_masses)
+      call group%get("ends", chain%ends)
+      call read_numbers(chain, group)
+      if (chain%n_masses > 0) then
+         call check_number(group, "mass", chain%mass, chain%n_masses)
+         call check_number(group, "coupling_stiffness", chain%coupling_stiffness, n_springs(chain%n_masses, chain%ends))
+         call check_number(group, "ground_stiffness", chain%ground_stiffness, chain%n_masses)
+      end if
+      allocate (self, source=chain)
+   end subroutine read_chain
+
+   !> Reports a number of values other than 1 or `n` as a problem of the key.
+   subroutine check_number(group, key, values, n)
+      type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: key
+      real(wp), allocatable, intent(in) :: values(:)
+      integer, intent(in) :: n
+      character(:), allocatable :: wanted
+
+      if (.not. allocated(values)) return                             ! already a problem of the group
+      if (any(size(values) == [1, n])) return
+      wanted = "1 value"
+      if (n /= 1) wanted = "1 or "//to_text(n)//" values"
+      call group%problem(key, "needs "//wanted//", there are "//to_text(size(values)))
+   end subroutine check_number
+
+   !> Reads a rotor.
+   subroutine read_jeffcott(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      type(jeffcott_t) :: rotor
+
+      call read_numbers(rotor, group)
+      allocate (self, source=rotor)
+   end subroutine read_jeffcott
+
+   !> Reads disk and casing.
+   subroutine read_rotor_stator(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      type(rotor_stator_t) :: bodies
+
+      call group%get("n_diameters", bodies%n_diameters)
+      call group%get("frame", bodies%frame)
+      call read_numbers(bodies, group)
+      allocate (self, source=bodies)
+   end subroutine read_rotor_stator
+
+   !> Reads matrices, each row by row with n_dofs**2 numbers, or as the n_dofs numbers of its diagonal.
+   subroutine read_matrices(self, group)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      type(matrices_t) :: matrices
+      integer :: i, n_dofs
+
+      call group%get("n_dofs", n_dofs)
+      call new_matrices(matrices, n_dofs)
+      call read_numbers(matrices, group)
+      do i = 1, merge(size(names_of_matrices), 0, n_dofs > 0)
+         associate (name => trim(names_of_matrices(i)), n => size(matrices%of(i)%values))
+            if (all(n /= [n_dofs, n_dofs**2])) &
+               call group%problem(name, "needs "//to_text(n_dofs**2)//" values row by row, or "//to_text(n_dofs)// &
+                                  " for a diagonal matrix; there are "//to_text(n))
+         end associate
+      end do
+      call group%get("labels", matrices%labels)
+      call group%get("units", matrices%units)
+      allocate (self, source=matrices)
+   end subroutine read_matrices
+
+   !> Reads the name of a model and the numbers beside it.
+   subroutine read_fe_model(self, group, source)
+      class(structure_builder_t), allocatable, intent(out) :: self
+      type(properties_t), intent(inout) :: group
+      class(fe_model_source_t), intent(in), optional :: source
+      type(fe_model_builder_t) :: builder
+
+      allocate (builder%speeds(0))
+      call group%get("file", builder%name)
+      call read_numbers(builder, group)
+      if (allocated(builder%name)) builder%path = trim(beside(group%file_name, builder%name))
+      if (present(source)) allocate (builder%source, source=source)
+      allocate (self, source=builder)
+   end subroutine read_fe_model
 end module hb_structure_catalogue
