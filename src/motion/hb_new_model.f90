@@ -1,0 +1,120 @@
+!> Models from numbers: a structure, base frequencies, a set of harmonics and a grid of samples, to which laws and loads
+!> are added. Settings have their defaults.
+!>
+!>     call new_model(model, beam_t(length=1.0_wp, ...), [omega], harmonics, [64], error)
+!>     call add_law(model, rigid_wall_t(gap=1.0e-3_wp), ["v3"], error)
+!>     call add_load(model, "v3", [1], 100.0_wp, 0.0_wp, error)
+!>     call solve_motion(model, motion, error)
+!>
+!> An error is that of the last call; a model after an error must not be used.
+module hb_new_model
+   use hb_amplitudes, only: amplitudes_t
+   use hb_error, only: error_t, fail
+   use hb_floquet, only: floquet_t
+   use hb_harmonics, only: harmonics_t, tuple_text
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t, law_t, place_on_dofs
+   use hb_load, only: load_t
+   use hb_model, only: model_t
+   use hb_model_numbers, only: build_loads, build_starts
+   use hb_structure_builder, only: structure_builder_t
+   use hb_text, only: to_text
+   use hb_tones, only: new_tones
+   use hb_torus, only: new_torus
+   implicit none
+   private
+   public :: add_law, add_load, new_model
+
+contains
+
+   !> Creates a model without laws and loads.
+   subroutine new_model(self, builder, omega, harmonics, n_samples, error)
+      type(model_t), intent(out) :: self
+      class(structure_builder_t), intent(in) :: builder               !! of the structure
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      type(harmonics_t), intent(in) :: harmonics                      !! of as many tones
+      integer, intent(in) :: n_samples(:)                             !! per period, (n_tones)
+      type(error_t), allocatable, intent(out) :: error
+      type(amplitudes_t) :: loads, slopes
+      integer :: i
+
+      if (any([size(omega), size(n_samples)] /= harmonics%n_tones)) then
+         call fail(error, "the set of harmonics has "//to_text(harmonics%n_tones)//" tones, there are "//to_text(size(omega))// &
+                   " frequencies and "//to_text(size(n_samples))//" numbers of samples")
+         return
+      end if
+      allocate (self%builder, source=builder)
+      call self%builder%build(self%structure, error)
+      if (.not. allocated(error)) call new_tones(self%tones, omega, error)
+      if (.not. allocated(error)) call new_torus(self%torus, n_samples, harmonics, error)
+      if (allocated(error)) return
+      self%harmonics = harmonics
+      allocate (self%bearings(0), self%laws(0), self%law_groups(0), self%given_loads(0), self%given_starts(0), self%ties(0))
+      allocate (self%gradient%names(0), self%gradient%by(0), self%output%samples(0))
+      allocate (self%callbacks%stability_finder, source=floquet_t())
+      self%output%title = ""
+      self%output%dofs = [(i, i=1, self%structure%n_dofs)]
+      self%integration%record = ""
+      call build_loads(self, self%structure, loads, slopes, error)
+      self%loads = loads
+      self%load_slopes = slopes
+      call build_starts(self)
+   end subroutine new_model
+
+   !> Adds a law at one or several degrees of freedom, each a coordinate of its own. Fails for an unknown one, and for
+   !> numbers of the law that do not fit together.
+   subroutine add_law(self, law, dofs, error)
+      type(model_t), intent(inout) :: self
+      class(law_t), intent(in) :: law
+      character(*), intent(in) :: dofs(:)                             !! labels, or numbers as texts
+      type(error_t), allocatable, intent(out) :: error
+      type(law_box_t) :: box
+      integer :: i, places(size(dofs))
+
+      do i = 1, size(dofs)
+         call self%structure%find_dof(dofs(i), places(i), error)
+         if (allocated(error)) return
+      end do
+      allocate (box%law, source=law)
+      if (.not. allocated(box%law%label)) box%law%label = "law "//to_text(size(self%laws) + 1)
+      call place_on_dofs(box%law, places)
+      if (.not. box%law%has_valid_numbers()) then
+         call fail(error, "the numbers of '"//box%law%label//"' do not fit together")
+         return
+      end if
+      call box%law%derive()
+      self%law_groups = [self%law_groups, size(self%laws) + 1]
+      self%laws = [self%laws, box]
+   end subroutine add_law
+
+   !> Adds a force cos cos(j.tau) + sin sin(j.tau). Fails for an unknown degree of freedom, and for a tuple that the set of
+   !> harmonics does not have.
+   subroutine add_load(self, dof, tuple, cosine, sine, error)
+      type(model_t), intent(inout) :: self
+      character(*), intent(in) :: dof                                 !! label, or number as text
+      integer, intent(in) :: tuple(:)                                 !! j, (n_tones)
+      real(wp), intent(in) :: cosine, sine                            !! [N]
+      type(error_t), allocatable, intent(out) :: error
+      type(amplitudes_t) :: loads, slopes
+      type(load_t) :: load
+      integer :: place
+
+      call self%structure%find_dof(dof, place, error)
+      if (allocated(error)) return
+      if (size(tuple) /= self%harmonics%n_tones) then
+         call fail(error, "a tuple needs "//to_text(self%harmonics%n_tones)//" entries, one per tone")
+      else if (self%harmonics%index_of(tuple) == 0) then
+         call fail(error, "tuple "//tuple_text(tuple)//" is not in the set of harmonics")
+      end if
+      if (allocated(error)) return
+      load%tuple = tuple
+      load%dofs = [place]
+      load%weights = [1.0_wp]
+      load%cosine = cosine
+      load%sine = sine
+      self%given_loads = [self%given_loads, load]
+      call build_loads(self, self%structure, loads, slopes, error)
+      self%loads = loads
+      self%load_slopes = slopes
+   end subroutine add_load
+end module hb_new_model
