@@ -17,8 +17,8 @@ module hb_model_numbers
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: build_beside, build_loads, build_starts, find_model_number, follow_frequencies, movement_t, movement_with_tone, &
-      new_movement, set_model_numbers, set_movement, tied_tones, unknown_tone_of
+   public :: add_linear_numbers, build_beside, build_loads, build_starts, find_model_number, follow_frequencies, movement_t, &
+      movement_with_tone, new_movement, set_model_numbers, set_movement, tied_tones, unknown_tone_of
 
    !> The numbers that move with a value, and what they change.
    type :: movement_t
@@ -27,6 +27,7 @@ module hb_model_numbers
       logical :: structure = .false.                                  !! its matrices
       logical :: loads = .false.                                      !! at constant frequencies
       logical :: laws = .false.
+      logical :: coordinates = .false.                                !! of laws
       logical :: tones = .false.                                      !! given frequencies
       logical :: is_affine = .false.                                  !! structure and loads are affine functions, a + b p
       logical, private :: has_inertia_loads = .false.
@@ -92,6 +93,7 @@ contains
       type(movement_t), intent(out) :: self
       type(model_t), intent(in) :: model
       type(follower_t), intent(in) :: first(:)
+      integer :: i
 
       self%followers = first
       if (allocated(model%ties)) self%followers = followers_of(model%ties, first)
@@ -100,11 +102,25 @@ contains
          self%loads = any(numbers%object == has_number%load)
          if (self%structure .and. .not. self%loads) self%loads = any(model%given_loads%depends_on_structure())
          self%laws = any(numbers%object == has_number%law)
+         self%coordinates = any([(is_weight(model, numbers(i)), i=1, size(numbers))])
          self%tones = any(numbers%object == has_number%tones)
          self%has_inertia_loads = model%has_inertia_loads
          if (size(numbers) == 1) self%is_affine = is_affine_in(model, numbers(1))
       end associate
    end subroutine make_movement
+
+   !> Whether a number is the weight of a coordinate of laws.
+   pure logical function is_weight(model, number)
+      type(model_t), intent(in) :: model
+      type(model_number_t), intent(in) :: number
+      integer :: i
+
+      is_weight = .false.
+      if (number%object /= has_number%law) return
+      do i = 1, size(model%laws)
+         if (model%law_groups(i) == number%i) is_weight = is_weight .or. model%laws(i)%law%has_weight(number%number_t)
+      end do
+   end function is_weight
 
    !> Whether structure and loads are affine functions of a number, a + b p, where nothing else moves.
    logical function is_affine_in(model, number)
@@ -175,39 +191,54 @@ contains
       call set_model_numbers(model, movement%followers(which)%number, values(which), error, is_alike)
    end subroutine set_movement
 
-   !> Builds structure and loads at another value, which the model does not adopt. The structure is empty unless it moves.
-   subroutine build_beside(model, movement, value, structure, loads, error)
+   !> Builds structure and loads with other values of some numbers, which the model does not adopt. The structure is empty
+   !> if its matrices do not depend on them.
+   subroutine build_beside(model, numbers, values, structure, loads, error)
       type(model_t), intent(inout) :: model                           !! unchanged
-      type(movement_t), intent(in) :: movement
-      real(wp), intent(in) :: value
+      type(model_number_t), intent(in) :: numbers(:)                  !! of structures and loads
+      real(wp), intent(in) :: values(:)
       type(structure_t), intent(out) :: structure
       type(amplitudes_t), intent(out) :: loads
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: ignored
       type(amplitudes_t) :: slopes
-      integer, allocatable :: which(:)
-      real(wp), dimension(size(movement%followers)) :: before, values
+      real(wp) :: before(size(numbers))
       integer :: i
-      logical :: is_found
+      logical :: has_structure, is_found
 
-      values = values_at(movement%followers, value)
-      which = pack([(i, i=1, size(values))], is_of_structure(movement%followers%number) .or. &
-                   movement%followers%number%object == has_number%load)
-      do i = 1, size(which)
-         associate (number => movement%followers(which(i))%number)
-            call find_model_number(model, number, before(which(i)), is_found)
-            if (number%range_problem(values(which(i))) /= "") call fail(error, trim(number%range_problem(values(which(i)))))
-            if (allocated(error)) return
+      do i = 1, size(numbers)
+         call find_model_number(model, numbers(i), before(i), is_found)
+         if (numbers(i)%range_problem(values(i)) /= "") call fail(error, trim(numbers(i)%range_problem(values(i))))
+         if (allocated(error)) return
+      end do
+      has_structure = any(is_of_structure(numbers))
+      call store_numbers(model, numbers, values, error)
+      if (.not. allocated(error) .and. has_structure) call build_structure(model, structure, error)
+      if (.not. allocated(error)) then
+         if (has_structure) call build_loads(model, structure, loads, slopes, error)
+         if (.not. has_structure) call build_loads(model, model%structure, loads, slopes, error)
+      end if
+      call store_numbers(model, numbers, before, ignored)
+   end subroutine build_beside
+
+   !> The numbers of structures and loads among those of a movement, and their values.
+   subroutine add_linear_numbers(movement, value, numbers, values)
+      type(movement_t), intent(in) :: movement
+      real(wp), intent(in) :: value
+      type(model_number_t), allocatable, intent(inout) :: numbers(:)  !! any number before, added
+      real(wp), allocatable, intent(inout) :: values(:)
+      real(wp) :: all_values(size(movement%followers))
+      integer :: i
+
+      all_values = values_at(movement%followers, value)
+      do i = movement%first, size(movement%followers)
+         associate (number => movement%followers(i)%number)
+            if (.not. (is_of_structure(number) .or. number%object == has_number%load)) cycle
+            numbers = [numbers, number]
+            values = [values, all_values(i)]
          end associate
       end do
-      call store_numbers(model, movement%followers(which)%number, values(which), error)
-      if (.not. allocated(error) .and. movement%structure) call build_structure(model, structure, error)
-      if (.not. allocated(error)) then
-         if (movement%structure) call build_loads(model, structure, loads, slopes, error)
-         if (.not. movement%structure) call build_loads(model, model%structure, loads, slopes, error)
-      end if
-      call store_numbers(model, movement%followers(which)%number, before(which), ignored)
-   end subroutine build_beside
+   end subroutine add_linear_numbers
 
    !> Unknown tones whose frequencies numbers follow.
    function tied_tones(model) result(which)

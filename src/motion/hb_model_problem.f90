@@ -20,7 +20,7 @@ module hb_model_problem
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_model_number, only: has_number, model_number_t
-   use hb_model_numbers, only: build_beside, movement_t, movement_with_tone, new_movement, set_movement
+   use hb_model_numbers, only: add_linear_numbers, build_beside, movement_t, movement_with_tone, new_movement, set_movement
    use hb_structure, only: structure_t
    use hb_thresholds, only: difference_step
    implicit none
@@ -34,9 +34,9 @@ module hb_model_problem
       logical :: is_tied = .false.                                    !! of a tone: all others keep their ratios to it
    end type moving_value_t
 
-   !> The structure and its loads at a slightly larger or smaller value.
+   !> The structure and its loads beside a point.
    type :: side_t
-      real(wp) :: value = 0.0_wp
+      real(wp) :: position = 0.0_wp                                   !! relative to the point
       type(structure_t) :: structure
       type(amplitudes_t) :: loads                                     !! [N]
    end type side_t
@@ -77,6 +77,8 @@ module hb_model_problem
       procedure :: parameter_derivative => model_problem_parameter_derivative
       procedure :: choose_number => model_problem_choose_number
       procedure :: follows_tones => model_problem_follows_tones
+      procedure :: find_linear_slopes => model_problem_find_linear_slopes
+      procedure :: moves_coordinates => model_problem_moves_coordinates
       procedure :: renew => model_problem_renew
       procedure :: roughness => model_problem_roughness
    end type model_problem_t
@@ -526,48 +528,124 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(inout) :: derivative(:)
       type(error_t), allocatable :: error
-      type(side_t) :: sides(2)
+      type(amplitudes_t) :: load_slopes
+      type(model_number_t), allocatable :: numbers(:)
+      type(structure_t), allocatable :: structure_slope
+      real(wp), allocatable :: values(:)
       real(wp) :: part(size(x)), step
+      type(side_t) :: sides(2)
       integer :: i
-      logical :: is_possible(2)
 
       step = typical*merge(0.5_wp, difference_step, movement%is_affine)
       do i = 1, 2
-         sides(i)%value = value + (3 - 2*i)*step
-         call build_beside(self%model, movement, sides(i)%value, sides(i)%structure, sides(i)%loads, error)
-         is_possible(i) = .not. allocated(error)
+         numbers = [model_number_t ::]
+         values = [real(wp) ::]
+         call add_linear_numbers(movement, value + (3 - 2*i)*step, numbers, values)
+         call find_side(self, (3 - 2*i)*step, numbers, values, sides(i))
       end do
-      if (.not. any(is_possible)) return
-      do i = 1, 2                                                     ! at the end of the range of the value
-         if (.not. is_possible(i)) sides(i) = side_t(value, self%model%structure, self%model%loads)
-      end do
-      call self%reaction_derivative(x, reaction_slope(self, movement, sides, x), part, error)
+      call find_difference(self, sides, movement%structure, structure_slope, load_slopes)
+      call self%reaction_derivative(x, reaction_slope(self, structure_slope, load_slopes, x), part, error)
       if (.not. allocated(error)) derivative = derivative + part
    end subroutine add_derivative_of_structure
 
-   !> Derivative of the reaction at constant motion with respect to the value; zero if the structure is singular.
-   function reaction_slope(self, movement, sides, x) result(slope)
+   !> Structure and loads beside the present point; those at the point at the end of the range of a number.
+   subroutine find_side(self, position, numbers, values, side)
+      type(model_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: position
+      type(model_number_t), intent(in) :: numbers(:)
+      real(wp), intent(in) :: values(:)
+      type(side_t), intent(out) :: side
+      type(error_t), allocatable :: error
+
+      side%position = position
+      call build_beside(self%model, numbers, values, side%structure, side%loads, error)
+      if (allocated(error)) side = side_t(0.0_wp, self%model%structure, self%model%loads)
+   end subroutine find_side
+
+   !> The difference quotients of both sides; zero if neither is possible.
+   subroutine find_difference(self, sides, has_structure, structure, loads)
       type(model_problem_t), intent(in) :: self
-      type(movement_t), intent(in) :: movement
-      type(side_t), intent(in) :: sides(2)                            !! beside the value
+      type(side_t), intent(in) :: sides(2)
+      logical, intent(in) :: has_structure                            !! its matrices move
+      type(structure_t), allocatable, intent(out) :: structure        !! not allocated: zero
+      type(amplitudes_t), intent(out) :: loads
+      real(wp) :: once(self%harmonics%n_harmonics), weight
+
+      call new_amplitudes(loads, self%model%structure%n_dofs, self%harmonics%n_harmonics)
+      if (.not. abs(sides(1)%position - sides(2)%position) > 0.0_wp) return
+      weight = 1.0_wp/(sides(1)%position - sides(2)%position)
+      once = 1.0_wp
+      if (has_structure) structure = sides(1)%structure%change_from(sides(2)%structure, weight)
+      call loads%add_scaled(sides(1)%loads, weight*once)
+      call loads%add_scaled(sides(2)%loads, -weight*once)
+   end subroutine find_difference
+
+   !> Derivatives of structure and loads, at constant frequencies, along a direction of the parameters `which`.
+   subroutine model_problem_find_linear_slopes(self, direction, structure, loads)
+      class(model_problem_t), intent(inout) :: self                   !! unchanged
+      real(wp), intent(in) :: direction(:)                            !! as `which`
+      type(structure_t), allocatable, intent(out) :: structure        !! not allocated: zero
+      type(amplitudes_t), intent(out) :: loads
+      type(model_number_t), allocatable :: numbers(:)
+      type(side_t) :: sides(2)
+      real(wp), allocatable :: values(:)
+      real(wp) :: position
+      integer :: i, k
+      logical :: has_structure
+
+      has_structure = .false.
+      do i = 1, 2
+         position = (3 - 2*i)*difference_step
+         numbers = [model_number_t ::]
+         values = [real(wp) ::]
+         do k = 1, size(self%which)
+            if (self%which(k) == self%own .and. .not. self%moves_mode) then
+               call add_linear_numbers(self%movement, self%value + position*direction(k), numbers, values)
+               has_structure = has_structure .or. self%movement%structure
+            else if (self%which(k) <= size(self%with_tones)) then
+               associate (movement => self%with_tones(self%which(k)), omega => self%followed(self%which(k)))
+                  if (.not. movement%moves()) cycle
+                  call add_linear_numbers(movement, omega + position*direction(k), numbers, values)
+                  has_structure = has_structure .or. movement%structure
+               end associate
+            end if
+         end do
+         if (size(numbers) > 0) call find_side(self, position, numbers, values, sides(i))
+      end do
+      if (size(numbers) > 0) then
+         call find_difference(self, sides, has_structure, structure, loads)
+      else
+         call new_amplitudes(loads, self%model%structure%n_dofs, self%harmonics%n_harmonics)
+      end if
+   end subroutine model_problem_find_linear_slopes
+
+   !> Whether coordinates of laws move with the parameters.
+   pure logical function model_problem_moves_coordinates(self) result(moves)
+      class(model_problem_t), intent(in) :: self
+
+      moves = self%movement%coordinates .or. any(self%with_tones%coordinates)
+   end function model_problem_moves_coordinates
+
+   !> Derivative of the reaction at constant motion with respect to the value; zero if the structure is singular.
+   function reaction_slope(self, structure_slope, load_slopes, x) result(slope)
+      type(model_problem_t), intent(in) :: self
+      type(structure_t), allocatable, intent(in) :: structure_slope   !! not allocated: zero
+      type(amplitudes_t), intent(in) :: load_slopes
       real(wp), intent(in) :: x(:)
       real(wp) :: slope(size(x))
       type(dynamic_stiffness_t) :: stiffness
       type(error_t), allocatable :: error
       type(linear_part_t) :: linear
       type(wanted_slopes_t) :: wanted
-      real(wp) :: along(self%harmonics%n_coefficients, self%n_dofs), once(self%harmonics%n_harmonics), weight
+      real(wp) :: along(self%harmonics%n_coefficients, self%n_dofs), once(self%harmonics%n_harmonics)
 
       slope = 0.0_wp
       once = 1.0_wp
-      weight = 1.0_wp/(sides(1)%value - sides(2)%value)
       wanted%is_on = .true.
-      if (movement%structure) wanted%change = sides(1)%structure%change_from(sides(2)%structure, weight)
+      if (allocated(structure_slope)) wanted%change = structure_slope
       wanted%drives = self%drives()
       wanted%rates = 0.0_wp*self%frequencies
-      call new_amplitudes(wanted%loads, sides(1)%loads%n_dofs, sides(1)%loads%n_harmonics)
-      call wanted%loads%add_scaled(sides(1)%loads, weight*once)
-      call wanted%loads%add_scaled(sides(2)%loads, -weight*once)
+      wanted%loads = load_slopes
       call new_dynamic_stiffness(stiffness, self%model%structure, coordinates_of(self%model), self%frequencies, &
                                  self%model%loads, error, wanted)
       if (allocated(error)) return
