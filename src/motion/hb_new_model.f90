@@ -2,7 +2,7 @@
 !> are added. Settings have their defaults.
 !>
 !>     call new_model(model, beam_t(length=1.0_wp, ...), [omega], harmonics, [64], error)
-!>     call add_law(model, rigid_wall_t(gap=1.0e-3_wp), ["v3"], error)
+!>     call add_law(model, rigid_wall_t(gap=1.0e-3_wp, augmentation=1.0e5_wp), ["v3"], error)
 !>     call add_load(model, "v3", [1], 100.0_wp, 0.0_wp, error)
 !>     call solve_motion(model, motion, error)
 !>
@@ -13,7 +13,7 @@ module hb_new_model
    use hb_floquet, only: floquet_t
    use hb_harmonics, only: harmonics_t, tuple_text
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t, law_t, place_on_dofs
+   use hb_law, only: law_box_t, law_t, new_law
    use hb_load, only: load_t
    use hb_model, only: model_t
    use hb_model_numbers, only: build_loads, build_starts
@@ -61,8 +61,7 @@ contains
       call build_starts(self)
    end subroutine new_model
 
-   !> Adds a law at one or several degrees of freedom, each a coordinate of its own. Fails for an unknown one, and for
-   !> numbers of the law that do not fit together.
+   !> Adds a law at some degrees of freedom, as `new_law` does. Fails for an unknown one.
    subroutine add_law(self, law, dofs, error)
       type(model_t), intent(inout) :: self
       class(law_t), intent(in) :: law
@@ -75,14 +74,8 @@ contains
          call self%structure%find_dof(dofs(i), places(i), error)
          if (allocated(error)) return
       end do
-      allocate (box%law, source=law)
-      if (.not. allocated(box%law%label)) box%law%label = "law "//to_text(size(self%laws) + 1)
-      call place_on_dofs(box%law, places)
-      if (.not. box%law%has_valid_numbers()) then
-         call fail(error, "the numbers of '"//box%law%label//"' do not fit together")
-         return
-      end if
-      call box%law%derive()
+      call new_law(box, law, "law "//to_text(size(self%laws) + 1), places, error)
+      if (allocated(error)) return
       self%law_groups = [self%law_groups, size(self%laws) + 1]
       self%laws = [self%laws, box]
    end subroutine add_law
