@@ -31,8 +31,9 @@ contains
       end if
       part%kind = findloc(choices_of("dynamic_stiffness", "type") == type, .true., dim=1)   ! in the order of `kind_of_part`
       if (group%given("label")) call group%get("label", label)        ! used by paths
-      call get_names(group, "", .true., name, names, part%n_weights)
-      call get_names(group, "force_", .false., force_name, force_names, part%n_force_weights)
+      call read_names(group, name, names, force_name, force_names)
+      if (allocated(names)) part%n_weights = size(names)
+      if (allocated(force_names)) part%n_force_weights = size(force_names)
       call read_numbers(part, group)
       if (part%kind == kind_of_part%table) call check_table(part, group)
       allocate (part%feels(structure%n_dofs))
@@ -74,31 +75,31 @@ contains
       end associate
    end subroutine check_table
 
-   !> Reads a degree of freedom, or several that have weights.
-   subroutine get_names(group, prefix, is_required, name, names, n_weights)
+   !> Reads where the coordinate of the part is, and where its force acts: a degree of freedom, or several that have weights.
+   subroutine read_names(group, name, names, force_name, force_names)
       type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: prefix                              !! of the keys
-      logical, intent(in) :: is_required
-      character(:), allocatable, intent(out) :: name                  !! of a single one
-      type(string_t), allocatable, intent(out) :: names(:)            !! of several
-      integer, intent(out) :: n_weights
+      character(:), allocatable, intent(out) :: name, force_name
+      type(string_t), allocatable, intent(out) :: names(:), force_names(:)
 
-      n_weights = 0
-      if (group%given(prefix//"dofs")) then
-         call group%get(prefix//"dofs", names)
-         if (allocated(names)) n_weights = size(names)
-      else if (is_required .or. group%given(prefix//"dof")) then
-         call group%get(prefix//"dof", name, required=is_required)
+      if (group%given("dofs")) then
+         call group%get("dofs", names)
+      else
+         call group%get("dof", name, required=.true.)
       end if
-   end subroutine get_names
+      if (group%given("force_dofs")) then
+         call group%get("force_dofs", force_names)
+      else if (group%given("force_dof")) then
+         call group%get("force_dof", force_name)
+      end if
+   end subroutine read_names
 
    !> Finds one or several degrees of freedom; `dofs` is not allocated if they, or their weights, are incomplete.
    subroutine find_dofs(group, structure, prefix, name, names, weights, dofs)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      character(*), intent(in) :: prefix
-      character(:), allocatable, intent(in) :: name                   !! as of `get_names`
-      type(string_t), allocatable, intent(inout) :: names(:)          !! likewise
+      character(*), intent(in) :: prefix                              !! of the keys
+      character(:), allocatable, intent(in) :: name                   !! of a single one
+      type(string_t), allocatable, intent(inout) :: names(:)          !! of several, otherwise not allocated
       real(wp), allocatable, intent(inout) :: weights(:)
       integer, allocatable, intent(out) :: dofs(:)
       character(:), allocatable :: key

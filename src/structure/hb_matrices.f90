@@ -34,11 +34,14 @@ contains
    subroutine matrices_declare_numbers(self, numbers)
       class(matrices_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
-      integer :: i
 
-      do i = 1, size(names_of_matrices)
-         call numbers%add(trim(names_of_matrices(i)), self%of(i)%values)
-      end do
+      call numbers%add("mass", self%of(1)%values)
+      call numbers%add("damping", self%of(2)%values)
+      call numbers%add("gyroscopic", self%of(3)%values)
+      call numbers%add("stiffness", self%of(4)%values)
+      call numbers%add("gyroscopic_by_speed", self%of(5)%values)
+      call numbers%add("stiffness_by_speed", self%of(6)%values)
+      call numbers%add("stiffness_by_speed_squared", self%of(7)%values)
       call numbers%add("speed", self%speed, required=has_speed(self))
       call self%proportional%declare_numbers(numbers)
    end subroutine matrices_declare_numbers

@@ -25,29 +25,35 @@ SECTIONS_BY_FILE = {
     "hb_location_reader.f90": ["law"],
     "hb_coupled_terms_reader.f90": ["law polynomial_coupled"],
     "hb_proportional_damping.f90": ["structure"],
-    "hb_structure_catalogue.f90": ["structure"],
     "hb_sweep_plan.f90": ["sweep"],
     "hb_curve_plan.f90": ["curve"],
 }
 SECTIONS_BY_PROCEDURE = {
+    "any_beam_declare_numbers": ["structure beam", "structure modal_beam"],
+    "fe_model_builder_declare_numbers": ["structure model"],
+    "read_beam": ["structure beam"],
+    "read_chain": ["structure chain"],
     "read_fe_model": ["structure model"],
+    "read_matrices": ["structure matrices"],
     "read_modal_beam": ["structure modal_beam"],
+    "read_rotor_stator": ["structure rotor_stator"],
+    "load_declare_numbers": ["load", "start"],
     "read_amplitude": ["load", "start"],
     "read_ties": ["tie"],
     "read_user_law": ["law user"],
     "jenkins_declare_numbers": ["law jenkins", "law jenkins_2d"],
     "declare_contacts": ["law blade_contact", "law contact_table"],
-    "read_frequency_part": ["dynamic_stiffness"],  # and of its kinds, each in a case
-    "read_locations": ["dynamic_stiffness"],
-    "read_bearing": ["bearing"],
+    "frequency_part_declare_numbers": ["dynamic_stiffness"],  # and of its kinds, each in a case
+    "read_frequency_part": ["dynamic_stiffness"],
+    "read_names": ["dynamic_stiffness"],
+    "bearing_declare_numbers": ["bearing"],
     "find_dofs": ["bearing"],
-    "read_table": ["dynamic_stiffness table"],
 }
 
 CALL = re.compile(r"\bcall\s+(?:(?!file%)\w+%(?:get|choose)|numbers%add)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
 CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGNORECASE)
 LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
-CASE = re.compile(r"^\s*(?:case\s*\(\"(\w+)\"\)|end select)", re.IGNORECASE)
+CASE = re.compile(r"^\s*(?:case\s*\(kind_of_part%(\w+)\)|end select)", re.IGNORECASE)
 FURTHER = re.compile(r'"(\w+_)dofs"')  # a further coordinate of a law, which has weights too
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
 
@@ -87,7 +93,7 @@ def keys_of_program() -> dict[str, dict[str, str]]:
                 listed += [first + key for first in FURTHER.findall(line) for key in ("dofs", "weights")]
             for key in [key for _, key in CALL.findall(line)] + listed:
                 for section in sections_of(path, procedure):
-                    if procedure == "read_frequency_part" and kind:
+                    if procedure == "frequency_part_declare_numbers" and kind:
                         section = f"{section} {kind}"
                     keys.setdefault(section, {})[key.lower()] = f"{path.relative_to(ROOT)}:{number}"
     return keys
