@@ -18,8 +18,9 @@ module hb_curve_gradient
    use hb_level, only: carry, level_t
    use hb_model, only: model_t
    use hb_model_number, only: model_number_t
-   use hb_model_numbers, only: find_model_number, movement_t, new_movement, set_movement
+   use hb_model_numbers, only: find_model_number
    use hb_motion_result, only: gradient_t, motion_result_t
+   use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved
    use hb_stability, only: bifurcation
    use hb_thresholds, only: agreement, faint, minor, nearby_steps, sharp

@@ -18,9 +18,10 @@ module hb_gradient
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_model_number, only: model_number_t
-   use hb_model_numbers, only: find_model_number, movement_t, new_movement, set_movement
+   use hb_model_numbers, only: find_model_number
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
+   use hb_movement, only: movement_t, new_movement, set_movement
    use hb_normal_mode, only: amplitude_functionals
    use hb_outcome, only: is_solved, outcome
    use hb_phase, only: coefficient_functional, shift_functional

@@ -31,6 +31,7 @@ module hb_model_number
    contains
       procedure :: range_problem => model_number_range_problem
       procedure :: includes => model_number_includes
+      procedure :: is_of_structure => model_number_is_of_structure
    end type model_number_t
 
    !> A number that follows another one: offset + factor times the other.
@@ -67,6 +68,13 @@ contains
       end if
       if (text /= "") text = trim(self%name)//" = "//to_text(value)//" "//trim(text)
    end function model_number_range_problem
+
+   !> Whether the matrices of the structure depend on the number.
+   elemental logical function model_number_is_of_structure(self) result(is_of_structure)
+      class(model_number_t), intent(in) :: self
+
+      is_of_structure = any(self%object == [has_number%structure, has_number%bearing, has_number%dynamic_stiffness])
+   end function model_number_is_of_structure
 
    !> Whether another number is this one, or an element of this list; a list without an index is followed by its first
    !> element.

@@ -20,7 +20,8 @@ module hb_model_problem
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_model_number, only: has_number, model_number_t
-   use hb_model_numbers, only: add_linear_numbers, build_beside, movement_t, movement_with_tone, new_movement, set_movement
+   use hb_model_numbers, only: build_beside
+   use hb_movement, only: add_linear_numbers, movement_t, movement_with_tone, new_movement, set_movement
    use hb_structure, only: structure_t
    use hb_thresholds, only: difference_step
    implicit none
@@ -65,7 +66,7 @@ module hb_model_problem
       real(wp), private :: value = 0.0_wp                             ! the present one
       real(wp), private :: first_value = 0.0_wp                       ! that of the model of `new_model_problem`
       real(wp), allocatable :: omega_slopes(:)                        !! derivatives of base frequencies by the value, (n_tones)
-      real(wp), allocatable, private :: followed(:)                   ! frequencies that numbers follow at present [rad/s], (n_tones)
+      real(wp), allocatable, private :: followed(:)                   ! frequencies that numbers follow [rad/s], (n_tones)
       logical, private :: has_stiffness = .false.
       logical, private :: is_sound = .false.                          ! model and balance belong to the value
    contains

@@ -11,9 +11,9 @@ module hb_motion_ridge
    use hb_kinds, only: wp
    use hb_level, only: distance, level_of, level_t
    use hb_model, only: model_t
-   use hb_model_numbers, only: movement_t, new_movement, set_movement
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: outcome, reason
    use hb_text, only: to_text
    use hb_thresholds, only: next_to_none

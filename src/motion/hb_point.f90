@@ -12,9 +12,9 @@ module hb_point
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
-   use hb_model_numbers, only: follow_frequencies, tied_tones
    use hb_motion, only: forget_motion, solve_motion
    use hb_motion_result, only: effort_t, motion_result_t
+   use hb_movement, only: follow_frequencies, tied_tones
    use hb_outcome, only: outcome
    use hb_thresholds, only: nearby_steps, sharp, well_solved
    implicit none

@@ -6,9 +6,9 @@ module hb_curve_plan
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_model, only: model_t
-   use hb_model_numbers, only: movement_t, new_movement
    use hb_model_problem, only: moving_value_t
    use hb_model_reader, only: find_number, moving_groups
+   use hb_movement, only: movement_t, new_movement
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
    use hb_response, only: new_response

@@ -11,10 +11,10 @@ module hb_swept_curve
    use hb_kinds, only: wp
    use hb_level, only: estimate_of
    use hb_model, only: model_t
-   use hb_model_numbers, only: movement_t, new_movement, set_movement
    use hb_model_reader, only: update_model
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t

@@ -8,8 +8,8 @@ module hb_verify
    use hb_integration_verdict, only: verdict
    use hb_kinds, only: wp
    use hb_model, only: model_t
-   use hb_model_numbers, only: follow_frequencies
    use hb_model_reader, only: read_model
+   use hb_movement, only: follow_frequencies
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t, refuse_damaged_rows

@@ -16,9 +16,9 @@ module hb_impact_orbit
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
-   use hb_model_numbers, only: movement_t, new_movement, set_movement
    use hb_model_problem, only: moving_value_t, refusal_t
    use hb_motion_series, only: motion_series_t
+   use hb_movement, only: movement_t, new_movement, set_movement
    use hb_period_map, only: distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
    use hb_problem, only: problem_t
    use hb_stability, only: stability_t
