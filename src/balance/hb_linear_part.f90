@@ -31,6 +31,7 @@ module hb_linear_part
    contains
       procedure :: move => linear_part_move
       procedure :: take_loads => linear_part_take_loads
+      procedure :: change_loads => linear_part_change_loads
       procedure :: entry => linear_part_entry
       procedure :: support_in => linear_part_support_in
       procedure :: add_supports => linear_part_add_supports
@@ -104,6 +105,36 @@ contains
       call part%linear_amplitudes(c, is_singular)
       self%free_motion(:, positions) = c
    end subroutine linear_part_take_loads
+
+   !> Changes the loads of a linear part without slopes: condenses the harmonics whose loads differ, and the fastest one,
+   !> because rounding depends on its frequency. The numbers are those of a new linear part. Fails as
+   !> `new_dynamic_stiffness` does.
+   subroutine linear_part_change_loads(self, structure, frequencies, before, loads, error, n_condensed)
+      class(linear_part_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure                      !! of which it was made
+      real(wp), intent(in) :: frequencies(:)                          !! likewise
+      type(amplitudes_t), intent(in) :: before                        !! likewise
+      type(amplitudes_t), intent(in) :: loads                         !! [N]
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(out), optional :: n_condensed                   !! harmonics
+      type(dynamic_stiffness_t) :: part
+      integer, allocatable :: positions(:)
+      integer :: h
+      logical :: is_other(size(frequencies))
+
+      is_other = .false.
+      do h = 1, size(frequencies)
+         if (any(loads%harmonics == h) .or. any(before%harmonics == h)) is_other(h) = any(loads%of(h) /= before%of(h))
+      end do
+      if (present(n_condensed)) n_condensed = 0
+      if (.not. any(is_other)) return
+      is_other(maxloc(abs(frequencies), dim=1)) = .true.
+      allocate (positions, source=pack([(h, h=1, size(frequencies))], is_other))
+      if (present(n_condensed)) n_condensed = size(positions)
+      call new_dynamic_stiffness(part, structure, self%coordinates, frequencies(positions), loads%at(positions), error, &
+                                 wanted_slopes_t(of_interior=.false.))
+      if (.not. allocated(error)) call self%take_loads(part, positions)
+   end subroutine linear_part_change_loads
 
    !> Factorises S of harmonic h on its supports, unless it is factorised.
    subroutine linear_part_factorise(self, h)
@@ -342,10 +373,12 @@ contains
       logical, intent(in), optional :: of_interior                    !! the motion of all degrees of freedom is needed; default
                                                                       !! true
       type(wanted_slopes_t) :: wanted
+      integer :: n
 
       if (present(of_interior)) wanted%of_interior = of_interior
       if (has_same_stiffness(self, structure, coordinates, frequencies, wanted%of_interior)) then
-         call take_loads(self, structure, frequencies, loads, error)
+         call self%linear%change_loads(structure, frequencies, self%loads, loads, error, n)
+         self%n_condensed = self%n_condensed + n
          if (.not. allocated(error)) call move_alloc(self%linear, linear)
       else
          call move_alloc(self%linear, linear)
@@ -376,32 +409,6 @@ contains
       if (.not. allocated(linear)) allocate (linear)
       call new_linear_part(linear, stiffness)
    end subroutine make_linear
-
-   !> Condenses the harmonics whose loads have changed, and the fastest one, because rounding depends on its
-   !> frequency.
-   subroutine take_loads(self, structure, frequencies, loads, error)
-      type(cached_linear_part_t), intent(inout) :: self
-      type(structure_t), intent(in) :: structure
-      real(wp), intent(in) :: frequencies(:)
-      type(amplitudes_t), intent(in) :: loads
-      type(error_t), allocatable, intent(out) :: error
-      type(dynamic_stiffness_t) :: part
-      integer, allocatable :: positions(:)
-      integer :: h
-      logical :: is_other(size(frequencies))
-
-      is_other = .false.
-      do h = 1, size(frequencies)
-         if (any(loads%harmonics == h) .or. any(self%loads%harmonics == h)) is_other(h) = any(loads%of(h) /= self%loads%of(h))
-      end do
-      if (.not. any(is_other)) return
-      is_other(maxloc(abs(frequencies), dim=1)) = .true.
-      allocate (positions, source=pack([(h, h=1, size(frequencies))], is_other))
-      call new_dynamic_stiffness(part, structure, self%linear%coordinates, frequencies(positions), loads%at(positions), error, &
-                                 wanted_slopes_t(of_interior=.false.))
-      self%n_condensed = self%n_condensed + size(positions)
-      if (.not. allocated(error)) call self%linear%take_loads(part, positions)
-   end subroutine take_loads
 
    !> Returns a linear part to the cache.
    subroutine cached_linear_part_give_back(self, linear)

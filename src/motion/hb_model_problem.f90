@@ -226,7 +226,7 @@ contains
       type(error_t), allocatable :: error
 
       if (self%moves_frequency .or. self%moves_mode) return           ! the scales never change
-      if (self%movement%is_of_laws() .and. self%has_stiffness .and. self%is_sound .and. .not. self%follows_tones()) then
+      if (self%is_sound .and. .not. self%follows_tones() .and. (self%movement%is_of_laws() .or. moves_loads_alone(self))) then
          call replace_laws(self, error)
       else
          call rebuild(self, error)
@@ -308,10 +308,12 @@ contains
       real(wp), intent(in) :: value
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: laws_only                      !! only numbers of laws
+      type(amplitudes_t) :: loads
       logical :: is_alike, is_of_laws, is_possible
       integer :: i
 
       self%is_sound = .false.
+      loads = self%model%loads
       is_of_laws = movement%is_of_laws()
       if (present(laws_only)) is_of_laws = is_of_laws .or. laws_only
       call set_movement(self%model, movement, value, error, is_alike, laws_only)
@@ -322,10 +324,22 @@ contains
          call self%balance_t%set_parameters([(i, i=1, size(self%omega))], self%model%tones%omega, is_possible)
          if (.not. is_possible) call fail(error, "the structure has no condensed stiffness at these frequencies")
          self%is_sound = is_possible
+      else if (moves_loads_alone(self)) then
+         call self%stiffness%change_loads(self%model%structure, self%frequencies, loads, self%model%loads, error)
+         self%has_stiffness = .not. allocated(error)
+         if (self%has_stiffness) call replace_laws(self, error)
       else
          call rebuild(self, error)
       end if
    end subroutine put
+
+   !> Whether the value moves loads alone, on a stiffness that can take others.
+   pure logical function moves_loads_alone(self)
+      type(model_problem_t), intent(in) :: self
+
+      moves_loads_alone = self%movement%is_of_loads() .and. self%has_stiffness
+      if (moves_loads_alone) moves_loads_alone = .not. self%stiffness%has_slopes()
+   end function moves_loads_alone
 
    !> Sets model and balance to the frequencies that numbers follow.
    subroutine follow_tones(self, omega, error)
@@ -642,8 +656,12 @@ contains
 
       slope = 0.0_wp
       once = 1.0_wp
+      if (.not. allocated(structure_slope)) then
+         slope = slope_of_loads(self, load_slopes)
+         return
+      end if
       wanted%is_on = .true.
-      if (allocated(structure_slope)) wanted%change = structure_slope
+      wanted%change = structure_slope
       wanted%drives = self%drives()
       wanted%rates = 0.0_wp*self%frequencies
       wanted%loads = load_slopes
@@ -654,6 +672,28 @@ contains
       call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)
       slope = [along]
    end function reaction_slope
+
+   !> The part of loads in it: the condensed derivatives of the loads, of the harmonics that have any.
+   function slope_of_loads(self, load_slopes) result(slope)
+      type(model_problem_t), intent(in) :: self
+      type(amplitudes_t), intent(in) :: load_slopes
+      real(wp) :: slope(self%n_unknowns)
+      type(dynamic_stiffness_t) :: stiffness
+      type(error_t), allocatable :: error
+      type(wanted_slopes_t) :: wanted
+      complex(wp) :: along(self%n_dofs, self%harmonics%n_harmonics)
+
+      along = (0.0_wp, 0.0_wp)
+      associate (positions => load_slopes%harmonics)
+         wanted%of_interior = .false.
+         wanted%drives = self%drives()
+         wanted%drives = wanted%drives(positions)
+         call new_dynamic_stiffness(stiffness, self%model%structure, self%stiffness%coordinates, self%frequencies(positions), &
+                                    load_slopes%at(positions), error, wanted)
+         if (.not. allocated(error)) along(:, positions) = stiffness%load
+      end associate
+      slope = [self%harmonics%coefficients(along)]
+   end function slope_of_loads
 
    subroutine model_problem_update_regular_preconditioner(self, which, level, is_strongest)
       class(model_problem_t), intent(inout) :: self

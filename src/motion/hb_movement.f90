@@ -25,6 +25,7 @@ module hb_movement
    contains
       procedure :: moves => movement_moves
       procedure :: is_of_laws => movement_is_of_laws
+      procedure :: is_of_loads => movement_is_of_loads
       procedure :: needs_balance => movement_needs_balance
       procedure :: omega_slopes => movement_omega_slopes
    end type movement_t
@@ -136,6 +137,13 @@ contains
 
       is_of_laws = self%laws .and. .not. (self%structure .or. self%loads .or. self%tones)
    end function movement_is_of_laws
+
+   !> Whether loads alone change.
+   pure logical function movement_is_of_loads(self) result(is_of_loads)
+      class(movement_t), intent(in) :: self
+
+      is_of_loads = self%loads .and. .not. (self%structure .or. self%laws .or. self%tones)
+   end function movement_is_of_loads
 
    !> Whether a balance that can move to other frequencies has to be created again.
    pure logical function movement_needs_balance(self) result(needs)
