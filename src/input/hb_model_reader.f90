@@ -108,7 +108,7 @@ contains
       if (.not. is_done .or. size(changes) == 0) return
       allocate (numbers(size(changes)), values(size(changes)))
       do i = 1, size(changes)
-         call find_number(document, changes(i), numbers(i))
+         call locate_number(document, changes(i), numbers(i))
          is_done = numbers(i)%object /= has_number%none
          if (is_done .and. self%normal_mode%has_energy) is_done = numbers(i)%object == has_number%normal_mode   ! check_energy
          if (is_done) call document%number_at(changes(i), values(i), is_done)
@@ -130,28 +130,39 @@ contains
       type(document_t), intent(in) :: document
       type(parameter_t), intent(in) :: parameter
       type(model_number_t), intent(out) :: number
-      logical :: is_number
 
+      call locate_number(document, parameter, number)
       associate (group => document%groups%holders(parameter%i_group)%group)
-         call group%find_limits(trim(parameter%key), parameter%element, is_number, number%minimum, number%maximum, number%above)
-         if (is_number) number%object = findloc(groups_of_numbers == group%name, .true., dim=1)
-         number%i = group%number
          number%name = group%name
          if (group%is_repeated) number%name = trim(number%name)//"("//to_text(group%number)//")"
          number%name = trim(number%name)//"%"//trim(parameter%key)
       end associate
-      if (number%object == has_number%tones) then                      ! only an unknown tone may have the frequency 0
-         number%minimum = -huge(1.0_wp)
-         number%above = 0.0_wp
-      end if
-      number%key = parameter%key
-      number%element = parameter%element
       if (all(parameter%element > 0)) then
          number%name = trim(number%name)//"("//to_text(parameter%element(1))//", "//to_text(parameter%element(2))//")"
       else if (parameter%element(1) > 0) then
          number%name = trim(number%name)//"("//to_text(parameter%element(1))//")"
       end if
    end subroutine find_number
+
+   !> The same without its name, for every point of a sweep.
+   subroutine locate_number(document, parameter, number)
+      type(document_t), intent(in) :: document
+      type(parameter_t), intent(in) :: parameter
+      type(model_number_t), intent(out) :: number
+      logical :: is_number
+
+      associate (group => document%groups%holders(parameter%i_group)%group)
+         call group%find_limits(trim(parameter%key), parameter%element, is_number, number%minimum, number%maximum, number%above)
+         if (is_number) number%object = findloc(groups_of_numbers == group%name, .true., dim=1)
+         number%i = group%number
+      end associate
+      if (number%object == has_number%tones) then                     ! only an unknown tone may have the frequency 0
+         number%minimum = -huge(1.0_wp)
+         number%above = 0.0_wp
+      end if
+      number%key = parameter%key
+      number%element = parameter%element
+   end subroutine locate_number
 
    !> Tuples of loads, first guesses and outputs with a requested accuracy, (n_tones, any).
    function wanted_tuples(self, document) result(tuples)
