@@ -232,7 +232,7 @@ contains
       integer, allocatable :: tones(:)
       integer :: i
 
-      tones = tied_tones(model)
+      allocate (tones, source=tied_tones(model))
       do i = 1, size(tones)
          call set_movement(model, movement_with_tone(model, tones(i)), omega(tones(i)), error)
          if (allocated(error)) return
