@@ -338,7 +338,7 @@ contains
       type(model_problem_t), intent(in) :: self
 
       moves_loads_alone = self%movement%is_of_loads() .and. self%has_stiffness
-      if (moves_loads_alone) moves_loads_alone = .not. self%stiffness%has_slopes()
+      if (moves_loads_alone) moves_loads_alone = .not. allocated(self%stiffness%condensed_slope)
    end function moves_loads_alone
 
    !> Sets model and balance to the frequencies that numbers follow.

@@ -64,7 +64,6 @@ module hb_dynamic_stiffness
       procedure :: recover_slope => dynamic_stiffness_recover_slope
       procedure :: map_to_laws => dynamic_stiffness_map_to_laws
       procedure :: has_interior => dynamic_stiffness_has_interior
-      procedure :: has_slopes => dynamic_stiffness_has_slopes
    end type dynamic_stiffness_t
 
    interface new_dynamic_stiffness
@@ -277,13 +276,6 @@ contains
 
       has_interior = allocated(self%transfer)
    end function dynamic_stiffness_has_interior
-
-   !> Whether it was created with slopes.
-   pure logical function dynamic_stiffness_has_slopes(self) result(has_slopes)
-      class(dynamic_stiffness_t), intent(in) :: self
-
-      has_slopes = allocated(self%condensed_slope)
-   end function dynamic_stiffness_has_slopes
 
    !> Derivative of the motion of all degrees of freedom with respect to the frequency of each harmonic, and to its
    !> drive, at constant motion of the laws, dy - dT x_l; only for a stiffness with motion slopes.
