@@ -1,5 +1,5 @@
-# nhbm::core alone as a shared library: it needs nothing of MPI, HDF5 and SUNDIALS, handles no signals, ends no process and prints
-# nothing. Takes a minute.
+# nhbm::core alone as a shared library: it needs LAPACK, FFTW and SuiteSparse and nothing of MPI, HDF5 and SUNDIALS, has no module of
+# the input language or of a layer above it, handles no signals, ends no process and prints nothing. Takes a minute.
 set(build ${FOLDER}/build)
 file(REMOVE_RECURSE ${FOLDER})
 execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT} -B ${build} -DHB_CORE_ONLY=ON -DBUILD_SHARED_LIBS=ON -DCMAKE_BUILD_TYPE=None
@@ -14,6 +14,17 @@ set(forbidden "MPI_[a-z]|mpi_|H5[A-Z]|CVode|SUN[A-Z]|sigaction|signal|setitimer|
 string(REGEX MATCHALL " U (${forbidden})[^\n@]*" found "${symbols}")
 if(found)
    message(FATAL_ERROR "nhbm::core uses ${found}")
+endif()
+file(GLOB_RECURSE installed RELATIVE ${FOLDER}/installed ${FOLDER}/installed/*.mod)
+file(GLOB above ${ROOT}/src/timedomain/*.f90 ${ROOT}/src/input/*.f90 ${ROOT}/src/files/*.f90 ${ROOT}/src/study/*.f90 ${ROOT}/src/api/*.f90)
+foreach(source IN LISTS above)
+   cmake_path(GET source STEM module)
+   if(installed MATCHES "/${module}\\.mod")
+      message(FATAL_ERROR "nhbm::core has the module ${module}")
+   endif()
+endforeach()
+if(NOT installed MATCHES "/hb_new_model\\.mod")
+   message(FATAL_ERROR "nhbm::core lacks hb_new_model; it has ${installed}")
 endif()
 set(example ${FOLDER}/example)
 execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT}/examples/wall -B ${example} -DCMAKE_PREFIX_PATH=${FOLDER}/installed OUTPUT_QUIET
