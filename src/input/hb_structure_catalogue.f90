@@ -153,10 +153,10 @@ contains
       call new_matrices(matrices, n_dofs)
       call read_numbers(matrices, group)
       do i = 1, merge(size(names_of_matrices), 0, n_dofs > 0)
-         associate (name => trim(names_of_matrices(i)), n => size(matrices%of(i)%values))
+         associate (n => size(matrices%of(i)%values))
             if (all(n /= [n_dofs, n_dofs**2])) &
-               call group%problem(name, "needs "//to_text(n_dofs**2)//" values row by row, or "//to_text(n_dofs)// &
-                                  " for a diagonal matrix; there are "//to_text(n))
+               call group%problem(trim(names_of_matrices(i)), "needs "//to_text(n_dofs**2)//" values row by row, or "// &
+                                  to_text(n_dofs)//" for a diagonal matrix; there are "//to_text(n))
          end associate
       end do
       call group%get("labels", matrices%labels)
