@@ -4,14 +4,14 @@
 module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
-   use hb_attempts, only: attempt_rules
+   use hb_attempts, only: attempt_rules, attempts_text
    use hb_document, only: document_t
    use hb_kinds, only: wp
    use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text
    use hb_properties, only: properties_t
-   use hb_results_record, only: messages_of, numbers_of, record_t
-   use hb_solver_types, only: fallback_texts
+   use hb_results_record, only: attempts_of, messages_of, numbers_of, record_t
+   use hb_solver_types, only: attempt_t, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
    use hb_thresholds, only: well_solved
@@ -192,6 +192,7 @@ contains
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
       character(:), allocatable :: text, advice, command
+      type(attempt_t), allocatable :: attempts(:)
       integer :: n
 
       text = "Point "//name_of(kind%first, plan)//others_of(kind)//": "//outcome_text(kind%status)//"."
@@ -199,11 +200,13 @@ contains
          if (kind%status == outcome%pending) text = text//" "//remedy_of(kind%status)
          return
       end if
-      text = text//attempts_text(kind, record)//nearness_text(kind%first, record, document)
+      text = text//tried_text(kind, record)//nearness_text(kind%first, record, document)
       n = index(kind%message, separator)
       advice = kind%message
       if (n > 0) advice = kind%message(:n - 1)
       if (len_trim(advice) > 0) text = text//new_line("a")//"Message: "//trim(advice)
+      call attempts_of(names%result, kind%first, attempts)
+      if (size(attempts) > 0) text = text//new_line("a")//"Attempts: "//attempts_text(attempts)
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
       text = text//new_line("a")//"What to do: "//remedy_of(kind%status)
       command = command_to_try(kind, names, plan, document)
@@ -229,7 +232,7 @@ contains
    end function others_of
 
    !> Text on what was tried: the attempts that the message lists, or the one that succeeded.
-   function attempts_text(kind, record) result(text)
+   function tried_text(kind, record) result(text)
       type(failure_kind_t), intent(in) :: kind
       type(record_t), intent(in) :: record
       character(:), allocatable :: text, ending, name
@@ -261,7 +264,7 @@ contains
          text = text//name//" (residual "//words(2)%value//", "//ending//")"
       end do
       text = text//"."
-   end function attempts_text
+   end function tried_text
 
    !> Text on how close the point has come, compared with the limits.
    function nearness_text(point, record, document) result(text)

@@ -9,6 +9,7 @@
 !> returns what it has; the procedure that entered the token discards that. A token entered within another also ends with it.
 module hb_cancellation
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_loc, c_null_ptr, c_ptr
+   use hb_budget, only: budget_t
    use hb_kinds, only: wp
    implicit none
    private
@@ -28,8 +29,7 @@ module hb_cancellation
 
    type :: cancellation_t
       integer :: verdict = verdict%go_on
-      real(wp) :: work = 0.0_wp                                       !! charged so far, see hb_solver_types%unit_of_work
-      real(wp), private :: work_limit = huge(1.0_wp)
+      type(budget_t) :: budget                                        !! of the work that is charged, see hb_solver_types
       real(wp), private :: cpu_end = huge(1.0_wp)                     ! processor time at which the point has to end [s]
       integer, private :: n_entered = 0
       type(slot_t), private :: slot                                   ! the pointer of the thread
@@ -67,9 +67,8 @@ contains
       real(wp) :: now
 
       if (self%verdict /= verdict%interrupted) self%verdict = verdict%go_on
-      self%work = 0.0_wp
-      self%work_limit = huge(1.0_wp)
-      if (present(work_limit)) self%work_limit = work_limit
+      self%budget = budget_t()
+      if (present(work_limit)) self%budget%limit = work_limit
       self%cpu_end = huge(1.0_wp)
       if (time_limit >= huge(1.0_wp)) return
       call cpu_time(now)
@@ -108,7 +107,7 @@ contains
       real(wp), intent(in) :: work
       type(slot_t), pointer :: outer
 
-      self%work = self%work + work
+      call self%budget%spend(work)
       if (.not. c_associated(self%outer)) return
       call c_f_pointer(self%outer, outer)
       call outer%cancellation%charge(work)
@@ -131,7 +130,7 @@ contains
          call cpu_time(now)
          if (now >= self%cpu_end) self%verdict = verdict%timed_out
       end if
-      if (self%verdict == verdict%go_on .and. self%work > self%work_limit) self%verdict = verdict%out_of_work
+      if (self%verdict == verdict%go_on .and. self%budget%is_exhausted()) self%verdict = verdict%out_of_work
       is_over = self%verdict /= verdict%go_on
    end function cancellation_is_over
 

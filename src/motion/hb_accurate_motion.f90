@@ -8,6 +8,7 @@
 !> Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter
 !> 5.
 module hb_accurate_motion
+   use hb_attempts, only: attempts_t, make_attempts
    use hb_cancellation, only: cancellation_t, note_level, verdict, work_is_over
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
@@ -22,6 +23,7 @@ module hb_accurate_motion
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_outcome, only: is_answer => is_solved, outcome, reason
    use hb_refinement, only: refinable_t, refine
+   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, stage, starting_point, technique
    use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
    use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: primary_method
@@ -36,8 +38,7 @@ module hb_accurate_motion
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
-   real(wp), parameter :: work_of_verdict = 4.0_wp ! limit beyond which no level is begun, relative to the work so far
-   real(wp), parameter :: least_work_of_verdict = 5.0e7_wp
+   real(wp), parameter :: least_work_of_verdict = 5.0e7_wp            ! limit beyond which no level is begun, at least
    integer, parameter :: patience = 3                                 ! steps without improvement from the level below
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
 
@@ -72,6 +73,16 @@ module hb_accurate_motion
       procedure :: is_over => refined_motion_is_over
    end type refined_motion_t
 
+   !> The attempts to find a motion to the tolerance.
+   type, extends(attempts_t) :: point_attempts_t
+      type(refined_motion_t) :: motion
+      logical :: is_finer = .false.                                   ! to a part of the tolerance, for a verdict on stability
+   contains
+      procedure :: applies => point_attempts_applies
+      procedure :: make => point_attempts_make
+      procedure :: is_over => point_attempts_is_over
+   end type point_attempts_t
+
 contains
 
    !> Solves a model to the tolerance that it requests. The result has its own set, and status `converged` if the
@@ -84,21 +95,122 @@ contains
       type(level_t), intent(out) :: top                               !! the last level; without unknowns if none is solved
       type(level_t), intent(in), optional :: start                    !! of a neighbour
       type(cancellation_t), target :: cancellation
-      type(refined_motion_t) :: motion
-      integer :: i
+      type(point_attempts_t) :: attempts
 
       call cancellation%enter(model%solver%time_limit)
-      if (present(start)) motion%start = start
-      call solve_by_levels(motion, model)
-      do i = 1, merge(most_refinements, 0, model%accuracy%grows_set .and. .not. allocated(motion%error))
-         if (work_is_over() .or. .not. is_denied(model, motion%result)) exit
-         call refine_for_verdict(model, 10.0_wp**(-i), motion)
-      end do
-      result = motion%result
-      top = motion%top
-      if (allocated(motion%error)) call move_alloc(motion%error, error)
+      if (present(start)) attempts%motion%start = start
+      call solve_by_levels(attempts, model)
+      result = attempts%motion%result
+      call move_alloc(attempts%made, result%attempts)
+      top = attempts%motion%top
+      if (allocated(attempts%motion%error)) call move_alloc(attempts%motion%error, error)
       call cancellation%leave()
    end subroutine solve_to_tolerance
+
+   !> Makes the attempts of a point.
+   recursive subroutine solve_by_levels(self, model)
+      type(point_attempts_t), intent(inout) :: self
+      type(model_t), intent(in), target :: model
+
+      self%motion%model => model
+      self%motion%most_idle = most_idle
+      self%motion%most_failures = most_failures
+      call self%motion%solver%prepare(model)
+      call make_attempts(self, stage%point)
+   end subroutine solve_by_levels
+
+   !> Whether an attempt can be made.
+   logical function point_attempts_applies(self, rule) result(applies)
+      class(point_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+
+      associate (model => self%motion%model, motion => self%motion)
+         if (rule%technique == technique%integration) then
+            applies = model%has_time_domain() .and. integration_applies(self, rule)
+            return
+         end if
+         select case (rule%discretisation)
+         case (discretisation%neighbour)
+            applies = allocated(motion%start%unknowns)
+         case (discretisation%given)
+            applies = .not. allocated(motion%top%unknowns)
+         case (discretisation%larger, discretisation%smaller)
+            applies = model%accuracy%grows_set .and. size(model%laws) > 0 .and. .not. allocated(motion%top%unknowns) .and. &
+               .not. any(motion%result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])
+            if (rule%discretisation == discretisation%larger) applies = applies .and. &
+               .not. (motion%solver%is_out_of_work .or. motion%solver%work > model%accuracy%max_work)
+         case (discretisation%refined)
+            applies = allocated(motion%top%unknowns)
+         case (discretisation%finer)
+            applies = .not. self%is_finer .and. model%accuracy%grows_set .and. .not. work_is_over() .and. &
+                      is_denied(model, motion%result)
+         case default
+            applies = .false.
+         end select
+      end associate
+   end function point_attempts_applies
+
+   !> Whether a time integration is due: before any balance if it is requested or cheaper; from rest if no balance was found, or
+   !> an integrated motion on the first set, whose averages do not determine its harmonics beyond that set; from the balance if
+   !> that is not accurate enough, or if walls with a given restitution are struck.
+   logical function integration_applies(self, rule) result(applies)
+      class(point_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+
+      associate (model => self%motion%model, result => self%motion%result)
+         if (rule%start == starting_point%motion) then
+            applies = allocated(self%motion%top%unknowns) .and. (model%lacks_impacts_of(result%status) .or. &
+                                                                 (result%status == outcome%truncated .and. &
+                                                                  result%stability%growth <= 1.0_wp))
+         else if (result%status == outcome%pending) then
+            applies = .not. allocated(self%motion%start%unknowns)
+            if (applies) applies = integrates_first(model)
+         else
+            applies = .not. allocated(self%motion%top%unknowns) .and. (is_integrated(result%status) .or. &
+               is_lost(result%status) .and. model%solver%fallback .and. model%solver%fallback_by_integration)
+         end if
+      end associate
+   end function integration_applies
+
+   !> Makes one attempt.
+   recursive subroutine point_attempts_make(self, rule, attempt, within)
+      class(point_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(attempt_t), intent(inout) :: attempt
+      type(attempt_t), allocatable, intent(out) :: within(:)
+
+      associate (motion => self%motion)
+         if (rule%technique == technique%integration) then
+            if (rule%start == starting_point%motion) then
+               call integrate_from_balance(motion%model, motion%result, motion%top)
+            else if (motion%result%status == outcome%pending) then
+               call integrate_before(motion, attempt%has_succeeded)
+            else
+               call integrate_after(motion%model, motion%result, attempt%has_succeeded)
+            end if
+         else
+            select case (rule%discretisation)
+            case (discretisation%refined)
+               call refine_motion(self)
+               attempt%has_succeeded = motion%result%status == outcome%converged
+            case (discretisation%finer)
+               call refine_for_verdict(self, rule%share)
+            case default
+               call find_first(motion, rule, within)
+               attempt%has_succeeded = allocated(motion%top%unknowns)
+            end select
+         end if
+         attempt%status = merge(outcome%failed, motion%result%status, allocated(motion%error) .or. &
+                                motion%result%status == outcome%pending)
+      end associate
+   end subroutine point_attempts_make
+
+   logical function point_attempts_is_over(self) result(is_over)
+      class(point_attempts_t), intent(inout) :: self
+
+      is_over = allocated(self%motion%error) .or. self%motion%result%status == outcome%interrupted .or. &
+                (has_ended(self%motion%result) .and. .not. allocated(self%motion%top%unknowns))
+   end function point_attempts_is_over
 
    !> Whether the errors of the motion leave its stability open: they move its largest multiplier as far as the unit
    !> circle or, with several tones and laws with kinks, its largest exponent to zero, or there is no periodic motion
@@ -124,81 +236,101 @@ contains
       end associate
    end function is_denied
 
-   !> Refines to a part of the tolerance for a verdict on stability, within `work_of_verdict`; without a verdict the
-   !> motion remains unchanged.
-   subroutine refine_for_verdict(model, part, motion)
-      type(model_t), intent(in), target :: model
-      real(wp), intent(in) :: part                                    !! of the tolerance
-      type(refined_motion_t), intent(inout) :: motion
+   !> Refines to a tenth, then a hundredth of the tolerance for a verdict on stability, within a limit of work; without a verdict
+   !> the motion remains unchanged.
+   recursive subroutine refine_for_verdict(self, share)
+      class(point_attempts_t), intent(inout) :: self
+      real(wp), intent(in) :: share                                   !! largest work, relative to that so far
       type(model_t), target :: sharper
-      type(refined_motion_t) :: finer
+      type(point_attempts_t), allocatable :: finer
+      integer :: i
 
-      sharper = model
-      sharper%may_integrate = .false.
-      sharper%accuracy%tolerance = part*model%accuracy%tolerance
-      finer%solver = motion%solver
-      sharper%accuracy%max_work = min(model%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*finer%solver%work))
-      finer%start = motion%top
-      call solve_by_levels(finer, sharper)
-      motion%solver = finer%solver
-      motion%result%work = finer%solver%work
-      if (allocated(finer%error) .or. finer%result%status /= outcome%converged) return
-      if (finer%result%stability%verdict == stability_verdict%unknown) return
-      motion = finer
+      do i = 1, most_refinements
+         if (allocated(finer)) deallocate (finer)
+         allocate (finer)
+         associate (motion => self%motion)
+            if (work_is_over() .or. .not. is_denied(motion%model, motion%result)) exit
+            sharper = motion%model
+            sharper%may_integrate = .false.
+            sharper%accuracy%tolerance = 10.0_wp**(-i)*motion%model%accuracy%tolerance
+            finer%is_finer = .true.
+            finer%motion%solver = motion%solver
+            sharper%accuracy%max_work = min(motion%model%accuracy%max_work, max(least_work_of_verdict, share*motion%solver%work))
+            finer%motion%start = motion%top
+            call solve_by_levels(finer, sharper)
+            motion%solver%effort_t = finer%motion%solver%effort_t
+            motion%result%work = finer%motion%solver%work
+            if (allocated(finer%motion%error) .or. finer%motion%result%status /= outcome%converged) cycle
+            if (finer%motion%result%stability%verdict == stability_verdict%unknown) cycle
+            motion%result = finer%motion%result
+            motion%top = finer%motion%top
+         end associate
+      end do
    end subroutine refine_for_verdict
 
-   !> Refines a motion from the first level to that of the tolerance.
-   subroutine solve_by_levels(self, model)
+   !> Integrates before any balance; `is_done` if that decides the point.
+   subroutine integrate_before(self, is_done)
       type(refined_motion_t), intent(inout) :: self
-      type(model_t), intent(in), target :: model
-      logical :: is_done
+      logical, intent(out) :: is_done
 
-      self%model => model
-      self%most_idle = most_idle
-      self%most_failures = most_failures
-      if (model%has_time_domain() .and. .not. allocated(self%start%unknowns)) then
-         if (integrates_first(model)) then
-            call integrate_to_tolerance(model, self%result, is_done)
-            self%top%set = model%harmonics
-            self%top%n_samples = model%torus%n_samples
-            if (is_done .and. (self%result%status /= outcome%truncated .or. model%primary_method == &
-               primary_method%integration)) return
-         end if
-      end if
-      call self%solver%prepare(model)
-      call refine(self)
-      if (allocated(self%error) .or. .not. allocated(self%top%unknowns) .or. self%result%status == outcome%interrupted) return
-      if (self%best_estimate < self%estimate) then                    ! a later level has made it worse, as far as known
-         self%result = self%best
-         self%top = self%best_top
-         self%result%level_estimate = max(self%result%level_estimate, self%best_estimate)
-      end if
-      call finish(self)
-      associate (result => self%result)
-         if (model%has_time_domain() .and. (model%lacks_impacts_of(result%status) .or. &
-             (result%status == outcome%truncated .and. result%stability%growth <= 1.0_wp))) &
-            call integrate_from_balance(model, result, self%top)
-         if (model%accuracy%grows_set .and. model%chain%is_on .and. result%status == outcome%converged .and. &
-             size(model%gradient%by) == 0) &                           ! which is that of the whole set
-            call trim_set(model, self%top)
+      associate (model => self%model, result => self%result)
+         call integrate_to_tolerance(model, result, is_done)
+         self%top%set = model%harmonics
+         self%top%n_samples = model%torus%n_samples
+         if (is_done) is_done = result%status /= outcome%truncated .or. model%primary_method == primary_method%integration
       end associate
-   end subroutine solve_by_levels
+   end subroutine integrate_before
 
-   !> Solves the level chosen last, starting from the present motion, and compares the two; the first level with all
-   !> fallbacks.
+   !> Integrates after the balance has found nothing, or an integrated motion.
+   subroutine integrate_after(model, result, is_done)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(inout) :: result
+      logical, intent(out) :: is_done
+      logical :: was_integrated
+
+      was_integrated = is_integrated(result%status)
+      call integrate_to_tolerance(model, result, is_done)
+      if (is_done .or. .not. (was_integrated .and. model%accuracy%grows_set)) return
+      result%status = outcome%truncated
+      result%certificate%truncation = 1.0_wp
+   end subroutine integrate_after
+
+   !> Whether a motion was found by time integration.
+   pure logical function is_integrated(status)
+      integer, intent(in) :: status
+
+      is_integrated = any(status == [outcome%time_domain, outcome%several])
+   end function is_integrated
+
+   !> Refines a motion from the first level to that of the tolerance.
+   subroutine refine_motion(self)
+      class(point_attempts_t), intent(inout) :: self
+
+      associate (motion => self%motion, model => self%motion%model)
+         call refine(motion)
+         if (allocated(motion%error) .or. .not. allocated(motion%top%unknowns) .or. &
+             motion%result%status == outcome%interrupted) return
+         if (motion%best_estimate < motion%estimate) then             ! a later level has made it worse, as far as known
+            motion%result = motion%best
+            motion%top = motion%best_top
+            motion%result%level_estimate = max(motion%result%level_estimate, motion%best_estimate)
+         end if
+         call finish(motion)
+         if (model%accuracy%grows_set .and. model%chain%is_on .and. motion%result%status == outcome%converged .and. &
+             size(model%gradient%by) == 0) &                           ! which is that of the whole set
+            call trim_set(model, motion%top)
+      end associate
+   end subroutine refine_motion
+
+   !> Solves the level chosen last, starting from the present motion, and compares the two; the first one is solved already.
    subroutine refined_motion_solve(self, is_solved)
       class(refined_motion_t), intent(inout) :: self
       logical, intent(out) :: is_solved
       type(motion_result_t) :: trial
       type(error_t), allocatable :: failure
 
+      is_solved = .true.
       if (self%n_levels == 0) then
-         call find_first(self)
-         self%solver%here%may_integrate = .false.
-         self%result%charged = self%solver%charged
-         if (.not. allocated(self%error) .and. self%model%has_time_domain()) call integration_lost(self%model, self%result)
-         is_solved = .not. allocated(self%error) .and. allocated(self%top%unknowns)
-         if (.not. is_solved) return
          self%is_checked = allocated(self%start%unknowns) .and. self%solver%n_levels == 1   ! as that of the neighbour was
          self%own_estimate = estimate_of_motion(self%result)
          self%own_outputs = estimates_of_outputs(self%result)
@@ -280,24 +412,6 @@ contains
       missing_in = max(estimate_of_wanted(result), margin*model%accuracy%tolerance*result%penetration_share)
    end function missing_in
 
-   !> Integrates to the tolerance in two cases: the motion was integrated on the lowest set, and averages do not
-   !> determine its harmonics beyond that set; or it was not found at all. Averages separate close lines only after
-   !> very long times, or not at all; a fit may separate them.
-   subroutine integration_lost(model, result)
-      type(model_t), intent(in) :: model
-      type(motion_result_t), intent(inout) :: result
-      logical :: is_done, is_integrated
-
-      is_integrated = any(result%status == [outcome%time_domain, outcome%several])
-      if (.not. is_integrated) then
-         if (.not. (is_lost(result%status) .and. model%solver%fallback .and. model%solver%fallback_by_integration)) return
-      end if
-      call integrate_to_tolerance(model, result, is_done)
-      if (is_done .or. .not. (is_integrated .and. model%accuracy%grows_set)) return
-      result%status = outcome%truncated
-      result%certificate%truncation = 1.0_wp
-   end subroutine integration_lost
-
    !> Estimated error of a level according to the level below. The error of the motion of that level was the
    !> difference of the two: if its certificate estimated less, the estimate of the upper level is increased by the
    !> same factor.
@@ -359,34 +473,31 @@ contains
       if (shrinking < 1.0_wp) share = min(share, shrinking/(1.0_wp - shrinking))
    end function left_after
 
-   !> Finds the motion on a small set: on that of a neighbour from its motion, on the first box, or on other boxes.
-   subroutine find_first(self)
+   !> Searches for the motion on a small set: that of a neighbour, from its motion, or one of the boxes.
+   subroutine find_first(self, rule, within)
       type(refined_motion_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(attempt_t), allocatable, intent(out) :: within(:)
       type(error_t), allocatable :: failure
-      integer :: i
 
       associate (model => self%model, top => self%top, result => self%result)
-         if (allocated(self%start%unknowns)) then
+         if (rule%discretisation == discretisation%neighbour) then
             top = self%start
-            call self%solver%take(top, .true., result, failure)
-            if (has_ended(result) .or. allocated(top%unknowns)) return
-         end if
-         do i = 1, 3                                                  ! boxes, see `other_first`
+         else
             top%set = model%harmonics
             top%n_samples = model%torus%n_samples
-            if (i > 1) then
-               if (.not. model%accuracy%grows_set) exit
-               if (i < 3 .and. (self%solver%is_out_of_work .or. self%solver%work > model%accuracy%max_work)) cycle
-               call other_first(model, i, top, self%error)
-               if (allocated(self%error)) return
-            end if
+            if (rule%discretisation /= discretisation%given) call other_first(model, rule%discretisation, top, self%error)
+            if (allocated(self%error)) return
             self%solver%here%may_integrate = model%may_integrate .and. &
                (model%start_from_integration .or. any(model%tones%is_unknown) .or. .not. model%accuracy%grows_set)
-            call self%solver%take(top, .true., result, self%error)
-            if (allocated(self%error) .or. has_ended(result) .or. allocated(top%unknowns)) return
-            if (any(result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])) exit
-            if (size(model%laws) == 0) exit
-         end do
+         end if
+         call self%solver%take(top, .true., result, failure)
+         self%solver%here%may_integrate = .false.
+         if (allocated(result%attempts)) call move_alloc(result%attempts, within)
+         result%charged = self%solver%charged
+         if (allocated(top%unknowns) .or. has_ended(result)) return
+         if (rule%discretisation == discretisation%neighbour) return  ! its error is none of the point
+         if (allocated(failure)) call move_alloc(failure, self%error)
          result%harmonics = top%set
          result%n_samples = top%n_samples
       end associate
@@ -408,17 +519,17 @@ contains
       has_ended = any(result%status == [outcome%interrupted, outcome%timed_out])
    end function has_ended
 
-   !> Another lowest level, if the motion was not found on the first one: a larger box, then a smaller one.
-   subroutine other_first(model, i, level, error)
+   !> Another lowest level, if the motion was not found on the first one: a larger or a smaller box.
+   subroutine other_first(model, wanted, level, error)
       type(model_t), intent(in) :: model
-      integer, intent(in) :: i                                        !! number of the attempt, from 2
+      integer, intent(in) :: wanted                                   !! one of hb_solver_types%discretisation
       type(level_t), intent(inout) :: level
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: loaded(:, :)
       integer :: order
 
       order = lowest_order(model%tones%n_tones)
-      order = merge(order + (order + 1)/2, max(1, order - 2), i == 2)
+      order = merge(order + (order + 1)/2, max(1, order - 2), wanted == discretisation%larger)
       allocate (loaded, source=loaded_tuples(model))
       call new_lowest_set(level%set, model%tones%n_tones, loaded, error, order)
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(model))
@@ -467,7 +578,7 @@ contains
                                             merge(model%accuracy%max_work, 0.0_wp, with_fallback)))
          call solve_motion(self%here, result, error, first_guess, found)
          call limit%leave()
-         result%charged = limit%work
+         result%charged = limit%budget%spent
          self%is_out_of_work = limit%verdict == verdict%out_of_work
          if (self%is_out_of_work) call end_level(result, error, allocated(found))
          result%n_levels = 1

@@ -5,6 +5,7 @@
 !> the balance ended above the tolerance: that motion is nearly steady from the beginning.
 module hb_integrate_to_tolerance
    use hb_advice, only: rounded
+   use hb_budget, only: budget_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
@@ -44,7 +45,7 @@ module hb_integrate_to_tolerance
       integer :: order = 1                                            ! of their box
       integer :: capacity = 0                                         ! most tuples of a set
       integer :: n_found = 0                                          ! motions
-      real(wp) :: work = 0.0_wp, most_work = 0.0_wp
+      type(budget_t) :: budget
       type(steady_motion_t) :: steady                                ! of the best motion, otherwise of the first candidates
       type(motion_result_t) :: result
       type(level_t) :: found
@@ -235,18 +236,18 @@ contains
       record%coordinates = coordinates_of(model)
       record%capacity = share_of_integrated*model%accuracy%max_harmonics
       record%order = first_order(model, candidates_of_retained*record%capacity)
-      record%most_work = 2.0_wp*model%integration%work_limit - result%integration_work ! two methods may need as much
-      record%most_work = min(record%most_work, 2.0_wp*model%most_work() - result%charged)
+      record%budget%limit = min(2.0_wp*model%integration%work_limit - result%integration_work, & ! two methods may need as much
+                                2.0_wp*model%most_work() - result%charged)
       record%most_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, model%tones%n_tones, loaded_tuples(model), record%error, record%order)
       if (.not. allocated(record%error)) call refine(record)
       steady = record%steady
-      steady%work = record%work
+      steady%work = record%budget%spent
       found = record%found
       result = record%result
-      result%work = record%work
-      result%integration_work = record%work
+      result%work = record%budget%spent
+      result%integration_work = record%budget%spent
       result%n_motions = steady%n_motions
       if (allocated(steady%message)) result%message = steady%message
    end subroutine integration
@@ -261,10 +262,10 @@ contains
 
       is_solved = .false.
       call put_on_set(self%here, self%model, self%candidates)
-      self%here%integration%work_limit = 0.5_wp*max(0.0_wp, self%most_work - self%work)
+      self%here%integration%work_limit = 0.5_wp*self%budget%left()
       call self%model%callbacks%time_domain_solver%find_steady_motion(self%here, self%coordinates%dofs, steady, self%error)
-      self%work = self%work + steady%work
-      steady%work = self%work
+      call self%budget%spend(steady%work)
+      steady%work = self%budget%spent
       if (allocated(self%error)) then
          if (self%n_levels > 0) return
          self%steady%message = "integration: "//self%error%message
@@ -299,7 +300,7 @@ contains
       call new_lowest_set(self%candidates, self%model%tones%n_tones, loaded_tuples(self%model), self%error, self%order)
       if (allocated(self%error)) return
       if (self%candidates%n_harmonics > candidates_of_retained*self%capacity) return
-      is_there = self%work < self%most_work
+      is_there = self%budget%left() > 0.0_wp
       if (.not. is_there .and. self%n_found == 0) call leave_open(self%steady, self%here%harmonics%n_harmonics)
    end subroutine refined_record_choose
 

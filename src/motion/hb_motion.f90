@@ -3,6 +3,7 @@ module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_advice, only: advice_on, circumstances_t, find_circumstances, limit_of
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
+   use hb_attempts, only: attempts_t, make_attempts
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
@@ -23,7 +24,7 @@ module hb_motion
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_solver, only: solve
-   use hb_solver_types, only: fallback, report_t
+   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, fallback, report_t, stage, starting_point, technique
    use hb_stability, only: stability_method, stability_t
    use hb_structure, only: most_dense
    use hb_thresholds, only: nearby_steps, rounding
@@ -31,6 +32,26 @@ module hb_motion
    implicit none
    private
    public :: forget_motion, solve_motion, start_from, status_of_ended
+
+   !> The attempts to find the motion of a model on its set.
+   type, extends(attempts_t) :: motion_attempts_t
+      type(model_t), pointer :: model => null()
+      type(motion_result_t), pointer :: result => null()
+      type(cached_linear_parts_t), pointer :: parts => null()
+      type(basis_t) :: basis                                          ! of the first balance
+      logical :: is_odd = .false.                                     ! that basis has odd tuples alone
+      logical :: is_struck = .false.                                  ! walls, with a given restitution
+      real(wp), allocatable :: first_guess(:)                         ! as that of `solve_motion`; not allocated: that of the model
+      real(wp), allocatable :: unknowns(:)                            ! of the solution, likewise
+      type(coordinates_t) :: coordinates                              ! of time integration
+      type(steady_motion_t) :: steady                                 ! what it has found
+      logical :: is_steady = .false.                                  ! a motion from which a balance can start
+      type(error_t), allocatable :: error
+   contains
+      procedure :: applies => motion_attempts_applies
+      procedure :: make => motion_attempts_make
+      procedure :: is_over => motion_attempts_is_over
+   end type motion_attempts_t
 
 contains
 
@@ -58,116 +79,174 @@ contains
       end if
    end subroutine solve_motion
 
-   !> Solves the model under a cancellation that has been entered.
+   !> Solves the model under a cancellation that has been entered, by the attempts of `hb_attempts`.
    subroutine solve_with_cancellation(model, result, error, unknowns, cached)
-      type(model_t), intent(in) :: model
-      type(motion_result_t), intent(out) :: result
+      type(model_t), intent(in), target :: model
+      type(motion_result_t), intent(out), target :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess as that of `solve_motion`, if
                                                                       !! allocated; on return the solution
       type(cached_linear_parts_t), intent(inout), optional, target :: cached
-      type(cached_linear_parts_t), pointer :: parts
-      type(basis_t) :: basis
-      real(wp), allocatable :: first_guess(:)
-      logical :: is_done, is_odd
+      type(motion_attempts_t) :: attempts
 
-      nullify (parts)
-      if (present(cached) .and. .not. any(model%tones%is_unknown)) parts => cached ! no slopes, no drives
-      call move_alloc(unknowns, first_guess)
-      if (model%primary_method == primary_method%integration .and. model%has_time_domain() .and. .not. allocated(first_guess)) then
-         call integrate_first(model, result, is_done)
-         if (is_done) return
-      end if
-      call find_basis(basis, is_odd, model, error, first_guess)
+      attempts%model => model
+      attempts%result => result
+      if (present(cached) .and. .not. any(model%tones%is_unknown)) attempts%parts => cached ! no slopes, no drives
+      call move_alloc(unknowns, attempts%first_guess)
+      call find_basis(attempts%basis, attempts%is_odd, model, error, attempts%first_guess)
       if (allocated(error)) return
-      if (allocated(first_guess)) unknowns = first_guess
-      call solve_model(model, basis, result, error, unknowns, parts)
-      if (is_odd .and. .not. allocated(error)) then
-         result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
-         if (.not. result%is_odd) then
-            if (.not. allocated(unknowns) .and. allocated(first_guess)) unknowns = first_guess   ! integrated: may be even
-            call solve_model(model, whole_basis(model%harmonics, model%torus), result, error, unknowns, parts)
-         end if
-      end if
-      if (model%has_time_domain() .and. .not. allocated(error)) call fallback_by_integration(model, result, unknowns)
+      call make_attempts(attempts, stage%motion)
+      if (allocated(attempts%error)) call move_alloc(attempts%error, error)
+      if (allocated(attempts%unknowns)) call move_alloc(attempts%unknowns, unknowns)
+      call move_alloc(attempts%made, result%attempts)
    end subroutine solve_with_cancellation
 
-   !> Integrates before any balance is tried. If this does not lead to a conclusive result, or is not possible,
-   !> `is_done` is false and the balance follows.
-   subroutine integrate_first(model, result, is_done)
-      type(model_t), intent(in) :: model
-      type(motion_result_t), intent(out) :: result
-      logical, intent(out) :: is_done
-      type(coordinates_t) :: coordinates
+   !> Whether an attempt can be made: time integration first if it is requested; afterwards, as the last resort, if the balance
+   !> has found no motion, or one that strikes walls with a given restitution.
+   logical function motion_attempts_applies(self, rule) result(applies)
+      class(motion_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+
+      associate (model => self%model)
+         if (rule%technique == technique%integration) then
+            applies = model%has_time_domain() .and. .not. (any(model%tones%is_unknown) .or. model%normal_mode%is_requested)
+            if (self%result%status == outcome%pending) then
+               applies = applies .and. model%primary_method == primary_method%integration .and. .not. allocated(self%first_guess)
+            else
+               self%is_struck = model%lacks_impacts_of(self%result%status)
+               applies = applies .and. model%solver%fallback .and. model%solver%fallback_by_integration .and. &
+                         (self%is_struck .or. is_lost(self%result%status))
+            end if
+            if (.not. applies) return
+            self%coordinates = coordinates_of(model)
+            applies = self%coordinates%n > 0
+         else if (rule%start == starting_point%integrated) then
+            applies = self%is_steady
+         else
+            applies = rule%discretisation /= discretisation%odd .or. self%is_odd
+         end if
+      end associate
+   end function motion_attempts_applies
+
+   !> Makes one attempt.
+   subroutine motion_attempts_make(self, rule, attempt, within)
+      class(motion_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(attempt_t), intent(inout) :: attempt
+      type(attempt_t), allocatable, intent(out) :: within(:)
+
+      associate (model => self%model, result => self%result)
+         if (rule%technique == technique%integration) then
+            if (result%status == outcome%pending) then
+               call integrate_first(self, attempt)
+            else
+               call integrate_last(self, attempt)
+            end if
+            return
+         end if
+         if (rule%start == starting_point%integrated) then
+            call balance_from(model, guess_from(model, self%coordinates, self%steady), result, self%unknowns)
+            attempt%has_succeeded = result%fallback == fallback%integration
+            call adopt_integrated(self)
+         else
+            if (.not. allocated(self%unknowns) .and. allocated(self%first_guess)) self%unknowns = self%first_guess
+            if (rule%discretisation == discretisation%odd) then
+               call solve_model(model, self%basis, result, self%error, self%unknowns, self%parts)
+               result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
+               attempt%has_succeeded = result%is_odd
+            else
+               call solve_model(model, whole_basis(model%harmonics, model%torus), result, self%error, self%unknowns, self%parts)
+               attempt%has_succeeded = result%status == outcome%converged
+            end if
+            if (allocated(result%attempts)) call move_alloc(result%attempts, within)
+         end if
+         attempt%status = merge(outcome%failed, result%status, allocated(self%error))
+      end associate
+   end subroutine motion_attempts_make
+
+   logical function motion_attempts_is_over(self) result(is_over)
+      class(motion_attempts_t), intent(inout) :: self
+
+      is_over = allocated(self%error)
+   end function motion_attempts_is_over
+
+   !> Integrates before any balance is tried. If this does not lead to a conclusive result, or is not possible, the balance
+   !> follows.
+   subroutine integrate_first(self, attempt)
+      type(motion_attempts_t), intent(inout) :: self
+      type(attempt_t), intent(inout) :: attempt
       type(error_t), allocatable :: error
-      type(steady_motion_t) :: steady
 
-      is_done = .false.
-      if (any(model%tones%is_unknown) .or. model%normal_mode%is_requested) return
-      coordinates = coordinates_of(model)
-      if (coordinates%n == 0) return
-      call model%callbacks%time_domain_solver%find_steady_motion(model, coordinates%dofs, steady, error)
-      is_done = work_is_over() .or. steady%status /= outcome%pending .and. .not. allocated(error)
-      if (.not. is_done) return
-      result%is_integrated_first = .true.
-      result%work = steady%work
-      result%integration_work = steady%work
-      result%n_motions = steady%n_motions
-      result%status = steady%status
-      result%n_periods = steady%n_repeat
-      if (work_is_over()) result%status = status_of_ended()
-      if (allocated(steady%message)) result%message = steady%message
-      if (is_solved(result%status)) call keep_integrated(model, coordinates, steady, result)
-   end subroutine integrate_first
-
-   !> The last method: if the balance has found no motion, or one that strikes walls with a given restitution, the
-   !> model is integrated. The result is the balance solved from the integrated motion, the integrated motion itself,
-   !> or a description of what was integrated.
-   subroutine fallback_by_integration(model, result, unknowns)
-      type(model_t), intent(in) :: model
-      type(motion_result_t), intent(inout) :: result
-      real(wp), allocatable, intent(inout) :: unknowns(:)
-      type(coordinates_t) :: coordinates
-      type(error_t), allocatable :: error
-      type(steady_motion_t) :: steady
-      type(model_t), allocatable :: from
-      logical :: has_start, is_struck
-
-      is_struck = model%lacks_impacts_of(result%status)
-      if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration)) return
-      if (.not. (is_struck .or. is_lost(result%status))) return
-      if (any(model%tones%is_unknown) .or. model%normal_mode%is_requested) return
-      coordinates = coordinates_of(model)
-      if (coordinates%n == 0) return
-      allocate (from)
-      has_start = is_struck .and. allocated(unknowns)
-      if (has_start) call start_from(model, unknowns, from, has_start)
-      if (.not. has_start) from = model
-      call model%callbacks%time_domain_solver%find_steady_motion(from, coordinates%dofs, steady, error)
-      result%work = result%work + steady%work
-      result%integration_work = steady%work
-      if (allocated(error)) steady%message = "integration: "//error%message
-      if (.not. (work_is_over() .or. is_struck) .and. steady%status == outcome%time_domain) &
-         call balance_from(model, guess_from(model, coordinates, steady), result, unknowns)
-      result%n_motions = steady%n_motions
-      if (work_is_over()) then
-         result%status = status_of_ended()
-      else if (result%fallback == fallback%integration) then
-         return                                                       ! the balance has converged
-      else if (steady%status == outcome%pending) then
-         if (allocated(result%message)) steady%message = steady%message//"; "//result%message
-         result%message = steady%message
-         if (steady%is_out_of_work) result%reason = reason%fallback_work
-         if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
-      else
-         call forget_motion(result)
-         if (allocated(unknowns)) deallocate (unknowns)
+      associate (model => self%model, result => self%result, steady => self%steady)
+         call model%callbacks%time_domain_solver%find_steady_motion(model, self%coordinates%dofs, steady, error)
+         attempt%has_succeeded = work_is_over() .or. steady%status /= outcome%pending .and. .not. allocated(error)
+         attempt%status = merge(steady%status, outcome%failed, attempt%has_succeeded)
+         if (.not. attempt%has_succeeded) return
+         result%is_integrated_first = .true.
+         result%work = steady%work
+         result%integration_work = steady%work
+         result%n_motions = steady%n_motions
          result%status = steady%status
          result%n_periods = steady%n_repeat
-         result%message = steady%message
-         if (is_solved(steady%status)) call keep_integrated(model, coordinates, steady, result)
-      end if
-   end subroutine fallback_by_integration
+         if (work_is_over()) result%status = status_of_ended()
+         if (allocated(steady%message)) result%message = steady%message
+         if (is_solved(result%status)) call keep_integrated(model, self%coordinates, steady, result)
+         attempt%status = result%status
+      end associate
+   end subroutine integrate_first
+
+   !> Integrates after the balance, from its motion if that strikes walls. If a balance can start from the integrated motion
+   !> it is the next attempt; otherwise the result is the integrated motion, or a description of what was integrated.
+   subroutine integrate_last(self, attempt)
+      type(motion_attempts_t), intent(inout) :: self
+      type(attempt_t), intent(inout) :: attempt
+      type(error_t), allocatable :: error
+      type(model_t), allocatable :: from
+      logical :: has_start
+
+      associate (model => self%model, result => self%result, steady => self%steady)
+         allocate (from)
+         has_start = self%is_struck .and. allocated(self%unknowns)
+         if (has_start) call start_from(model, self%unknowns, from, has_start)
+         if (.not. has_start) from = model
+         call model%callbacks%time_domain_solver%find_steady_motion(from, self%coordinates%dofs, steady, error)
+         result%work = result%work + steady%work
+         result%integration_work = steady%work
+         if (allocated(error)) steady%message = "integration: "//error%message
+         attempt%status = steady%status
+         if (steady%status == outcome%pending) &
+            attempt%status = merge(outcome%out_of_budget, outcome%failed, steady%is_out_of_work)
+         self%is_steady = .not. (work_is_over() .or. self%is_struck) .and. steady%status == outcome%time_domain
+         attempt%has_succeeded = self%is_steady
+         if (.not. self%is_steady) call adopt_integrated(self)
+      end associate
+   end subroutine integrate_last
+
+   !> Adopts the integrated motion, unless a balance has converged from it, or what the integration found instead.
+   subroutine adopt_integrated(self)
+      type(motion_attempts_t), intent(inout) :: self
+
+      associate (model => self%model, result => self%result, steady => self%steady)
+         result%n_motions = steady%n_motions
+         if (work_is_over()) then
+            result%status = status_of_ended()
+         else if (result%fallback == fallback%integration) then
+            return
+         else if (steady%status == outcome%pending) then
+            if (allocated(result%message)) steady%message = steady%message//"; "//result%message
+            result%message = steady%message
+            if (steady%is_out_of_work) result%reason = reason%fallback_work
+            if (self%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
+         else
+            call forget_motion(result)
+            if (allocated(self%unknowns)) deallocate (self%unknowns)
+            result%status = steady%status
+            result%n_periods = steady%n_repeat
+            result%message = steady%message
+            if (is_solved(steady%status)) call keep_integrated(model, self%coordinates, steady, result)
+         end if
+      end associate
+   end subroutine adopt_integrated
 
    !> Sets a motion that solves the balance as the start of the model, in all degrees of freedom.
    subroutine start_from(model, unknowns, from, is_there)
@@ -487,6 +566,7 @@ contains
       result%n_unknowns = balance%n_unknowns
       result%preconditioner_level = balance%preconditioner_level
       result%fallback = report%fallback
+      if (allocated(report%attempts)) result%attempts = report%attempts
       if (report%status == outcome%failed .and. allocated(report%error)) then
          failure = trim(balance%law_set%memory_failure())
          if (len(failure) > 0) result%message = failure               ! time integration needs no states that repeat on a grid

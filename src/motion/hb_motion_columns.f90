@@ -6,6 +6,7 @@
 !> Shapes are names of dimensions after that of the point, in the order of h5py: slowest first.
 module hb_motion_columns
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_attempts, only: attempt_rules
    use hb_curve_request, only: curve_kind_names
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t, motion_result_t
@@ -14,7 +15,9 @@ module hb_motion_columns
    use hb_stability, only: stability_method_names
    implicit none
    private
-   public :: columns_t, of_dof, of_force, of_rate
+   public :: columns_t, max_attempts, of_dof, of_force, of_rate
+
+   integer, parameter :: max_attempts = 24              !! that are stored of a motion: the first ones
 
    ! Units that depend on the degrees of freedom along an axis of a row: theirs, and those of the forces on them and of their rates.
    character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force", of_rate = "of its rate"
@@ -87,12 +90,23 @@ contains
    subroutine outcome_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
+      integer :: attempt_status(max_attempts), attempts(max_attempts), n
 
       call t%integer("status", "1", "", "outcome of the point", m%status, outcome_names)
       call t%integer("reason", "1", "", "what ended the work, where the next step depends on it", m%reason, reason_names)
       call t%integer("n_periods", "1", "", &
          "periods of the tones after which a subharmonic motion repeats; 0: not known", m%n_periods)
       call t%text("message", "1", "message_byte", "reason for a failure, and advice", m%message)
+      attempts = 0
+      attempt_status = 0
+      if (allocated(m%attempts)) then
+         n = min(size(m%attempts), max_attempts)
+         attempts(:n) = m%attempts(:n)%rule
+         attempt_status(:n) = m%attempts(:n)%status
+      end if
+      call t%integer("attempts", "1", "attempt", "what was tried, in order, each attempt before those within it", attempts, &
+                     [character(len(attempt_rules%name)) :: "none", attempt_rules%name])
+      call t%integer("attempt_status", "1", "attempt", "outcome of each attempt", attempt_status, outcome_names)
       call t%integer("iterations", "1", "", "iterations of the solver", m%iterations)
       call t%integer("fallback", "1", "", "what was needed in addition to the direct attempt", m%fallback, fallback_names)
       call t%integer("evaluations", "1", "", "evaluations of the residual", m%evaluations)

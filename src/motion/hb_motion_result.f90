@@ -4,6 +4,7 @@ module hb_motion_result
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome, reason
+   use hb_solver_types, only: attempt_t
    use hb_stability, only: stability_t
    implicit none
    private
@@ -59,6 +60,7 @@ module hb_motion_result
       integer :: reason = reason%none                   !! hb_outcome
       integer :: n_periods = 0 !! after which a motion found by time integration repeats, if `subharmonic`
       character(:), allocatable :: message              !! cause of a failure, or a remark; truncated to 400 bytes in a file
+      type(attempt_t), allocatable :: attempts(:)       !! that were made, see hb_attempts
       real(wp) :: integration_work = 0.0_wp             !! part of it for time integration
       logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_time_domain
       integer :: n_motions = 0 !! number of different motions from several starts of time integration; 0: none were tried

@@ -1,20 +1,26 @@
-!> What the solver tries for a problem, in which order and with which budget: one table, its conditions, and nothing else.
+!> What is tried for a set of equations, a motion, a point and the start of a curve, in which order and with which budget: one
+!> table, and the driver that makes its attempts and records them.
 !>
-!> `attempt_rules` is the table; `plan_attempts` selects the rows that apply to a problem, and `hb_solver` makes these attempts
-!> in this order until one converges. A new attempt is a row here and, if its technique is new, a case in `hb_solver`. The page
+!> `attempt_rules` is the table. Its stages are nested: the start of a curve is a point, a point needs motions on given sets, and
+!> a motion is the solution of equations. `make_attempts` makes the attempts of one stage for an object that extends `attempts_t`,
+!> which knows what an attempt means and whether it applies; `row_after` says where to go on. A new attempt is a row here and, if
+!> it does something new, a case in `make` of the object: hb_solver, hb_motion, hb_accurate_motion, hb_swept_curve. The page
 !> docs/user/convergence.md has the same table; a test compares them.
 module hb_attempts
    use hb_kinds, only: wp
-   use hb_solver_types, only: attempt_rule_t, fallback, starting_point, technique
+   use hb_outcome, only: outcome, outcome_name
+   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, fallback, stage, starting_point, technique
    implicit none
    private
-   public :: attempt_conditions_t, attempt_rules, is_fallback, plan_attempts
+   public :: attempt_conditions_t, attempt_rules, attempts_t, attempts_text, is_fallback, make_attempts, plan_attempts, row_after
+   public :: row_of
 
    integer, parameter :: max_stagnant_iterations = 10 ! without a clear gain, where other attempts remain
    real(wp), parameter :: half = 0.5_wp               ! of what remains of the budget, so that no attempt exhausts it
 
-   !> All attempts in their order. Direct attempts without a share of the fallbacks' budget are the normal way to a solution.
-   type(attempt_rule_t), parameter :: attempt_rules(9) = [ &
+   !> All attempts, stage by stage, in their order. Attempts of the solver without a share of the fallbacks' budget are the normal
+   !> way to a solution.
+   type(attempt_rule_t), parameter :: attempt_rules(26) = [ &
       attempt_rule_t("smaller_problems_first", "from a solution with fewer harmonics", fallback%none, &
                      technique%smaller_problems, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
       attempt_rule_t("direct", "from the first guess", fallback%none, &
@@ -32,44 +38,193 @@ module hb_attempts
       attempt_rule_t("other_method", "by another method", fallback%other_method, &
                      technique%other_method, starting_point%first_guess, 0, half, .true.), &
       attempt_rule_t("load_homotopy", "by homotopy in the loads", fallback%load, &
-                     technique%load_homotopy, starting_point%zero, 0, half, .true.)]
+                     technique%load_homotopy, starting_point%zero, 0, half, .true.), &
+      !
+      attempt_rule_t("integration_first", technique=technique%integration, &
+                     start=starting_point%rest, stage=stage%motion), &
+      attempt_rule_t("odd_set", stage=stage%motion, discretisation=discretisation%odd, &
+                     on_success="integration"), &
+      attempt_rule_t("whole_set", stage=stage%motion), &
+      attempt_rule_t("integration", technique=technique%integration, start=starting_point%rest, &
+                     stage=stage%motion, on_success="next", on_failure="end"), &
+      attempt_rule_t("from_integration", kind=fallback%integration, &
+                     start=starting_point%integrated, stage=stage%motion), &
+      !
+      attempt_rule_t("lines_first", technique=technique%integration, &
+                     start=starting_point%rest, stage=stage%point, discretisation=discretisation%lines), &
+      attempt_rule_t("set_of_neighbour", start=starting_point%neighbour, stage=stage%point, &
+                     discretisation=discretisation%neighbour, on_success="refinement"), &
+      attempt_rule_t("first_set", stage=stage%point, on_success="refinement"), &
+      attempt_rule_t("larger_first_set", stage=stage%point, discretisation=discretisation%larger, &
+                     on_success="refinement"), &
+      attempt_rule_t("smaller_first_set", stage=stage%point, discretisation=discretisation%smaller, &
+                     on_success="refinement"), &
+      attempt_rule_t("lines", technique=technique%integration, start=starting_point%rest, &
+                     stage=stage%point, discretisation=discretisation%lines, on_failure="end"), &
+      attempt_rule_t("refinement", start=starting_point%motion, stage=stage%point, &
+                     discretisation=discretisation%refined, on_success="finer_for_stability"), &
+      attempt_rule_t("lines_from_motion", &
+                     technique=technique%integration, start=starting_point%motion, stage=stage%point, &
+                     discretisation=discretisation%lines, on_failure="end"), &
+      attempt_rule_t("finer_for_stability", start=starting_point%motion, &
+                     share=4.0_wp, stage=stage%point, discretisation=discretisation%finer, on_failure="end"), &
+      !
+      attempt_rule_t("start", stage=stage%curve), &
+      attempt_rule_t("other_end", stage=stage%curve, discretisation=discretisation%other_end), &
+      attempt_rule_t("start_integrated", &
+                     technique=technique%integration, stage=stage%curve)]
 
-   !> What decides which attempts apply.
+   !> What decides which attempts of the solver apply.
    type :: attempt_conditions_t
       logical :: has_fallbacks = .true.                               !! `fallback` of the settings; else the direct attempt alone
       logical :: continues_in_order = .true.                          !! smaller problems may be solved before
       logical :: continues_in_order_first = .false.                   !! that is the normal way to this problem
       logical :: can_be_damped = .false.                              !! the problem has an artificial damping
       logical :: affords_tangent = .true.                             !! a dense tangent fits into memory
+   contains
+      procedure :: permit => attempt_conditions_permit
    end type attempt_conditions_t
+
+   !> An object that can make the attempts of a stage, and what it has made.
+   type, abstract :: attempts_t
+      type(attempt_t), allocatable :: made(:)                         !! in their order, each before those within it
+   contains
+      procedure(applies), deferred :: applies
+      procedure(make_one), deferred :: make
+      procedure(is_over), deferred :: is_over
+   end type attempts_t
+
+   abstract interface
+      !> Whether an attempt can be made now.
+      logical function applies(self, rule)
+         import :: attempt_rule_t, attempts_t
+         class(attempts_t), intent(inout) :: self
+         type(attempt_rule_t), intent(in) :: rule
+      end function applies
+
+      !> Makes an attempt.
+      subroutine make_one(self, rule, attempt, within)
+         import :: attempt_rule_t, attempt_t, attempts_t
+         class(attempts_t), intent(inout) :: self
+         type(attempt_rule_t), intent(in) :: rule
+         type(attempt_t), intent(inout) :: attempt                    !! its outcome; `pending`: it was not made after all
+         type(attempt_t), allocatable, intent(out) :: within(:)       !! attempts of the stages below that belong to it
+      end subroutine make_one
+
+      !> Whether no further attempt is made, whatever the table says: the work was cancelled, or there was an error.
+      logical function is_over(self)
+         import :: attempts_t
+         class(attempts_t), intent(inout) :: self
+      end function is_over
+   end interface
 
 contains
 
-   !> Returns the rows of `attempt_rules` that apply, in the order in which they are tried.
+   !> Makes the attempts of a stage that apply, in the order of the table, and records them.
+   recursive subroutine make_attempts(self, of_stage)
+      class(attempts_t), intent(inout) :: self
+      integer, intent(in) :: of_stage                                 !! one of hb_solver_types%stage
+      type(attempt_t) :: attempt
+      type(attempt_t), allocatable :: within(:)
+      integer :: row
+
+      if (allocated(self%made)) deallocate (self%made)
+      allocate (self%made(0))
+      row = findloc(attempt_rules%stage, of_stage, dim=1)
+      do while (row > 0)
+         if (.not. self%applies(attempt_rules(row))) then
+            row = row_below(row)
+            cycle
+         end if
+         attempt = attempt_t(rule=row)
+         call self%make(attempt_rules(row), attempt, within)
+         if (attempt%status /= outcome%pending) self%made = [self%made, attempt]
+         if (allocated(within)) self%made = [self%made, within]
+         if (self%is_over()) return
+         row = row_after(row, attempt%has_succeeded)
+      end do
+   end subroutine make_attempts
+
+   !> Returns the row that follows an attempt; 0: none.
+   pure integer function row_after(row, has_succeeded) result(next)
+      integer, intent(in) :: row                                      !! of `attempt_rules`
+      logical, intent(in) :: has_succeeded
+      character(len(attempt_rules%name)) :: name
+
+      name = merge(attempt_rules(row)%on_success, attempt_rules(row)%on_failure, has_succeeded)
+      select case (name)
+      case ("end")
+         next = 0
+      case ("next")
+         next = row_below(row)
+      case default
+         next = row_of(name)
+      end select
+   end function row_after
+
+   !> Returns the next row of the same stage; 0: none.
+   pure integer function row_below(row) result(next)
+      integer, intent(in) :: row
+
+      next = row + 1
+      if (next > size(attempt_rules)) then
+         next = 0
+      else if (attempt_rules(next)%stage /= attempt_rules(row)%stage) then
+         next = 0
+      end if
+   end function row_below
+
+   !> Returns the row of a name; 0: there is none.
+   pure integer function row_of(name)
+      character(*), intent(in) :: name
+
+      row_of = findloc(attempt_rules%name, name, dim=1)
+   end function row_of
+
+   !> Describes attempts in one line: the name of each with its outcome, and after a colon those within it, such as
+   !> `first_set converged: whole_set converged: direct converged; refinement converged`.
+   pure function attempts_text(made) result(text)
+      type(attempt_t), intent(in) :: made(:)                          !! as in `attempts_t`
+      character(:), allocatable :: text
+      type(attempt_rule_t) :: rule
+      integer :: i, stage_before
+
+      text = ""
+      stage_before = 0
+      do i = 1, size(made)
+         rule = attempt_rules(made(i)%rule)
+         if (i > 1) text = text//merge(": ", "; ", rule%stage < stage_before)
+         text = text//trim(rule%name)//" "//outcome_name(made(i)%status)
+         stage_before = rule%stage
+      end do
+   end function attempts_text
+
+   !> Returns the rows of the solver that apply, in the order in which they are tried.
    pure function plan_attempts(conditions) result(plan)
       type(attempt_conditions_t), intent(in) :: conditions
       integer, allocatable :: plan(:)                                 !! rows
       integer :: i
 
-      plan = pack([(i, i=1, size(attempt_rules))], [(applies(attempt_rules(i), conditions), i=1, size(attempt_rules))])
+      plan = pack([(i, i=1, size(attempt_rules))], [(conditions%permit(attempt_rules(i)), i=1, size(attempt_rules))])
    end function plan_attempts
 
-   !> Whether an attempt applies under the conditions.
-   pure logical function applies(rule, conditions)
+   !> Whether an attempt of the solver applies under the conditions.
+   pure logical function attempt_conditions_permit(self, rule) result(permit)
+      class(attempt_conditions_t), intent(in) :: self
       type(attempt_rule_t), intent(in) :: rule
-      type(attempt_conditions_t), intent(in) :: conditions
       logical :: begins_in_order
 
-      begins_in_order = conditions%continues_in_order .and. conditions%continues_in_order_first
-      applies = conditions%has_fallbacks .or. (rule%technique == technique%direct .and. .not. rule%has_budget())
-      if (rule%needs_tangent) applies = applies .and. conditions%affords_tangent
+      begins_in_order = self%continues_in_order .and. self%continues_in_order_first
+      permit = rule%stage == stage%solver .and. (self%has_fallbacks .or. &
+                                                 (rule%technique == technique%direct .and. .not. rule%has_budget()))
+      if (rule%needs_tangent) permit = permit .and. self%affords_tangent
       select case (rule%technique)
       case (technique%smaller_problems)
-         applies = applies .and. conditions%continues_in_order .and. (begins_in_order .neqv. rule%has_budget())
+         permit = permit .and. self%continues_in_order .and. (begins_in_order .neqv. rule%has_budget())
       case (technique%damping_homotopy)
-         applies = applies .and. conditions%can_be_damped
+         permit = permit .and. self%can_be_damped
       end select
-   end function applies
+   end function attempt_conditions_permit
 
    !> Whether a solution that was found in this way needed a fallback: homotopy, another method, time integration. Other first
    !> guesses and smaller problems before are normal.

@@ -5,9 +5,10 @@
 !> section 6.4.
 module hb_solver
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_attempts, only: attempt_conditions_t, attempt_rules, plan_attempts
+   use hb_attempts, only: attempt_conditions_t, attempts_t, make_attempts
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_broyden, only: solve_broyden
+   use hb_budget, only: budget_t
    use hb_cancellation, only: work_is_over
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp
@@ -15,7 +16,7 @@ module hb_solver
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: attempt_rule_t, fallback, largest_affordable, method, report_t, solver_config_t, &
+   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, largest_affordable, method, report_t, solver_config_t, stage, &
       starting_point, technique
    implicit none
    private
@@ -28,6 +29,23 @@ module hb_solver
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
    real(wp), parameter :: largest_level = 2.4_wp                      ! ratio of one problem to the next larger one
 
+   !> The attempts to solve a problem.
+   type, extends(attempts_t) :: solver_attempts_t
+      class(problem_t), pointer :: problem => null()
+      type(solver_config_t) :: config
+      type(attempt_conditions_t) :: conditions
+      type(budget_t) :: budget                                        ! of all fallbacks
+      type(report_t) :: report                                        ! of all attempts so far
+      integer :: chosen = method%auto                                 ! method of direct attempts
+      logical :: is_ended = .false.
+      real(wp), allocatable :: first_guess(:), linear_solution(:)
+      real(wp), allocatable :: x(:)                                   ! the solution, else the end of the direct attempt
+   contains
+      procedure :: applies => solver_attempts_applies
+      procedure :: make => solver_attempts_make
+      procedure :: is_over => solver_attempts_is_over
+   end type solver_attempts_t
+
 contains
 
    !> Solves r(x) = 0 from the given x by the attempts of `hb_attempts` that apply, in their order, until one converges. The
@@ -39,18 +57,12 @@ contains
    !>
    !> Returns `not_finite` if the scales of the problem are out of range.
    recursive subroutine solve(problem, config, linear_solution, x, report)
-      class(problem_t), intent(inout) :: problem
+      class(problem_t), intent(inout), target :: problem
       type(solver_config_t), intent(in) :: config
       real(wp), intent(in) :: linear_solution(:)                      !! of the problem without its nonlinearity
       real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns)
       type(report_t), intent(out) :: report
-      type(report_t) :: attempt
-      type(solver_config_t) :: limited
-      real(wp), allocatable :: first_guess(:), trial(:)
-      real(wp) :: all_work
-      type(attempt_rule_t) :: rule
-      integer, allocatable :: plan(:)
-      integer :: chosen, i
+      type(solver_attempts_t) :: attempts
 
       if (.not. problem%has_sound_scales()) then
          x = 0.0_wp
@@ -58,38 +70,67 @@ contains
          report%residual = ieee_value(1.0_wp, ieee_quiet_nan)
          return
       end if
-      first_guess = x
-      all_work = 0.0_wp
-      chosen = method_for(problem, config)
-      plan = plan_attempts(conditions_of(problem, config, chosen))
-      allocate (report%attempts(0))
-      do i = 1, size(plan)
-         rule = attempt_rules(plan(i))
-         limited = config
-         if (config%fallback) limited%patience = rule%max_stagnant_iterations
-         if (rule%has_budget()) then
-            limited%work_limit = rule%share*(all_work - report%work)
-            if (limited%work_limit < problem%residual_work) exit
-         end if
-         trial = start_of(rule, first_guess, linear_solution)
-         call make_attempt(problem, limited, chosen, rule, trial, attempt)
-         call report%add(attempt)
-         if (attempt%status == outcome%pending) cycle              ! there is no smaller problem, or no solution of one
-         report%attempts = [report%attempts, attempt%as_attempt(plan(i))]
-         if (rule%has_budget()) then
-            attempt%fallback = rule%kind
-         else
-            all_work = report%work + max(config%fallback_work, config%fallback_share*report%work)
-         end if
-         if (attempt%status == outcome%converged .or. is_first_direct(rule)) then
-            call report%adopt_outcome(attempt)
-            x = trial
-         end if
-         if (.not. has_ended(attempt)) cycle
-         report%status = attempt%status
-         return
-      end do
+      attempts%problem => problem
+      attempts%config = config
+      attempts%first_guess = x
+      attempts%linear_solution = linear_solution
+      attempts%x = x
+      attempts%chosen = method_for(problem, config)
+      attempts%conditions = conditions_of(problem, config, attempts%chosen)
+      call make_attempts(attempts, stage%solver)
+      x = attempts%x
+      report = attempts%report
+      call move_alloc(attempts%made, report%attempts)
    end subroutine solve
+
+   logical function solver_attempts_applies(self, rule) result(applies)
+      class(solver_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+
+      applies = self%conditions%permit(rule)
+   end function solver_attempts_applies
+
+   !> Makes one attempt. It counts as not made if the problem has no smaller one, or no solution of one.
+   recursive subroutine solver_attempts_make(self, rule, attempt, within)
+      class(solver_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(attempt_t), intent(inout) :: attempt
+      type(attempt_t), allocatable, intent(out) :: within(:)          !! none
+      type(report_t) :: step
+      type(solver_config_t) :: limited
+      real(wp), allocatable :: trial(:)
+
+      limited = self%config
+      if (self%config%fallback) limited%patience = rule%max_stagnant_iterations
+      if (rule%has_budget()) then
+         limited%work_limit = rule%share*self%budget%left()
+         self%is_ended = limited%work_limit < self%problem%residual_work
+         if (self%is_ended) return
+      end if
+      trial = start_of(rule, self%first_guess, self%linear_solution)
+      call proceed(self%problem, limited, self%chosen, rule, trial, step)
+      call self%report%add(step)
+      if (rule%has_budget()) call self%budget%spend(step%work)
+      if (step%status == outcome%pending) return
+      attempt = step%as_attempt(attempt%rule)
+      if (rule%has_budget()) then
+         step%fallback = rule%kind
+      else
+         self%budget = budget_t(max(self%config%fallback_work, self%config%fallback_share*self%report%work))
+      end if
+      if (step%status == outcome%converged .or. is_first_direct(rule)) then
+         call self%report%adopt_outcome(step)
+         self%x = trial
+      end if
+      self%is_ended = has_ended(step)
+      if (self%is_ended) self%report%status = step%status
+   end subroutine solver_attempts_make
+
+   logical function solver_attempts_is_over(self) result(is_over)
+      class(solver_attempts_t), intent(inout) :: self
+
+      is_over = self%is_ended
+   end function solver_attempts_is_over
 
    !> Whether this is the attempt whose outcome is reported if none converges.
    pure logical function is_first_direct(rule)
@@ -139,8 +180,8 @@ contains
       end select
    end function start_of
 
-   !> Makes one attempt.
-   recursive subroutine make_attempt(problem, config, chosen, rule, x, report)
+   !> Proceeds as a rule says.
+   recursive subroutine proceed(problem, config, chosen, rule, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config                     !! of the attempt
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
@@ -162,7 +203,7 @@ contains
       case default
          call solve_directly(problem, config, chosen, x, report)
       end select
-   end subroutine make_attempt
+   end subroutine proceed
 
    !> Solves the smallest problem that approximates this one by all methods, larger ones from its solution, and
    !> finally the problem. The status remains `pending` if there is no smaller problem or no solution of one;

@@ -6,8 +6,8 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_rule_t, attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, report_t
-   public :: share_of_solver, solver_config_t, starting_point, technique, unit_of_work
+   public :: attempt_rule_t, attempt_t, discretisation, fallback, fallback_names, fallback_texts, largest_affordable, method
+   public :: report_t, share_of_solver, solver_config_t, stage, starting_point, technique, unit_of_work
 
    type :: method_t
       integer :: auto = 1                                             !! numbers as the order of the table of input keys
@@ -43,6 +43,29 @@ module hb_solver_types
       "by homotopy in the loads", "from a solution with fewer harmonics", "from a time-integrated motion", &
       "by homotopy in artificial damping"]
 
+   !> What attempts are for; each stage makes those of the stages before it.
+   type :: stage_t
+      integer :: solver = 1                                           !! a solution of equations
+      integer :: motion = 2                                           !! a motion on a given set of harmonics
+      integer :: point = 3                                            !! a motion to a tolerance
+      integer :: curve = 4                                            !! the start of a curve
+   end type stage_t
+   type(stage_t), parameter :: stage = stage_t()
+
+   !> Where an attempt looks for the motion: set and grid, or the end of a curve.
+   type :: discretisation_t
+      integer :: given = 1                                            !! of the model; with a tolerance a small box of harmonics
+      integer :: odd = 2                                              !! its odd tuples, on half of its grid
+      integer :: neighbour = 3                                        !! of the last motion of a chain
+      integer :: larger = 4                                           !! a larger box than the given one
+      integer :: smaller = 5                                          !! a smaller one
+      integer :: refined = 6                                          !! chosen from error estimates, to the tolerance
+      integer :: finer = 7                                            !! likewise, to a part of the tolerance
+      integer :: lines = 8                                            !! the lines of a record
+      integer :: other_end = 9                                        !! that of the other end of a curve
+   end type discretisation_t
+   type(discretisation_t), parameter :: discretisation = discretisation_t()
+
    !> How an attempt proceeds.
    type :: technique_t
       integer :: direct = 1                                           !! the method of the settings from the start
@@ -51,6 +74,8 @@ module hb_solver_types
       integer :: damping_homotopy = 4                                 !! artificial damping that is reduced to zero
       integer :: nonlinearity_homotopy = 5                            !! along a factor of all laws
       integer :: load_homotopy = 6                                    !! along a factor of all loads
+      integer :: balance = 7                                          !! harmonic balance, by the attempts of the stages below
+      integer :: integration = 8                                      !! in time, until the motion is steady
    end type technique_t
    type(technique_t), parameter :: technique = technique_t()
 
@@ -60,19 +85,29 @@ module hb_solver_types
       integer :: linear_solution = 2                                  !! of the problem without its nonlinearity
       integer :: zero = 3
       integer :: other_guess = 4                                      !! zero if the linear solution was given, else that
+      integer :: neighbour = 5                                        !! the last motion of a chain
+      integer :: motion = 6                                           !! the one found before
+      integer :: rest = 7                                             !! or the amplitudes of `&start`, in time
+      integer :: integrated = 8                                       !! the motion found by time integration
    end type starting_point_t
    type(starting_point_t), parameter :: starting_point = starting_point_t()
 
    !> A row of the table of attempts, see hb_attempts.
    type :: attempt_rule_t
       character(22) :: name = ""
-      character(45) :: text = ""                                      !! completes "the motion was found" and "tried"
+      character(48) :: text = ""                                      !! completes "the motion was found" and "tried"
       integer :: kind = fallback%none                                 !! one of `fallback`, as the result file has it
-      integer :: technique = technique%direct
+      integer :: technique = technique%balance
       integer :: start = starting_point%first_guess
       integer :: max_stagnant_iterations = 0                          !! without a clear gain; 0: no limit
-      real(wp) :: share = 0.0_wp                                      !! of the remaining budget of fallbacks; 0: not limited by it
+      real(wp) :: share = 0.0_wp                                      !! of what is left of the budget of fallbacks, 0: not limited
+                                                                      !! by it; of a finer set, of the work so far
       logical :: needs_tangent = .false.                              !! a dense one
+      integer :: stage = stage%solver
+      integer :: discretisation = discretisation%given
+      character(22) :: on_success = "end"                             !! the attempt that follows: its name, `next` of the same
+                                                                      !! stage, or `end` for none
+      character(22) :: on_failure = "next"
    contains
       procedure :: has_budget => attempt_rule_has_budget
    end type attempt_rule_t
@@ -111,6 +146,7 @@ module hb_solver_types
       real(wp) :: best = huge(1.0_wp)                                 !! least norm of the residual, relative
       logical :: is_out_of_work = .false.                             !! its budget of work came first
       logical :: was_falling = .false.                                !! the residual fell to the end, by a factor of ten or more
+      logical :: has_succeeded = .false.                              !! the table goes on with `on_success`
    end type attempt_t
 
    !> How a solution was found, or not.
@@ -217,6 +253,6 @@ contains
       last = huge(last)
       if (.not. ieee_is_nan(self%residual)) last = self%residual
       attempt = attempt_t(rule, self%status, self%iterations, min(self%best, last), self%is_out_of_work, &
-                          last <= self%best .and. last < 0.1_wp*self%first)
+                          last <= self%best .and. last < 0.1_wp*self%first, self%status == outcome%converged)
    end function report_as_attempt
 end module hb_solver_types

@@ -8,6 +8,7 @@ module hb_result_columns
    use hb_file_columns, only: file_columns_t
    use hb_hdf5, only: bytes_of_kind, h5_dataset_t, is_characters, is_integer, is_real
    use hb_kinds, only: int64, two_pi, wp
+   use hb_motion_columns, only: max_attempts
    use hb_motion_result, only: motion_result_t
    use hb_parameter_path, only: identifier
    use hb_record_columns, only: verdict_columns
@@ -109,6 +110,7 @@ contains
          layout%law_dof_units)
       call self%add_axis("component", 2, "part of a coefficient", ["cos", "sin"])
       call self%add_axis("message_byte", message_length, "byte of a message")
+      call self%add_axis("attempt", max_attempts, "number of the attempt, from 0")
       call self%add_axis("law", size(layout%law_labels), "law, by its label", layout%law_labels)
       call self%add_axis("worker", layout%n_ranks, "rank or process of the run, from 0")
       call self%add_axis("multiplier", layout%n_multipliers, "number of the multiplier, from 0")

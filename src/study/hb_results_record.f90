@@ -1,21 +1,24 @@
 !> Record of a run in its result file: origin, input, outcome of each point, and damaged rows: each row has a checksum
 !> over its values in most datasets. Read by one process; `resume` and `info` begin with it.
 module hb_results_record
+   use hb_attempts, only: row_of
    use hb_checksum, only: checksum_rows
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_source
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: int64, wp
+   use hb_motion_columns, only: max_attempts
    use hb_outcome, only: is_solved, is_status, outcome
    use hb_parameter_path, only: identifier
    use hb_results_file, only: schema_version
+   use hb_solver_types, only: attempt_t
    use hb_stored_rows, only: stored_file_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: join, number_of, split, string_t, texts_t, to_text
    implicit none
    private
-   public :: count_pending, fail_where_damaged, message_of, messages_of, numbers_of, open_points, read_record, read_units
-   public :: record_t, refuse_damaged_rows
+   public :: attempts_of, count_pending, fail_where_damaged, message_of, messages_of, numbers_of, open_points, read_record
+   public :: read_units, record_t, refuse_damaged_rows
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
@@ -81,6 +84,39 @@ contains
       end do
       call file%close(error)
    end subroutine messages_of
+
+   !> Reads the attempts of a point; none if they cannot be read. Their numbers are those of the program that wrote the file,
+   !> which names them there.
+   subroutine attempts_of(path, point, attempts)
+      character(*), intent(in) :: path                  !! of the result file
+      integer, intent(in) :: point                      !! from 1
+      type(attempt_t), allocatable, intent(out) :: attempts(:)
+      type(error_t), allocatable :: error
+      type(h5_dataset_t) :: dataset
+      type(h5_file_t) :: file
+      type(string_t), allocatable :: names(:)
+      character(:), allocatable :: meanings
+      integer :: i, numbers(max_attempts), statuses(max_attempts)
+
+      allocate (attempts(0))
+      call open_file(file, path, error)
+      numbers = 0
+      if (.not. allocated(error)) call file%open_dataset("attempt_status", dataset, error)
+      if (.not. allocated(error)) call dataset%read(statuses, error, first=point)
+      call dataset%close()
+      if (.not. allocated(error)) call file%open_dataset("attempts", dataset, error)
+      if (.not. allocated(error)) call dataset%read(numbers, error, first=point)
+      if (.not. allocated(error)) call dataset%get_attribute("flag_meanings", meanings, error)
+      if (.not. allocated(error)) then
+         call split(meanings, " ", names)
+         do i = 1, count(numbers > 0 .and. numbers < size(names))
+            attempts = [attempts, attempt_t(rule=row_of(names(numbers(i) + 1)%value), status=statuses(i))]
+         end do
+         attempts = pack(attempts, attempts%rule > 0)
+      end if
+      call dataset%close()
+      call file%close(error)
+   end subroutine attempts_of
 
    !> Reads a column of whole numbers, such as the statuses of all points; none if it cannot be read.
    function numbers_of(path, name) result(numbers)

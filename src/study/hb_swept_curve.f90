@@ -2,6 +2,7 @@
 !> restored from the file; then its points are returned one by one, in the form of the file.
 module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_attempts, only: attempts_t, make_attempts
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_request, only: curve_kind, curve_request_t
@@ -18,6 +19,7 @@ module hb_swept_curve
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
+   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, stage, technique
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
    use hb_text, only: to_text
@@ -40,6 +42,19 @@ module hb_swept_curve
       procedure :: next => swept_curve_next
       procedure :: destroy => swept_curve_destroy
    end type swept_curve_t
+
+   !> The attempts to find the first motion of a curve.
+   type, extends(attempts_t) :: start_attempts_t
+      type(swept_curve_t), pointer :: curve => null()
+      type(motion_result_t), pointer :: result => null()
+      real(wp) :: start = 0.0_wp                                      ! requested
+      logical :: has_choice = .false.                                 ! the curve may begin at the other end of its range
+      type(error_t), allocatable :: error
+   contains
+      procedure :: applies => start_attempts_applies
+      procedure :: make => start_attempts_make
+      procedure :: is_over => start_attempts_is_over
+   end type start_attempts_t
 
 contains
 
@@ -141,46 +156,64 @@ contains
       result%solve_seconds = wall_clock() - started
    end subroutine swept_curve_next
 
-   !> Begins the curve. If no balance is found at the given end of the range, it begins at the other one: contacts
-   !> that are closed at one end are often open at the other. Time integration, which takes longer, is the last
-   !> attempt.
+   !> Begins the curve by the attempts of `hb_attempts`: contacts that are closed at one end of the range are often open at the
+   !> other; time integration, which takes longer, is the last attempt.
    subroutine begin(self, result, error)
       class(swept_curve_t), intent(inout), target :: self
-      type(motion_result_t), intent(out) :: result
+      type(motion_result_t), intent(out), target :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: start
+      type(start_attempts_t) :: attempts
 
-      start = self%request%start
-      associate (request => self%request, other => self%request%from + self%request%to - self%request%start)
-         if (any(abs(start - [request%from, request%to]) <= 0.0_wp) .and. .not. (allocated(request%origin) .or. &
-             allocated(request%over) .or. any(self%model%tones%is_unknown) .or. self%model%start_from_integration .or. &
-             self%model%normal_mode%is_requested .or. self%model%lacks_impacts_of(outcome%impact))) then
-            self%model%may_integrate = .false.
-            call self%curve%begin(self%model, request, result, error)
-            if (has_ended()) return
-            call go_to(self, other, error)
-            self%model%may_integrate = .false.
-            if (.not. allocated(error)) call self%curve%begin(self%model, request, result, error)
-            if (has_ended()) then
-               if (is_solved(result%status)) result%message = "no motion was found at "//to_text(start)// &
-                  "; the curve begins at the other end of its range"
-               return
-            end if
-            call go_to(self, start, error)
-            if (allocated(error)) return
-            self%model%may_integrate = .true.
-         end if
+      attempts%curve => self
+      attempts%result => result
+      attempts%start = self%request%start
+      associate (request => self%request, model => self%model)
+         attempts%has_choice = any(abs(request%start - [request%from, request%to]) <= 0.0_wp) .and. .not. &
+            (allocated(request%origin) .or. allocated(request%over) .or. any(model%tones%is_unknown) .or. &
+             model%start_from_integration .or. model%normal_mode%is_requested .or. model%lacks_impacts_of(outcome%impact))
       end associate
-      call self%curve%begin(self%model, self%request, result, error)
-
-   contains
-
-      !> Whether no other attempt remains; a solution with an error too large to be estimated is not accepted.
-      logical function has_ended()
-         has_ended = allocated(error) .or. work_is_over()
-         if (.not. has_ended) has_ended = is_solved(result%status) .and. estimate_of(result) < reliable
-      end function has_ended
+      call make_attempts(attempts, stage%curve)
+      result%attempts = attempts%made
+      if (allocated(attempts%error)) call move_alloc(attempts%error, error)
    end subroutine begin
+
+   !> Whether an attempt can be made: without a choice the start alone, by all methods.
+   logical function start_attempts_applies(self, rule) result(applies)
+      class(start_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+
+      applies = self%has_choice .or. rule%technique == technique%integration
+   end function start_attempts_applies
+
+   !> Makes one attempt; a solution with an error too large to be estimated is not accepted.
+   subroutine start_attempts_make(self, rule, attempt, within)
+      class(start_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(attempt_t), intent(inout) :: attempt
+      type(attempt_t), allocatable, intent(out) :: within(:)
+
+      associate (curve => self%curve, result => self%result)
+         associate (request => curve%request)
+            call go_to(curve, merge(request%from + request%to - self%start, self%start, &
+                                    rule%discretisation == discretisation%other_end), self%error)
+         end associate
+         if (self%has_choice) curve%model%may_integrate = rule%technique == technique%integration
+         if (.not. allocated(self%error)) call curve%curve%begin(curve%model, curve%request, result, self%error)
+         if (allocated(result%attempts)) call move_alloc(result%attempts, within)
+         attempt%status = merge(outcome%failed, result%status, allocated(self%error))
+         if (allocated(self%error)) return
+         attempt%has_succeeded = is_solved(result%status) .and. estimate_of(result) < reliable
+         if (is_solved(result%status) .and. rule%discretisation == discretisation%other_end .and. &
+             (attempt%has_succeeded .or. work_is_over())) &
+            result%message = "no motion was found at "//to_text(self%start)//"; the curve begins at the other end of its range"
+      end associate
+   end subroutine start_attempts_make
+
+   logical function start_attempts_is_over(self) result(is_over)
+      class(start_attempts_t), intent(inout) :: self
+
+      is_over = allocated(self%error) .or. work_is_over()
+   end function start_attempts_is_over
 
    !> Moves the start of the curve, before it has begun, to a value.
    subroutine go_to(self, start, error)
