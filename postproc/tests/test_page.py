@@ -148,6 +148,17 @@ def test_text_of_the_input_ends_no_script(tmp_path):
     assert "<title>1 &lt; 2 &amp; &lt;/title></title>" in text
 
 
+def test_no_text_begins_a_comment_or_a_script(tmp_path):
+    """`<!--<script` puts a parser of HTML into a state in which </script> does not end the data."""
+    path = single(tmp_path / "a.h5", 1, input_groups="! <!--<script> __DATA__ __TITLE__\n", title="<!--<script> __DATA__")
+    with Results(path) as results:
+        write_page(results, tmp_path / "a.html")
+    data = re.search(r'id="data">(.*?)</script>', (tmp_path / "a.html").read_text(encoding="utf-8"), re.DOTALL)[1]
+    assert "<" not in data
+    assert json.loads(data)["title"] == "<!--<script> __DATA__"
+    assert json.loads(data)["input"].startswith("! <!--<script> __DATA__ __TITLE__")
+
+
 def test_a_page_needs_a_solved_point(tmp_path, capsys):
     path = write_sweep(tmp_path / "a.h5")
     with h5py.File(path, "a") as file:

@@ -59,8 +59,9 @@ def write_page(results: Results, path: Path, model: Path | None = None) -> list[
     template = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
     for halved in range(20):
         data, notes = page_data(results, model, 0.5**halved)
-        text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-        page = template.replace("__TITLE__", _escaped(data["title"])).replace("__DATA__", text)
+        text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")  # "<!--" would hide </script>
+        parts = {"__TITLE__": _escaped(data["title"]), "__DATA__": text}
+        page = re.sub("__TITLE__|__DATA__", lambda found: parts[found[0]], template)
         size = len(page.encode())
         if size <= LARGEST:
             break
