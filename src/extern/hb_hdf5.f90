@@ -23,11 +23,11 @@ module hb_hdf5
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t
    use hb_text, only: to_text
-   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, h5dcreate_f, h5dget_space_f, &
-      h5dget_storage_size_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, &
+   use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, H5D_VIRTUAL_F, h5dcreate_f, &
+      h5dget_create_plist_f, h5dget_space_f, h5dget_storage_size_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, &
       H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, &
-      h5fflush_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
-      h5pset_alloc_time_f, h5pset_fclose_degree_f, h5pset_fill_time_f, &
+      h5fflush_f, h5fget_name_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
+      h5pget_external_count_f, h5pget_layout_f, h5pset_alloc_time_f, h5pset_fclose_degree_f, h5pset_fill_time_f, &
       h5pset_fill_value_f, h5pset_libver_bounds_f, H5S_NULL_F, h5sclose_f, h5sget_simple_extent_dims_f, &
       h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, &
       H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
@@ -288,7 +288,7 @@ contains
       call h5sclose_f(space, status)
    end subroutine add_dataset
 
-   !> Opens a dataset of the file. Fails if it claims more values than the file contains.
+   !> Opens a dataset of the file. Fails if it claims more values than the file contains, or if they are in another file.
    subroutine file_open_dataset(self, name, dataset, error, extents)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -325,9 +325,36 @@ contains
             call check_extents(dataset%location, dataset%get_extents(), extents, error)
          end if
       end if
+      if (.not. allocated(error)) call check_stored_here(self, dataset, error)
       if (.not. allocated(error)) call check_stored(dataset, error)
       if (allocated(error)) call dataset%close()
    end subroutine file_open_dataset
+
+   !> Fails for a dataset with data in another file: behind an external link, in external raw storage, or in the sources
+   !> of a virtual dataset. The library would follow such names to any file of the user, also to write there.
+   subroutine check_stored_here(file, dataset, error)
+      class(h5_file_t), intent(in) :: file
+      type(h5_dataset_t), intent(in) :: dataset
+      type(error_t), allocatable, intent(out) :: error
+      integer, parameter :: longest_path = 4096
+      character(longest_path) :: its_file, this_file
+      integer(hid_t) :: properties
+      integer(size_t) :: length
+      integer :: ignored, layout, n_external, status
+
+      call h5fget_name_f(file%id, this_file, length, status)
+      if (status >= 0) call h5fget_name_f(dataset%id, its_file, length, status)
+      if (status >= 0) call h5dget_create_plist_f(dataset%id, properties, status)
+      if (status >= 0) then
+         call h5pget_external_count_f(properties, n_external, status)
+         if (status >= 0) call h5pget_layout_f(properties, layout, status)
+         call h5pclose_f(properties, ignored)
+      end if
+      call check(status, "ask for the storage", error, dataset%location)
+      if (allocated(error)) return
+      if (its_file /= this_file .or. n_external > 0 .or. layout == H5D_VIRTUAL_F) &
+         call fail(error, dataset%location//" is stored in another file, which is not read")
+   end subroutine check_stored_here
 
    !> Determines the kind of the values. Fails if a dataset claims more bytes than are in the file, except for a
    !> limited number that its owner may have compressed.

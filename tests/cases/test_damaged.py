@@ -8,6 +8,8 @@ import h5py
 import numpy as np
 import pytest
 from nhbm.command import main as nhbm_model
+from nhbm_post import Results
+from nhbm_post.errors import ReaderError
 
 from program import BAD_INPUT, INCOMPLETE, command, environment, run
 from user_law import HEADER_FOLDER
@@ -88,6 +90,49 @@ def test_resume_refuses_rows_without_axes(begun, tmp_path):
         replace(file, "iterations", 7)
     done = run("resume", path, cwd=tmp_path)
     assert done.status == BAD_INPUT and "'iterations'" in done.stderr
+
+
+def store_elsewhere(path, name, form):
+    """Moves a dataset of a file into another file."""
+    other = path.with_name("other")
+    with h5py.File(path, "r+") as file:
+        values = file[name][()]
+        del file[name]
+        if form == "external storage":
+            values.tofile(other)
+            file.create_dataset(name, values.shape, values.dtype, external=[(str(other), 0, h5py.h5f.UNLIMITED)])
+            return
+        with h5py.File(other, "w") as there:
+            there["x"] = values
+        if form == "external link":
+            file[name] = h5py.ExternalLink(str(other), "x")
+        elif form == "link to a link":
+            file["link"], file[name] = h5py.ExternalLink(str(other), "x"), h5py.SoftLink("/link")
+        else:
+            layout = h5py.VirtualLayout(values.shape, values.dtype)
+            layout[...] = h5py.VirtualSource(str(other), "x", values.shape)
+            file.create_virtual_dataset(name, layout)
+
+
+@pytest.mark.parametrize("form", ["external storage", "virtual dataset", "external link", "link to a link"])
+def test_nothing_is_read_from_other_files_that_a_file_names(form, begun, tmp_path, capsys):
+    path = tmp_path / "model.h5"
+    assert nhbm_model(["beam", "-o", str(path)]) == 0
+    store_elsewhere(path, "stiffness/data", form)
+    structure = "&structure type = 'model', file = 'model.h5', damping_mass = 1.0 /\n"
+    (tmp_path / "model.nml").write_text(structure + "".join(MODEL.splitlines(keepends=True)[2:]).replace("'x1'", "1"))
+    (tmp_path / "case.h5").write_bytes(begun)
+    store_elsewhere(tmp_path / "case.h5", "status", form)
+    before = (tmp_path / "other").read_bytes()
+    for verb, file in (("check", "model.nml"), ("info", "case.h5"), ("resume", "case.h5")):
+        done = run(verb, file, cwd=tmp_path)
+        assert done.status == BAD_INPUT and "is stored in another file" in done.stderr, (verb, done.stderr)
+    capsys.readouterr()
+    assert nhbm_model(["info", str(path)]) == 2
+    assert "is stored in another file" in capsys.readouterr().err
+    with pytest.raises(ReaderError, match="is stored in another file"):
+        Results(tmp_path / "case.h5")
+    assert (tmp_path / "other").read_bytes() == before
 
 
 @pytest.mark.parametrize("compression", [None, "gzip"])

@@ -7,6 +7,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from nhbm.hdf5_file import open_hdf5
+
 from .errors import ReaderError
 
 # Exceptions that h5py and numpy raise in a damaged file.
@@ -20,13 +22,13 @@ def open_file(path: Path) -> h5py.File:
     if not path.is_file():
         raise ReaderError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
     try:
-        return h5py.File(path, "r")
+        return open_hdf5(path)
     except OSError as error:
         first = error
     if "lock" in str(first):
         # A run may still be writing. Complete points are readable at any time, so the lock is not used.
         try:
-            return h5py.File(path, "r", locking=False)
+            return open_hdf5(path, locking=False)
         except (OSError, TypeError, ValueError):  # the last two: HDF5 library without this option
             pass
     raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(first)})")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
+
+from nhbm.hdf5_file import open_hdf5
 
 from .errors import ReaderError
 from .hdf5 import text_of
@@ -16,7 +17,7 @@ from .series import Series
 def is_record(path) -> bool:
     """Whether a file is the record of a time integration; false if it cannot be read."""
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             return file.attrs.get("kind") == "integration"
     except OSError:
         return False
@@ -26,7 +27,7 @@ def info(path) -> str:
     """Describes a record in lines: its method, the largest displacement at each degree of freedom [m or rad] and, for several
     starts, the motions found with the magnitude of their coefficients at the first degree of freedom."""
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             t, dofs = file["time"][()], list(file["dof"].asstr()[()])
             lines = [
                 f"file       {path}",
@@ -52,7 +53,7 @@ def info(path) -> str:
 def read_series(path, dof: str | None) -> tuple[Series, str, bool]:
     """Harmonics of one degree of freedom (default: the first) at the tones of a record, a title, and whether it is in hertz."""
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             labels = list(file["dof"].asstr()[()])
             k, stored = _row(path, labels, dof or labels[0]), file["coefficients"]
             units = text_of(stored.attrs.get("dof_units", "")).split() or [text_of(stored.attrs["units"])] * len(labels)
@@ -74,7 +75,7 @@ def read_displacement(path, dof: str) -> tuple[str, np.ndarray, np.ndarray]:
     """Method, times [s] and displacements of one degree of freedom."""
     path = Path(path)
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             if file.attrs.get("kind") != "integration":
                 raise ReaderError(f"{path}: is no record of nhbm integrate")
             k = _row(path, list(file["dof"].asstr()[()]), dof)

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from nhbm.child_process import atomic_write
 from nhbm.errors import ModelError
+from nhbm.hdf5_file import open_hdf5
 
 FORMAT = "nhbm model"
 SCHEMA_VERSION = 1
@@ -201,7 +202,7 @@ class Structure:
         if not Path(path).is_file():
             raise ModelError(f"file '{path}' does not exist")
         try:
-            with h5py.File(path, "r") as file:
+            with open_hdf5(path) as file:
                 return cls._from_file(file)
         except ModelError as error:
             raise ModelError(f"file '{path}': {error}") from None
