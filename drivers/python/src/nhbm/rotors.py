@@ -21,7 +21,6 @@ VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")
 N = len(DIRECTIONS)
 ACROSS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # i z = x' + i y' turned back: what -i Omega z does to (x, y)
-COWPER = 6.0, 7.0  # shear coefficient of a round section: 6 (1 + nu) / (7 + 6 nu)
 
 
 @dataclass
@@ -39,6 +38,11 @@ class Rotor:
     (Bernoulli)."""
 
     def __init__(self, young: float = 2.1e11, density: float = 7850.0, poisson: float | None = 0.3) -> None:
+        for name, value in (("young", young), ("density", density)):
+            if not 0 < value < np.inf:
+                raise ModelError(f"{name} must be above 0, not {value}")
+        if poisson is not None and not -1 < poisson <= 0.5:
+            raise ModelError(f"poisson must be above -1 and at most 0.5, not {poisson}")
         self.young, self.density, self.poisson = young, density, poisson
         self._shafts: list[_Shaft] = []
         self._sets: dict[str, int] = {}
@@ -80,6 +84,9 @@ class Rotor:
         """Adds a rigid disk at the node nearest to z [m]: its mass [kg], diametral and polar moment of inertia [kg m2]; set
         `disk1`, ..."""
         found, node = self._node(z, shaft)
+        for name, value in (("mass", mass), ("diametral", diametral), ("polar", polar)):
+            if not 0 <= value < np.inf:
+                raise ModelError(f"disk at {z}: {name} must be 0 or more, not {value}")
         self._add("mass", (node,), np.eye(2), np.diag([mass, diametral]))
         self._add(_by_speed("gyroscopic_by_speed", found.speed), (node,), ACROSS, np.diag([0.0, polar]))
         self._sets[self._next("disk")] = node
@@ -162,23 +169,27 @@ class Rotor:
     def critical_speeds(self, up_to: float, ratio: float = 1.0, order: float = 1.0) -> np.ndarray:
         """Values of speed 1 [rad/s], up to a limit, at which a whirl frequency of the undamped rotor is `order` times the
         speed: forward whirl excited by the unbalance of its shafts (order 1); `order = ratio` for the unbalance of the
-        other shaft, negative orders for backward whirl.
+        other shaft, negative orders for backward whirl. Where bearings differ in x and y, each whirl has parts of both
+        directions: all of them are returned, whatever the sign of the order.
 
-        Source: (K - W**2 (order**2 M - order G)) u = 0 for circular whirl, G the gyroscopic matrix of all shafts at W = 1; bearings
-        must be the same in x and y."""
+        Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
+        for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric."""
         s = self.structure()
         k, m = s.stiffness.toarray(), s.mass.toarray()
-        planes = [np.arange(s.n_dofs)[plane::2] for plane in (0, 1)]  # x and xz, y and yz of all nodes
-        if not np.allclose(k[np.ix_(planes[0], planes[0])], k[np.ix_(planes[1], planes[1])], rtol=1e-9, atol=1e-9 * abs(k).max()):
-            raise ModelError("critical_speeds: the bearings differ in x and y; read them off a Campbell diagram")
-        g = sum(
-            part.toarray() * factor
-            for part, factor in ((s.gyroscopic_by_speed, 1.0), (s.gyroscopic_by_speed_2, ratio))
-            if part is not None
-        )
-        polar = g[np.ix_(planes[0], planes[1])] if not np.isscalar(g) else np.zeros((s.n_dofs // 2,) * 2)
-        one = planes[0]
-        values = scipy.linalg.eigvals(order**2 * m[np.ix_(one, one)] - order * polar, k[np.ix_(one, one)])
+        if not np.allclose(k, k.T, rtol=1e-9, atol=1e-9 * abs(k).max()):
+            raise ModelError(
+                "critical_speeds: a bearing whose stiffness is not symmetric feeds or damps whirls; read them off a Campbell diagram"
+            )
+        g = np.zeros_like(k)
+        for part, factor in ((s.gyroscopic_by_speed, 1.0), (s.gyroscopic_by_speed_2, ratio)):
+            if part is not None:
+                g += factor * part.toarray()
+        x, y = (np.arange(s.n_dofs)[plane::2] for plane in (0, 1))  # x and xz, y and yz of all nodes
+        whole, inertia = k, order**2 * m - 1j * order * g
+        tolerance = 1e-9 * abs(k).max()
+        if np.allclose(k[np.ix_(x, x)], k[np.ix_(y, y)], rtol=1e-9, atol=tolerance) and abs(k[np.ix_(x, y)]).max() <= tolerance:
+            whole, inertia = k[np.ix_(x, x)], order**2 * m[np.ix_(x, x)] - order * g[np.ix_(x, y)]
+        values = scipy.linalg.eigvals(inertia, whole)
         real = values.real[(abs(values.imag) <= 1e-9 * abs(values).max()) & (values.real > 0)]
         return np.sort(1.0 / np.sqrt(real[real >= 1.0 / up_to**2]))
 
@@ -188,8 +199,7 @@ class Rotor:
         p = 0.0
         if self.poisson is not None:
             shear = self.young / (2 * (1 + self.poisson))
-            coefficient = COWPER[0] * (1 + self.poisson) / (COWPER[1] + COWPER[0] * self.poisson)
-            p = 12 * self.young * second / (coefficient * shear * area * h**2)
+            p = 12 * self.young * second / (_shear_coefficient(self.poisson, inner / outer) * shear * area * h**2)
         stiffness = self.young * second / (h**3 * (1 + p)) * _matrix(h, 12, 6, 4 + p, -12, 6, 2 - p)
         mass = self.density * area * h / (1 + p) ** 2 * _matrix(
             h, 13 / 35 + 7 * p / 10 + p**2 / 3, 11 / 210 + 11 * p / 120 + p**2 / 24, 1 / 105 + p / 60 + p**2 / 120,
@@ -285,6 +295,13 @@ def _matrix(h: Any, deflection: Any, both: Any, slope: Any, far_deflection: Any,
     other = np.array([[deflection, -both * h], [-both * h, slope * h**2]])
     far = np.array([[far_deflection, far_both * h], [-far_both * h, far_slope * h**2]])
     return np.block([[near, far], [far.T, other]])
+
+
+def _shear_coefficient(poisson: float, bore: float) -> float:
+    """Shear coefficient of a circular section, with the bore relative to the outer diameter (G. R. Cowper, J. Appl. Mech. 33 (1966)
+    335-340)."""
+    wall = (1 + bore**2) ** 2
+    return 6 * (1 + poisson) * wall / ((7 + 6 * poisson) * wall + (20 + 12 * poisson) * bore**2)
 
 
 def _two(values: Any) -> np.ndarray:
