@@ -40,6 +40,17 @@ def test_sets_that_do_not_meet_are_refused(two):
         assembly.assemble({"a": two, "b": two}, {"c": (0, 0, 0)})
 
 
+def test_meshes_that_do_not_match_are_refused(two):
+    """One node of each set meets one of the other."""
+    two.coordinates[13, 1] = 0.25
+    with pytest.raises(ModelError, match=r"1 nodes of 'a_tail' \(2\) and 'b_head' \(2\) meet; pairs need meshes that match"):
+        assembly.add_pair(two, "joint", "a_tail", "b_head")
+    assert "joint_1" not in two.sets
+    assert assembly.add_pair(two, "joint", "a_tail", "b_head", partial=True) == 1
+    two.sets["small"] = two.sets["b_head"][1:]
+    assert assembly.add_pair(two, "other", "a_tail", "small") == 1
+
+
 @pytest.mark.parametrize("method", reduction.MODAL)
 def test_a_pair_retains_its_relative_motion(two, method):
     """Flexibility against forces that push the two apart, at rest: that of the full model."""

@@ -92,9 +92,16 @@ def meeting_nodes(model: Structure, first: str, second: str, within: float = 0.0
     return a[meets], b[nearest[meets]]
 
 
-def add_pair(model: Structure, name: str, first: str, second: str, within: float = 0.0) -> int:
-    """Names the nodes where two sets meet, `<name>_1` of the first and `<name>_2` of the second; returns how many."""
+def add_pair(model: Structure, name: str, first: str, second: str, within: float = 0.0, partial: bool = False) -> int:
+    """Names the nodes where two sets meet, `<name>_1` of the first and `<name>_2` of the second; returns how many. Each node of the
+    smaller set must meet one of the other, unless `partial`: nodes of meshes that do not match meet by chance."""
     a, b = meeting_nodes(model, first, second, within)
+    n_first, n_second = len(model.sets[first]), len(model.sets[second])
+    if len(a) < min(n_first, n_second) and not partial:
+        raise ModelError(
+            f"{len(a)} nodes of '{first}' ({n_first}) and '{second}' ({n_second}) meet; pairs need meshes that match where the sets "
+            "meet; --within pairs nodes at a distance, --partial pairs the nodes that meet"
+        )
     model.sets |= {f"{name}_1": a, f"{name}_2": b}
     model.validate()
     return len(a)

@@ -12,7 +12,7 @@ import numpy as np
 
 from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
 from nhbm.checks import check
-from nhbm.child_process import run_in_child_process
+from nhbm.child_process import is_input, run_in_child_process
 from nhbm.errors import ModelError
 from nhbm.factors import dense_modes, symmetric_part
 from nhbm.structure import MATRICES, Structure
@@ -131,6 +131,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--pair", action="append", default=[], metavar="NAME=SET,SET",
                       help="pair of coincident nodes of two sets, named NAME_1 and NAME_2")  # fmt: skip
     verb.add_argument("--within", type=float, default=0.0, metavar="M", help="largest distance of the nodes of a pair")
+    verb.add_argument("--partial", action="store_true", help="nodes of both sets of a pair may meet none of the other set")
     _loads(verb)
     _output(verb)
 
@@ -179,6 +180,10 @@ def _check_output(options: Any) -> None:
         raise ModelError(f"'{path}' is no regular file")
     if path.exists() and not options.overwrite:
         raise ModelError(f"file '{path}' exists; --overwrite replaces it")
+    stem = vars(options).get("calculix")
+    of_calculix = importing.calculix_files(stem).values() if stem else ()
+    if path.exists() and (is_input(path, options) or any(file.exists() and path.samefile(file) for file in of_calculix)):
+        raise ModelError(f"file '{path}' is an input of this command; give another --output")
     if not path.parent.is_dir():
         raise ModelError(f"file '{path}': there is no folder '{path.parent}'")
 
@@ -364,7 +369,7 @@ def run_assemble(options: Any) -> int:
     model = assembly.assemble(parts, offsets)
     for text in options.pair:
         name, first, second = _two_sets(text)
-        print(f"pair {name}: {assembly.add_pair(model, name, first, second, options.within)} nodes")
+        print(f"pair {name}: {assembly.add_pair(model, name, first, second, options.within, options.partial)} nodes")
     _add_loads(model, options.load)
     model.validate()
     _write(model, options)
