@@ -127,6 +127,8 @@ contains
       type(jeffcott_t) :: rotor
 
       call read_numbers(rotor, group)
+      if (group%given("speed") .and. .not. (group%given("rotating_damping") .or. group%given("polar_inertia"))) &
+         call group%problem("speed", "has no effect without rotating_damping and polar_inertia; remove it, or give one of them")
       allocate (self, source=rotor)
    end subroutine read_jeffcott
 
@@ -159,6 +161,8 @@ contains
                                   to_text(n_dofs)//" for a diagonal matrix; there are "//to_text(n))
          end associate
       end do
+      if (group%given("speed") .and. .not. any([(group%given(trim(names_of_matrices(i))), i=5, size(names_of_matrices))])) &
+         call group%problem("speed", "has no effect without matrices by speed; remove it, or give one of them")
       call group%get("labels", matrices%labels)
       call group%get("units", matrices%units)
       allocate (self, source=matrices)

@@ -134,6 +134,9 @@ contains
          call fail(error, "the model has "//to_text(fe_model%n_dofs)//" degrees of freedom, at most "//to_text(max_sparse_dofs)// &
                    " are taken as they are; 'nhbm-model reduce' makes a small model of a large one")
          return
+      else if (fe_model%structural%n_rows == 0 .and. structural_frequency > 0.0_wp) then
+         call fail(error, "the model has no structural damping H, so that structural_frequency has no effect; remove it")
+         return
       else if (fe_model%structural%n_rows > 0 .and. .not. structural_frequency > 0.0_wp) then
          call fail(error, "the model has structural damping H; give structural_frequency, the frequency at which "// &
                     "the viscous damping "// &
