@@ -49,6 +49,15 @@ def test_value_prints_all_digits(sweep, capsys):
     assert all(len(word.lstrip("-").split("e")[0]) == 18 for word in out.split())
 
 
+def test_an_input_is_never_replaced(sweep, tmp_path, capsys):
+    (tmp_path / "link.html").symlink_to(sweep)
+    before = sweep.read_bytes()
+    for output in (sweep, tmp_path / "link.html"):
+        status, _, err = run(capsys, "report", sweep, "-o", output)
+        assert status == 2 and f"'{output}' is an input of this command" in err
+    assert sweep.read_bytes() == before
+
+
 def test_value_accepts_mirrored_tuples(sweep, capsys):
     _, out, _ = run(capsys, "value", sweep, "--tuple", "1,0")
     _, mirrored, _ = run(capsys, "value", sweep, "--tuple", "-1,0")

@@ -254,6 +254,38 @@ def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name,
     assert not (tmp_path / "out.h5").exists()
 
 
+@pytest.mark.parametrize("end", [".mtx.gz", ".mtx.bz2", ".npz"])
+def test_files_that_are_far_larger_than_their_bytes_are_refused(tmp_path, end):
+    """100 MB of numbers in less than 1 MB; a matrix of a net of the same size on the disk is read."""
+    path = tmp_path / f"large{end}"
+    if end == ".npz":
+        np.savez_compressed(path, format="csr", shape=(1, 1), data=np.zeros(12_000_000), indices=[0], indptr=[0, 1])
+    else:
+        with importing._OPENERS[path.suffix](path, "wb") as file:
+            file.write(b"%%MatrixMarket matrix coordinate real general\n2 2 16000000\n")
+            for _ in range(1600):
+                file.write(b"1 1 1\n" * 10_000)
+    assert path.stat().st_size < 1e6
+    with pytest.raises(ModelError, match="holds more than 67 MB in 0.* MB; decompress it first"):
+        importing.read_matrix(path)
+    n = 40_000
+    net = sp.diags([np.full(n, 2.0), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], [0, 1, -1])
+    path = tmp_path / f"net{end}"
+    if end == ".npz":
+        sp.save_npz(path, net.tocsr())
+    else:
+        with importing._OPENERS[path.suffix](path, "wb") as file:
+            scipy.io.mmwrite(file, net)
+    assert importing.read_matrix(path).nnz == net.nnz
+
+
+def test_a_matrix_without_sizes_is_refused_whatever_its_lines(tmp_path):
+    path = tmp_path / "long.mtx"
+    path.write_bytes(b"%%MatrixMarket matrix coordinate real general\n%" + 100_000 * b"x" + b"\n")
+    with pytest.raises(ModelError, match="ends before the line with the sizes"):
+        importing.read_matrix(path)
+
+
 def test_loads_and_paths_of_output_are_checked(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sound.mtx").write_text(SOUND)

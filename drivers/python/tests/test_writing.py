@@ -90,6 +90,49 @@ def test_sigterm_ends_both_processes_and_leaves_no_part(faults, tmp_path):
     assert not os.listdir(tmp_path)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux alone ends a process with its parent")
+def test_sigkill_leaves_no_child(faults, tmp_path):
+    words = [sys.executable, "-m", "nhbm.command", *ROTOR, "-o", str(tmp_path / "rotor.h5")]
+    process = subprocess.Popen(words, env=environment(faults, FAULT_CALLS="2", FAULT_FOLDER=str(tmp_path)))
+    for _ in range(600):
+        if os.listdir(tmp_path):
+            break
+        time.sleep(0.05)
+    (child,) = map(int, Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
+    process.kill()
+    process.wait(timeout=10)
+    for _ in range(100):
+        if not os.path.exists(f"/proc/{child}") or "Z" in Path(f"/proc/{child}/stat").read_text().split()[2]:
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail("the child process goes on")
+
+
+@pytest.mark.parametrize("words", [
+    ["import", "--mass", "m.npz", "--stiffness", "k.npz", "-o", "m.npz"],
+    ["import", "--mass", "m.npz", "--stiffness", "k.npz", "--labels", "labels", "-o", "link"],
+    ["import", "--calculix", "job.inp", "-o", "job.dof"],
+    ["reduce", "old.h5", "--keep", "n1.x", "-o", "./old.h5"],
+    ["assemble", "a=old.h5", "b=other.h5", "-o", "old.h5"],
+])  # fmt: skip
+def test_an_input_is_never_replaced(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("m", "k"):
+        sp.save_npz(f"{name}.npz", sp.csr_matrix(np.eye(2)))
+    Path("labels").write_text("a\nb\n")
+    Path("link").symlink_to("labels")
+    for end, text in ((".dof", "1.1\n"), (".sti", "1 1 1.0\n"), (".mas", "1 1 1.0\n")):
+        Path(f"job{end}").write_text(text)
+    for name in ("old.h5", "other.h5"):
+        assert main([*ROTOR, "-o", name]) == 0
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    capsys.readouterr()
+    assert main([*words, "--overwrite"]) == 2
+    assert f"file '{Path(words[-1])}' is an input of this command" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_links_modes_and_what_is_no_file(tmp_path):
     path, link = tmp_path / "rotor.h5", tmp_path / "link.h5"
     before = os.umask(0o027)

@@ -9,10 +9,11 @@ import sys
 from pathlib import Path
 
 from nhbm import shells
+from nhbm.child_process import is_input
 
 from . import __version__, options, verbs
 from .appearance import appearance
-from .errors import NhbmPostError
+from .errors import NhbmPostError, UsageError
 from .hdf5 import DAMAGES
 
 _DESCRIPTION = """\
@@ -41,6 +42,8 @@ def main(argv: list[str] | None = None) -> int:
         arguments.file = arguments.files[0][1]
     try:
         looks = vars(arguments)
+        if looks.get("output") and is_input(looks["output"], arguments):
+            raise UsageError(f"'{looks['output']}' is an input of this command; give another --output")
         with appearance(looks.get("title"), looks.get("width"), looks.get("style") == "paper"):
             arguments.run(arguments)
         sys.stdout.flush()

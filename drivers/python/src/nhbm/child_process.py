@@ -6,6 +6,7 @@ The packages nhbm_post and nhbm share this module.
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import mmap
 import os
@@ -21,6 +22,7 @@ import h5py
 
 SECONDS, SECONDS_A_BYTE = 0.5, 2.0e-7  # of processor time that one call of the library may take, by the size of the file
 _TEXT_SIZE = 4096
+_PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 _TERMINATION = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _unfinished: mmap.mmap | None = None  # path of the file that the child process is writing
 
@@ -34,9 +36,11 @@ def run_in_child_process(main: Any, program: str) -> int:
     location = mmap.mmap(-1, _TEXT_SIZE)  # shared memory: what the child process is reading
     _unfinished = mmap.mmap(-1, _TEXT_SIZE)
     signal.pthread_sigmask(signal.SIG_BLOCK, _TERMINATION)  # until both processes have their handlers
+    parent = os.getpid()
     child = os.fork()
     if child == 0:
         status = 1
+        _end_with(parent)
         for number in _TERMINATION:
             signal.signal(number, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINATION)
@@ -74,6 +78,31 @@ def run_in_child_process(main: Any, program: str) -> int:
     for number, handler in before.items():
         signal.signal(number, handler)
     return _ending(status, program, location[:].partition(b"\0")[0].decode(errors="replace"))
+
+
+def is_input(path: Any, options: Any) -> bool:
+    """Whether the file that a command is to write is one that another of its options names, also as NAME=FILE."""
+    words = [word for name, value in vars(options).items() if name != "output" for word in _words(value)]
+    for word in [*words, *(word.partition("=")[2] for word in words)]:
+        with suppress(OSError, ValueError):  # most words are not files
+            if os.path.samefile(path, word):
+                return True
+    return False
+
+
+def _words(value: Any) -> list[str]:
+    if isinstance(value, (list, tuple)):
+        return [word for entry in value for word in _words(entry)]
+    return [os.fspath(value)] if isinstance(value, (str, Path)) else []
+
+
+def _end_with(parent: int) -> None:
+    """Lets this process end when its parent process does, even by SIGKILL (Linux)."""
+    if sys.platform != "linux":
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before
+        os._exit(1)
 
 
 @contextmanager

@@ -20,6 +20,8 @@ from nhbm.structure import Structure, check_labels
 
 DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 ANGLES = ("rx", "ry", "rz")
+_OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open}  # as mmread takes them
+_SMALL, _MOST_COMPRESSED = 2**26, 50  # bytes, and bytes a compressed byte, of matrices; those of finite elements have up to 30
 
 
 def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **more: Any) -> Structure:
@@ -37,6 +39,7 @@ def read_matrix(path: Any) -> sp.csr_matrix:
     """One matrix, its format by the end of the file's name."""
     path = _existing(path)
     try:
+        _check_size(path)
         if path.suffix != ".npz" and not _has_sizes(path):
             raise ValueError("it ends before the line with the sizes")
         matrix = sp.load_npz(path) if path.suffix == ".npz" else scipy.io.mmread(path)
@@ -58,11 +61,30 @@ def read_matrix(path: Any) -> sp.csr_matrix:
     return matrix
 
 
-def _has_sizes(path: Any) -> bool:
+def _check_size(path: Path) -> None:
+    """ValueError for a compressed file whose contents are out of proportion: a few MB of it could fill the memory."""
+    n, limit = 0, max(_SMALL, _MOST_COMPRESSED * path.stat().st_size)
+    if path.suffix == ".npz":
+        with zipfile.ZipFile(path) as members:
+            n = sum(member.file_size for member in members.infolist())
+    elif path.suffix in _OPENERS:
+        with _OPENERS[path.suffix](path, "rb") as file:
+            while n <= limit and (block := file.read(2**20)):
+                n += len(block)
+    if n > limit:
+        raise ValueError(f"it holds more than {limit / 1e6:.0f} MB in {path.stat().st_size / 1e6:.1f} MB; decompress it first")
+
+
+def _has_sizes(path: Path) -> bool:
     """Whether there is a line behind the head and the comments of a Matrix Market file; SciPy looks for one for ever."""
-    opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(path.suffix, open)  # as mmread takes them
-    with opener(path, "rb") as file:
-        return any(line.strip() and not line.lstrip().startswith(b"%") for line in file)
+    is_comment, begins = False, True
+    with _OPENERS.get(path.suffix, open)(path, "rb") as file:
+        while piece := file.readline(2**16):
+            is_comment = piece.lstrip().startswith(b"%") if begins else is_comment
+            if piece.strip() and not is_comment:
+                return True
+            begins = piece.endswith(b"\n")
+    return False
 
 
 def read_labels(path: Any) -> list[str]:
@@ -98,20 +120,26 @@ def nodes_of_labels(labels: list[str]) -> dict[Any, Any]:
     }
 
 
-def from_calculix(stem: Any, **more: Any) -> Structure:
-    """Structure of what CalculiX stores for `*FREQUENCY, SOLVER=MATRIXSTORAGE`: <stem>.sti, .mas and .dof."""
+def calculix_files(stem: Any) -> dict[str, Path]:
+    """The files that CalculiX stores for `*FREQUENCY, SOLVER=MATRIXSTORAGE`, by their contents."""
     stem = Path(stem)
     stem = stem.with_suffix("") if stem.suffix in (".sti", ".mas", ".dof", ".inp") else stem
+    return {name: Path(f"{stem}{end}") for name, end in (("stiffness", ".sti"), ("mass", ".mas"), ("labels", ".dof"))}
+
+
+def from_calculix(stem: Any, **more: Any) -> Structure:
+    """Structure of what CalculiX stores for `*FREQUENCY, SOLVER=MATRIXSTORAGE`: <stem>.sti, .mas and .dof."""
+    files = calculix_files(stem)
     labels = []
-    for line in _text(f"{stem}.dof").split():
+    for line in _text(files["labels"]).split():
         node, _, direction = line.partition(".")
         if not node.isdigit() or direction not in ("1", "2", "3", "4", "5", "6"):
-            raise ModelError(f"file '{stem}.dof': '{line}' is no node and direction, such as 12.3")
+            raise ModelError(f"file '{files['labels']}': '{line}' is no node and direction, such as 12.3")
         labels.append(f"n{node}.{DIRECTIONS[int(direction)]}")
     if not labels:
-        raise ModelError(f"file '{stem}.dof' names no degree of freedom")
-    n = len(_checked(labels, f"{stem}.dof"))
-    matrices = {name: _triangle(f"{stem}{end}", n) for name, end in (("stiffness", ".sti"), ("mass", ".mas"))}
+        raise ModelError(f"file '{files['labels']}' names no degree of freedom")
+    n = len(_checked(labels, files["labels"]))
+    matrices = {name: _triangle(files[name], n) for name in ("stiffness", "mass")}
     return Structure(**matrices, **nodes_of_labels(labels), **more)
 
 
