@@ -111,6 +111,7 @@ contains
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
       integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), status(:)
+      real(wp), allocatable :: lengths(:)
       integer :: first_gap, i, n
 
       allocate (lines(0))
@@ -119,6 +120,7 @@ contains
       call file%get("curve_kind", kind, error, [plan%n_points])
       call file%get("status", status, error, [plan%n_points])
       call file%get("curve_branch", branch, error, [plan%n_points])
+      call file%get("curve_length", lengths, error, [plan%n_points])
       call file%get("is_stable", is_stable, error, [plan%n_points])
       call file%get("n_unstable", n_unstable, error, [plan%n_points])
       call file%get("reason", reasons, error, [plan%n_points])
@@ -134,7 +136,7 @@ contains
          if (n <= most_points) lines = [character(max_line) :: lines, line_of(i)]
       end do
       if (n > most_points) lines = [character(max_line) :: lines, "and "//to_text(n - most_points)//" more (see 'curve_kind')"]
-      call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, merge(n_unstable, -1, is_stable /= 0), &
+      call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, lengths, merge(n_unstable, -1, is_stable /= 0), &
                      plan%n_fastest(), n, first_gap)
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
@@ -167,10 +169,11 @@ contains
       end function line_of
    end subroutine curve_lines
 
-   !> Counts the steps on which the number of growing disturbances changes without a point on the step or next to it
-   !> that explains this. Steps with an unknown number at either end do not count, nor does the start of a branch.
-   pure subroutine find_gaps(kind, branch, n_unstable, n_rows, n_gaps, first)
+   !> Counts the steps along curves on which the number of growing disturbances changes without a point on the step or
+   !> next to it that explains this. Steps with an unknown number are passed over.
+   pure subroutine find_gaps(kind, branch, length, n_unstable, n_rows, n_gaps, first)
       integer, intent(in) :: kind(:), branch(:)                       !! of all points of all curves
+      real(wp), intent(in) :: length(:)                               !! likewise, along the curve: one direction is negative
       integer, intent(in) :: n_unstable(:)                            !! likewise, -1: not known
       integer, intent(in) :: n_rows                                   !! for one curve
       integer, intent(out) :: n_gaps
@@ -178,32 +181,33 @@ contains
       integer, parameter :: steps(2) = [curve_kind%regular, curve_kind%start]
       integer, parameter :: reasons(6) = [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%torus, curve_kind%split, &
                                           curve_kind%graze]
-      integer :: before, first_row, i, k, next
+      integer, allocatable :: along(:), at(:), rows(:)
+      integer :: b, i, k, last, row
 
       n_gaps = 0
       first = 0
-      before = 0
-      do i = 1, size(kind)
-         if (modulo(i - 1, n_rows) == 0 .or. kind(i) == curve_kind%start) before = 0
-         if (all(steps /= kind(i)) .or. n_unstable(i) < 0) cycle
-         if (before > 0) then
-            if (n_unstable(before) /= n_unstable(i) .and. branch(before) == branch(i)) then
-               next = i                                               ! the end of the following step
-               do k = i + 1, min(size(kind), i + n_rows - 1 - modulo(i - 1, n_rows))
-                  next = k
-                  if (any(steps == kind(k))) exit
-               end do
-               do k = before - 1, i - modulo(i - 1, n_rows), -1       ! the beginning of the previous step
-                  if (any(steps == kind(k))) exit
-               end do
-               first_row = max(k, i - modulo(i - 1, n_rows))
-               if (.not. any([(any(reasons == kind(k)), k=first_row, next)])) then
-                  n_gaps = n_gaps + 1
-                  if (first == 0) first = i
+      do row = 1, size(kind), n_rows
+         do b = 0, maxval(branch(row:min(row + n_rows - 1, size(kind))))
+            rows = pack([(i, i=row, min(row + n_rows - 1, size(kind)))], branch(row:min(row + n_rows - 1, size(kind))) == b)
+            rows = pack(rows, kind(rows) /= curve_kind%none)
+            along = pack(rows, length(rows) < 0.0_wp)
+            along = [along(size(along):1:-1), pack(rows, .not. length(rows) < 0.0_wp)]
+            at = pack([(i, i=1, size(along))], [(any(steps == kind(along(i))), i=1, size(along))])
+            last = 0
+            do k = 1, size(at)                                        ! from one step of known stability to the next
+               if (n_unstable(along(at(k))) < 0) cycle
+               if (last > 0) then
+                  associate (near => kind(along(at(max(1, last - 1)):at(min(size(at), k + 1)))))
+                     if (n_unstable(along(at(last))) /= n_unstable(along(at(k))) .and. &
+                         .not. any([(any(reasons == near(i)), i=1, size(near))])) then
+                        n_gaps = n_gaps + 1
+                        if (first == 0) first = along(at(k))
+                     end if
+                  end associate
                end if
-            end if
-         end if
-         before = i
+               last = k
+            end do
+         end do
       end do
    end subroutine find_gaps
 
