@@ -24,13 +24,13 @@ module hb_hdf5
    use hb_mpi, only: comm_t
    use hb_text, only: to_text
    use hdf5, only: H5D_ALLOC_TIME_EARLY_F, H5D_FILL_TIME_ALLOC_F, H5D_FILL_TIME_NEVER_F, H5D_VIRTUAL_F, h5dcreate_f, &
-      h5dget_create_plist_f, h5dget_space_f, h5dget_storage_size_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, &
-      H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, &
-      h5fflush_f, h5fget_name_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, &
-      h5pget_external_count_f, h5pget_layout_f, h5pset_alloc_time_f, h5pset_fclose_degree_f, h5pset_fill_time_f, &
-      h5pset_fill_value_f, h5pset_libver_bounds_f, H5S_NULL_F, h5sclose_f, h5sget_simple_extent_dims_f, &
-      h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, &
-      H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
+      h5dget_create_plist_f, h5dget_space_f, h5dget_storage_size_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, &
+      H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, &
+      H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fget_name_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, &
+      H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pget_external_count_f, h5pget_layout_f, h5pset_alloc_time_f, &
+      h5pset_fclose_degree_f, h5pset_fill_time_f, h5pset_fill_value_f, h5pset_libver_bounds_f, H5S_NULL_F, h5sclose_f, &
+      h5sget_simple_extent_dims_f, h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5T_IEEE_F64LE, &
+      H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
    implicit none
    private
    public :: bytes_of_kind, can_end_library, create_file, h5_dataset_t, h5_file_t, is_characters, is_integer

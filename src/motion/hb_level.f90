@@ -47,8 +47,8 @@ module hb_level
 
 contains
 
-   !> Chooses the next level, with the motion of this one as first guess; there is none if nothing can be changed or
-   !> the limits are reached.
+   !> Chooses the next level, with the motion of this one as first guess; there is none if nothing can be changed, the
+   !> limits are reached, or the motion is exact.
    subroutine choose_next(model, result, top, goal, n_failures, next, is_there)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
@@ -62,6 +62,7 @@ contains
       integer, allocatable :: least(:)
 
       is_there = .false.
+      if (.not. goal > 0.0_wp) return
       next%set = top%set
       next%n_samples = top%n_samples
       if (model%accuracy%grows_set) call choose_set(model, result, top, goal, n_failures == most_failures - 1 .or. &

@@ -214,7 +214,7 @@ contains
    end subroutine keep_forces
 
    !> Stores the outputs whose accuracy is requested. The estimated error of each is its change when the first-order
-   !> errors of the motion are removed.
+   !> errors of the motion are removed; zero if the motion has none, because nothing moves at the laws.
    subroutine keep_outputs(model, basis, c, result)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
@@ -226,7 +226,8 @@ contains
       associate (outputs => model%accuracy%outputs, found => result%certificate)
          if (size(outputs) == 0) return
          allocate (result%outputs(basis%whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
-         allocate (result%output_estimate(size(outputs)), source=1.0_wp)
+         allocate (result%output_estimate(size(outputs)), &
+                   source=merge(1.0_wp, 0.0_wp, max(found%truncation, found%aliasing) > 0.0_wp))
          allocate (result%output_level_estimate(size(outputs)), source=0.0_wp)
          do i = 1, size(outputs)
             result%outputs(basis%positions, i) = c(outputs(i)%dof, :)

@@ -48,7 +48,7 @@ module hb_period_map
       logical :: has_own_steps = .true.                               !! the method chooses them
       integer :: fewest_steps = 1000                                  !! else, in a period of the fastest tone
       integer :: level = 1                                            !! each has twice the steps of the one before
-      integer, allocatable :: impacts(:)                              !! of the last time integration, as of a record
+      integer, allocatable :: impacts(:)                              !! of the last time integration, as of a record; < 0: of none
       type(integration_config_t), private :: config
    contains
       procedure :: state_at => state_map_state_at
@@ -70,6 +70,7 @@ module hb_period_map
    real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
    integer, parameter :: periods_of_sliders = 3                       ! after which they are periodic
    real(wp), parameter :: usual_shots = 6.0_wp
+   real(wp), parameter :: at_rest = 1.0e-6_wp                         ! speed relative to extent times frequency
 
    real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
 
@@ -447,6 +448,7 @@ contains
       self%motion = motion
       call collect_rigid(system%laws, restitution, self%rigid, error)
       if (allocated(error)) return
+      self%impacts = spread(-1, 1, 2*size(self%rigid))
       n = system%n_dofs
       do i = 1, size(system%laws%laws)
          select type (law => system%laws%laws(i)%law)
@@ -460,8 +462,10 @@ contains
       self%config%decimation = huge(1)
       extent = sum(abs(motion%amplitudes), dim=2)
       speed = matmul(abs(motion%amplitudes), abs(motion%frequencies))
-      extent = max(extent, minor*maxval(extent), tiny(1.0_wp))
-      speed = max(speed, minor*maxval(speed), tiny(1.0_wp))
+      if (maxval(extent) <= 0.0_wp) extent = maxval([abs(self%rigid%gap), 0.0_wp])
+      if (maxval(extent) <= 0.0_wp) extent = 1.0_wp                   ! at rest, at no distance from anything
+      extent = max(extent, minor*maxval(extent))
+      speed = max(speed, minor*maxval(speed), at_rest*maxval(extent)*maxval(abs(motion%omega)))
       allocate (self%scale(2*n + system%laws%n_states))
       self%scale(:2*n) = [extent, speed]
       do i = 1, size(system%laws%spans)

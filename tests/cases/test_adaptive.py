@@ -41,6 +41,24 @@ def _numbers(path):
         }
 
 
+ONE_TONE = """
+&structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.1 /
+&tones frequency = 1.2 /
+&load dof = 'x1', tuple = 1, cos = 0.1 /
+&law type = 'elastic_stop', dof = 'x1', stiffness = 1.0, gap = 0.1 /
+"""
+
+
+def test_outputs_of_a_motion_that_is_zero_are_exact(tmp_path):
+    """Where nothing moves at the laws there is no error, and no next level."""
+    more = "&accuracy of = 'x2 (1)' /\n&sweep parameter = 'load(1)%cos', from = 0.0, to = 1.0, n = 3 /\n"
+    done, path = _solve(ONE_TONE + more, tmp_path)
+    assert done.status == 0, done.stderr
+    with h5py.File(path) as file:
+        assert file["output_estimate"][0] == 0.0 and file["coefficients"][0, 1].max() == 0.0
+    assert run("check", "model.nml", cwd=tmp_path).status == 0
+
+
 def test_ranks_and_resume_change_no_bit(tmp_path):
     done, one = _solve(MODEL + SWEEP, tmp_path)
     assert done.status == 0, done.stderr

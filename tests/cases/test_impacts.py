@@ -316,6 +316,21 @@ def test_what_a_curve_with_impacts_cannot_do_is_refused(more, says, tmp_path):
     assert says in ended.stderr
 
 
+@pytest.mark.parametrize("load", [1.0, 0.0])
+def test_a_curve_of_a_mass_at_rest_ends(load, tmp_path):
+    """A static load does not reach the wall: there are no speeds by which states could be scaled."""
+    path = tmp_path / "rest.nml"
+    text = MODEL.format(tone=1.0, tuple=0, law=", restitution=0.7").replace("gap=0.0", "gap=2.0") + "&harmonics order=5 /\n"
+    path.write_text(text + f"&curve parameter='tones%frequency', from=1.0, to=1.7, points=12 /\n")
+    ended = run("solve", path, "--set", f"load(1)%cos={load}", cwd=tmp_path)
+    assert ended.status in (0, 1), ended.stderr
+    with h5py.File(tmp_path / "rest.h5") as file:
+        solved = file["status"][()] == 18
+        assert solved[0]
+        displacements = file["coefficients"][()][solved, 0]
+        assert displacements[:, 0, 0] == pytest.approx(load, abs=1e-8) and abs(displacements[:, 1:]).max() < 1e-8
+
+
 def test_a_curve_turns_where_the_wall_is_grazed(tmp_path):
     """The unstable orbits end where the forced motion without an impact just reaches the wall, abs(steady) = gap; from there the
     curve goes on along that motion."""
