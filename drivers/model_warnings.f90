@@ -1,17 +1,25 @@
 !> Warnings about a model that can be solved: tones with a common period, no load, speeds that stay constant while
 !> tones move, and models that are large or were reduced for lower frequencies.
 module model_warnings
+   use hb_amplitudes, only: amplitudes_t, new_amplitudes
+   use hb_balance, only: indifferent_coordinates
    use hb_certificate, only: near_commensurate
+   use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+   use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
+   use hb_law_coordinates, only: laws_at
+   use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_model, only: model_t
+   use hb_model_basis, only: coordinates_of
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: join, max_name, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: commensurate_text, frozen_speed_text, has_no_load, model_text
+   public :: commensurate_text, free_text, frozen_speed_text, has_no_load, model_text
 
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
 
@@ -78,6 +86,39 @@ contains
          name = document%groups%holders(parameter%i_group)%group%name
       end function group_of
    end function frozen_speed_text
+
+   !> Names degrees of freedom whose mean values nothing determines, so that they are zero; empty: none.
+   function free_text(model) result(text)
+      type(model_t), intent(in) :: model
+      character(:), allocatable :: text
+      type(amplitudes_t) :: no_loads
+      type(coordinates_t) :: coordinates
+      type(dynamic_stiffness_t) :: stiffness
+      type(error_t), allocatable :: error
+      type(linear_part_t) :: linear
+      real(wp) :: frequencies(2)
+      integer, allocatable :: dofs(:)
+      integer :: i
+
+      text = ""
+      coordinates = coordinates_of(model)
+      frequencies = [0.0_wp, maxval(abs(model%harmonics%frequencies(model%tones%omega)))]
+      call new_amplitudes(no_loads, model%structure%n_dofs, size(frequencies))
+      call new_dynamic_stiffness(stiffness, model%structure, coordinates, frequencies, no_loads, error, &
+                                 wanted_slopes_t(of_interior=.false.))
+      if (allocated(error)) return
+      dofs = stiffness%free_dofs
+      if (coordinates%n > 0) then
+         call new_linear_part(linear, stiffness)
+         call linear%hold_free(frequencies, indifferent_coordinates(laws_at(coordinates, model%laws), coordinates%n))
+         dofs = [dofs, pack(coordinates%positions, linear%is_free)]
+      end if
+      do i = 1, size(dofs)
+         text = text//", '"//trim(model%structure%labels(dofs(i)))//"'"
+      end do
+      if (len(text) > 0) text = "the mean value is set to zero at "//text(3:)//": no stiffness or law determines it, and it "// &
+                                "has no effect on the motion elsewhere"
+   end function free_text
 
    !> Warnings about a structure of type model, empty for none: it is large, or was reduced for lower frequencies.
    function model_text(model, document) result(text)

@@ -12,7 +12,7 @@ module verb_solve
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
    use hb_model, only: model_t
-   use model_warnings, only: commensurate_text, frozen_speed_text, model_text
+   use model_warnings, only: commensurate_text, free_text, frozen_speed_text, model_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use next_step, only: run_names_t, shell_word
    use hb_outcome, only: outcome
@@ -459,6 +459,8 @@ contains
       if (len(warning) > 0) call say("warning: "//warning)
       warning = frozen_speed_text(study%plan, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
+      warning = free_text(study%model)
+      if (len(warning) > 0) call say("note: "//warning)
    end subroutine make_study
 
    !> Memory [bytes] that each process may take: the smallest share of all ranks; collective.

@@ -30,7 +30,7 @@ module hb_balance
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: balance_t, largest_dense_tangent, new_balance
+   public :: balance_t, indifferent_coordinates, largest_dense_tangent, new_balance
 
    integer, parameter :: with_smooth_laws = 40                        ! few products per step, few steps
    integer, parameter :: with_kinks = 120                             ! inexact steps need one or two more
@@ -92,6 +92,7 @@ module hb_balance
       procedure :: coarse_guess => balance_coarse_guess
       procedure :: linear_solution => balance_linear_solution
       procedure :: stuck_solution => balance_stuck_solution
+      procedure :: drifting => balance_drifting
       procedure :: sample => balance_sample
       procedure, private :: sample_if_new => balance_sample_if_new
       procedure :: differentiate => balance_differentiate
@@ -317,6 +318,7 @@ contains
       call self%tangent_product%destroy()
       call new_projected_laws(self%law_set, laws, self%n_dofs, harmonics, torus, omega, error)
       if (allocated(error)) return
+      call self%stiffness%hold_free(self%frequencies, indifferent_coordinates(laws, self%n_dofs))
       call self%preconditioner%prepare(self%stiffness, self%law_set)
       do i = 1, size(laws)
          call prepare_law(self, i)
@@ -326,6 +328,45 @@ contains
       call choose_scales(self)
       call count_work(self, torus)
    end subroutine balance_of_linear_part
+
+   !> Whether the forces of all laws at a coordinate are independent of its displacement.
+   pure function indifferent_coordinates(laws, n) result(is_indifferent)
+      type(law_box_t), intent(in) :: laws(:)                          !! on indices of coordinates
+      integer, intent(in) :: n
+      logical :: is_indifferent(n)
+      integer :: i
+
+      is_indifferent = .true.
+      do i = 1, size(laws)
+         associate (law => laws(i)%law)
+            if (.not. law%needs_displacement) cycle
+            is_indifferent(law%dofs) = .false.
+            if (allocated(law%positions)) is_indifferent([law%positions]) = .false.
+         end associate
+      end do
+   end function indifferent_coordinates
+
+   !> Coordinate that drifts, because its mean value changes no force and the mean force there is not zero; 0: none.
+   pure integer function balance_drifting(self, u, tolerance) result(coordinate)
+      class(balance_t), intent(in) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! solution [m]
+      real(wp), intent(in) :: tolerance                               !! of a residual
+      real(wp), parameter :: in_equilibrium = 1.0e-8_wp               ! mean force relative to the forces there
+      integer :: h, i
+
+      coordinate = 0
+      if (.not. any(self%stiffness%is_free)) return
+      do h = 1, self%harmonics%n_harmonics
+         if (abs(self%frequencies(h)) > 0.0_wp) cycle
+         do i = 1, self%n_dofs
+            if (.not. self%stiffness%is_free(i)) cycle
+            associate (mean => self%stiffness%support_in(i, h)*u(self%harmonics%cos_at(h), i), &
+                       scale => self%r_scale((i - 1)*self%harmonics%n_coefficients + 1))
+               if (abs(mean) > max(in_equilibrium, 100*tolerance)*scale) coordinate = i
+            end associate
+         end do
+      end do
+   end function balance_drifting
 
    !> Replaces the laws by others that differ from them in numbers alone: the balance is the one that `new_balance` creates
    !> with them at the present frequencies. Products need a new `linearise`.

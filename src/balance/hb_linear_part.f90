@@ -14,6 +14,7 @@ module hb_linear_part
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
+   use hb_null_space, only: find_null_space
    use hb_structure, only: structure_t
    use hb_thresholds, only: minor
    implicit none
@@ -24,6 +25,8 @@ module hb_linear_part
       logical, allocatable :: is_singular(:)                          !! (n_harmonics) the structure can move freely
       logical :: has_supports = .false.                               !! in any harmonic
       real(wp) :: support_share = 0.0_wp                              !! of the supports in residual and tangent, 0 to 1
+      logical, allocatable :: is_free(:)                              !! (n_law) neither the structure nor a law determines the
+                                                                      !! mean value of the coordinate
       real(wp), allocatable, private :: support(:)                    ! (n_law) [N/m]
       complex(wp), allocatable, private :: undamped(:, :, :)          ! `condensed` without artificial damping, if there is any
       complex(wp), allocatable, private :: free_motion(:, :)          ! without laws, [m], (n_law, n_harmonics); not allocated
@@ -33,6 +36,7 @@ module hb_linear_part
       procedure :: take_loads => linear_part_take_loads
       procedure :: change_loads => linear_part_change_loads
       procedure :: entry => linear_part_entry
+      procedure :: hold_free => linear_part_hold_free
       procedure :: support_in => linear_part_support_in
       procedure :: add_supports => linear_part_add_supports
       procedure :: damp => linear_part_damp
@@ -72,6 +76,7 @@ contains
 
       call stiffness%transfer_to(self)
       allocate (self%is_singular(self%n_harmonics), self%free_motion(self%n_law, self%n_harmonics))
+      allocate (self%is_free(self%n_law), source=.false.)
       call self%linear_amplitudes(self%free_motion, self%is_singular)
       self%has_supports = any(self%is_singular)
       h = max(1, findloc(self%is_singular, .false., dim=1))
@@ -164,13 +169,42 @@ contains
       entry = self%condensed(self%pattern%shift(k) + i, k, h)
    end function linear_part_entry
 
+   !> Supports the coordinates whose mean values nothing determines, also in residual and tangent: at most one of each free
+   !> motion of the structure along coordinates on which no force depends. If the mean forces are in equilibrium, these supports
+   !> are unstressed, and the mean values there are zero; otherwise the coordinates drift.
+   subroutine linear_part_hold_free(self, frequencies, is_indifferent)
+      class(linear_part_t), intent(inout) :: self
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      logical, intent(in) :: is_indifferent(:)                        !! (n_law) no law depends on the displacement
+      real(wp) :: a(self%n_law, count(is_indifferent)), scale(self%n_law)
+      real(wp), allocatable :: free_motions(:, :)
+      logical :: is_dependent(size(a, 2))
+      integer :: columns(size(a, 2))
+      integer :: h, i, k
+
+      self%is_free = .false.
+      h = findloc(self%is_singular .and. .not. abs(frequencies) > 0.0_wp, .true., dim=1)
+      if (h == 0) return
+      scale = 1.0_wp                                                  ! as for `is_singular`
+      where (self%magnitude(:, h) > 0.0_wp) scale = 1.0_wp/sqrt(self%magnitude(:, h))
+      columns = pack([(k, k=1, self%n_law)], is_indifferent)
+      a = 0.0_wp
+      do k = 1, size(columns)
+         do i = self%pattern%first(columns(k)), self%pattern%last(columns(k))
+            a(i, k) = scale(i)*real(self%entry(i, columns(k), h), wp)*scale(columns(k))
+         end do
+      end do
+      call find_null_space(a, 100*real(self%n_dofs, wp)*epsilon(1.0_wp), is_dependent, free_motions)
+      self%is_free(pack(columns, is_dependent)) = .true.
+   end subroutine linear_part_hold_free
+
    !> Stiffness [N/m] of the support of coordinate i in residual and tangent of harmonic h, zero if there is none.
    pure real(wp) function linear_part_support_in(self, i, h) result(stiffness)
       class(linear_part_t), intent(in) :: self
       integer, intent(in) :: i, h
 
       stiffness = 0.0_wp
-      if (self%is_singular(h)) stiffness = self%support_share*self%support(i)
+      if (self%is_singular(h)) stiffness = merge(1.0_wp, self%support_share, self%is_free(i))*self%support(i)
    end function linear_part_support_in
 
    !> Adds the forces of the supports, if there are any.

@@ -72,6 +72,7 @@ module hb_law
                                                                       !! only
       integer :: degree = 0                                           !! of a polynomial law; 0: not a polynomial
       logical :: needs_velocity = .false.
+      logical :: needs_displacement = .true.                          !! false: a shift of the motion leaves the force as it is
       logical :: is_multiplier = .false.                              !! needs the reaction p; columns of shape are orthogonal
       integer :: n_states = 0                                         !! internal states per sample, for a law with memory
       logical :: is_users_own = .false.                               !! defined by the user; may be undefined far from the motion

@@ -34,6 +34,7 @@ contains
       class(coulomb_tanh_t), intent(inout) :: self
 
       self%needs_velocity = .true.
+      self%needs_displacement = .false.
       self%has_potential = .true.
       self%is_odd = .true.
    end subroutine coulomb_tanh_derive

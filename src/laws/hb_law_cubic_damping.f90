@@ -65,6 +65,7 @@ contains
 
       self%rate = self%n_diameters*self%speed
       self%needs_velocity = .true.
+      self%needs_displacement = abs(self%rate) > 0.0_wp
       self%degree = 3
       self%has_potential = .not. abs(self%rate) > 0.0_wp
       self%is_odd = .true.

@@ -46,6 +46,7 @@ contains
       if (.not. allocated(self%damping)) allocate (self%damping(0))
       self%degree = max(size(self%stiffness), size(self%damping), 1)
       self%needs_velocity = size(self%damping) > 0
+      self%needs_displacement = size(self%stiffness) > 0
       self%has_potential = .true.
       self%is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
    end subroutine polynomial_derive

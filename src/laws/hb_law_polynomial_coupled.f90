@@ -88,6 +88,7 @@ contains
          self%is_odd = all(modulo(degrees, 2) == 1 .or. abs(self%coefficients) <= 0.0_wp)
       end associate
       self%needs_velocity = any(self%factor > self%n_coordinates)
+      self%needs_displacement = any(self%factor <= self%n_coordinates)
       self%has_potential = is_gradient(self)
    end subroutine polynomial_coupled_derive
 

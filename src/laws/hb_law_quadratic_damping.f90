@@ -32,6 +32,7 @@ contains
       class(quadratic_damping_t), intent(inout) :: self
 
       self%needs_velocity = .true.
+      self%needs_displacement = .false.
       self%has_potential = .true.
       self%is_odd = .true.
       self%n_switches = 1

@@ -465,6 +465,22 @@ contains
                              model%loads%at(basis%positions), c)
    end subroutine solve_linear_model
 
+   !> Fails for a motion of which a coordinate drifts: no motion with a constant mean value exists.
+   subroutine check_drift(model, balance, u, error)
+      type(model_t), intent(in) :: model
+      type(balance_t), intent(in) :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! solution [m]
+      type(error_t), allocatable, intent(out) :: error
+      integer :: drifting
+
+      drifting = balance%drifting(u, model%solver%tolerance)
+      if (drifting == 0) return
+      call fail(error, "degree of freedom '"// &
+                trim(model%structure%labels(balance%stiffness%coordinates%positions(drifting)))//"' drifts: it has no static "// &
+                "stiffness, and the mean force of its laws and loads is not zero, so that no motion has a mean value there; "// &
+                "add a support or make the loads symmetric")
+   end subroutine check_drift
+
    !> Solves the balance, and describes the motion found.
    subroutine solve_balance(model, basis, start, balance, result, error, guess, unknowns)
       type(model_t), intent(in) :: model
@@ -508,6 +524,8 @@ contains
          if (report%status == outcome%converged .and. model%loads%is_zero() .and. .not. model%callbacks%is_followed) &
             call discard_noise(balance, u, report%residual)
       end if
+      if (report%status == outcome%converged) call check_drift(model, balance, u, error)
+      if (allocated(error)) return
       if (work_is_over()) report%status = status_of_ended()
       result%setup_seconds = result%setup_seconds + begun - started
       result%solver_seconds = wall_clock() - begun

@@ -16,6 +16,7 @@ module hb_floquet
    use hb_lapack, only: dgeev
    use hb_law, only: law_box_t
    use hb_monodromy, only: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, most_multipliers, stability_config_t, &
       stability_finder_t, stability_method, stability_t, verdict
@@ -108,15 +109,59 @@ contains
       if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
          is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, most_work_of_orbit)
       if (is_orbit_sought) then
-         call assess_orbit(stability, variation, structure, motion, excitation)
+         call assess_orbit(stability, variation, structure, motion, excitation, free_motions(structure, laws))
          return
       end if
       if (motion%tones%n_tones == 1) then
-         call assess_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1))
+         call assess_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), &
+                            free_motions(structure, laws))
       else
-         call assess_torus(stability, how, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand))
+         call assess_torus(stability, how, variation, &
+                           shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, free_motions(structure, laws)), &
+                           min(limit, work_on_demand))
       end if
    end subroutine floquet_find
+
+   !> Displacements on which no force depends, (n_dofs, any): motions that differ by them are equivalent.
+   pure function free_motions(structure, laws) result(motions)
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)                          !! on its degrees of freedom
+      real(wp), allocatable :: motions(:, :)
+      real(wp), allocatable :: at_laws(:, :), combinations(:, :)
+      real(wp) :: scale(structure%n_dofs), threshold
+      logical :: is_dependent(structure%n_dofs)
+      integer :: i, k
+
+      allocate (motions(structure%n_dofs, 0))
+      if (.not. allocated(structure%stiffness)) return
+      scale = [(abs(structure%stiffness(i, i)), i=1, size(scale))]
+      scale = merge(1.0_wp/sqrt(max(scale, tiny(1.0_wp))), 1.0_wp, scale > 0.0_wp)
+      threshold = 100*real(size(scale), wp)*epsilon(1.0_wp)
+      call find_null_space(structure%stiffness*spread(scale, 1, size(scale))*spread(scale, 2, size(scale)), threshold, &
+                           is_dependent, motions)
+      if (size(motions, 2) == 0) return
+      motions = motions*spread(scale, 2, size(motions, 2))
+      do k = 1, size(motions, 2)
+         motions(:, k) = motions(:, k)/norm2(motions(:, k))
+      end do
+      allocate (at_laws(size(motions, 2), 0))                         ! and of these those that do not displace a law
+      do i = 1, size(laws)
+         associate (law => laws(i)%law)
+            if (.not. law%needs_displacement) cycle
+            if (allocated(law%positions)) then
+               do k = 1, size(law%positions, 2)
+                  at_laws = reshape([at_laws, matmul(transpose(motions(law%positions(:, k), :)), law%shape)], &
+                                    [size(at_laws, 1), size(at_laws, 2) + size(law%shape, 2)])
+               end do
+            else
+               at_laws = reshape([at_laws, matmul(transpose(motions(law%dofs, :)), law%shape)], &
+                                 [size(at_laws, 1), size(at_laws, 2) + size(law%shape, 2)])
+            end if
+         end associate
+      end do
+      call find_null_space(transpose(at_laws), threshold, is_dependent(:size(motions, 2)), combinations)
+      motions = matmul(motions, combinations)
+   end function free_motions
 
    !> Permitted work in about a nanosecond; unlimited if requested explicitly.
    pure real(wp) function floquet_work_limit(self, config, work_allowed) result(limit)
@@ -129,16 +174,22 @@ contains
          limit = max(config%patience*work_allowed, config%work_spent, self%work_in_any_case)
    end function floquet_work_limit
 
-   !> Disturbances by shifts of the phases of unknown tones, as series, (size of the state, n_harmonics, any).
-   pure function shifts_of(variation, amplitudes, is_unknown) result(shifts)
+   !> Disturbances by shifts of the phases of unknown tones and by free motions, as series, (size of the state, n_harmonics, any).
+   pure function shifts_of(variation, amplitudes, is_unknown, free) result(shifts)
       type(variation_t), intent(in) :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_unknown(:)
+      real(wp), intent(in) :: free(:, :)                              !! (n_dofs, any); none without a mean value in the series
       complex(wp), allocatable :: shifts(:, :, :)
-      integer :: h, k, m, n
+      integer :: h, k, m, mean, n
 
       n = size(amplitudes, 1)
-      allocate (shifts(variation%size, size(amplitudes, 2), count(is_unknown)), source=(0.0_wp, 0.0_wp))
+      mean = findloc(all(variation%motion%tuples == 0, dim=1), .true., dim=1)
+      allocate (shifts(variation%size, size(amplitudes, 2), count(is_unknown) + merge(size(free, 2), 0, mean > 0)), &
+                source=(0.0_wp, 0.0_wp))
+      do k = count(is_unknown) + 1, size(shifts, 3)
+         shifts(:n, mean, k) = free(:, k - count(is_unknown))
+      end do
       k = 0
       do m = 1, size(is_unknown)
          if (.not. is_unknown(m)) cycle
@@ -151,16 +202,15 @@ contains
    end function shifts_of
 
    !> Exponents of a motion of several tones.
-   subroutine assess_torus(self, config, variation, amplitudes, is_unknown, work_limit)
+   subroutine assess_torus(self, config, variation, shifts, work_limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout), target :: variation
-      complex(wp), intent(in) :: amplitudes(:, :)
-      logical, intent(in) :: is_unknown(:)
+      complex(wp), intent(in) :: shifts(:, :, :)                      !! that do not count
       real(wp), intent(in) :: work_limit
       type(linear_propagation_t) :: propagation
 
-      call new_linear_propagation(propagation, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance)
+      call new_linear_propagation(propagation, variation, shifts, config%tolerance)
       call assess_exponents(self, propagation, work_limit, config)
    end subroutine assess_torus
 
@@ -196,12 +246,13 @@ contains
    !> Multipliers of the periodic motion next to the given one under laws of piecewise constant slope; none if there
    !> is none. Those of a truncated motion may be inaccurate although the motion is not, because they depend on the
    !> times at which contact begins and ends.
-   subroutine assess_orbit(self, variation, structure, motion, excitation)
+   subroutine assess_orbit(self, variation, structure, motion, excitation, free)
       type(stability_t), intent(inout) :: self
       type(variation_t), intent(inout) :: variation
       type(structure_t), intent(in) :: structure
       type(harmonic_motion_t), intent(in) :: motion
       type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: free(:, :)                              !! motions that do not count, (n_dofs, any)
       type(piecewise_orbit_t) :: orbit
 
       call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation)
@@ -209,31 +260,36 @@ contains
       if (.not. orbit%is_found) return
       self%is_integrated = .true.
       self%estimate = orbit%estimate
+      call deflate_all(orbit%matrix, states_of(free, size(orbit%matrix, 1)))
       call assess_matrix(self, orbit%matrix, variation%motion%omega(1))
    end subroutine assess_orbit
 
    !> Multipliers of a periodic motion.
-   subroutine assess_period(self, config, variation, amplitudes, is_free)
+   subroutine assess_period(self, config, variation, amplitudes, is_free, free)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_free                                  !! the tone is unknown
+      real(wp), intent(in) :: free(:, :)                              !! motions that do not count, (n_dofs, any)
       type(monodromy_t) :: monodromy
       complex(wp), allocatable :: shifts(:, :, :)
-      real(wp), allocatable :: shift(:)
+      real(wp), allocatable :: neutral(:, :), shift(:)
+      real(wp) :: none(size(amplitudes, 1), 0)
 
       call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
       if (monodromy%estimate >= huge(1.0_wp)) return                  ! cancelled
       self%estimate = monodromy%estimate
       if (.not. all(ieee_is_finite(monodromy%matrix))) return
+      neutral = states_of(free, size(monodromy%matrix, 1))
       if (is_free) then
-         shifts = shifts_of(variation, amplitudes, [.true.])
+         shifts = shifts_of(variation, amplitudes, [.true.], none)
          shift = real(sum(shifts(:size(monodromy%matrix, 1), :, 1), dim=2))
          if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders are included
          self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
-         call deflate(monodromy%matrix, shift)
+         neutral = reshape([neutral, shift], [size(shift), size(neutral, 2) + 1])
       end if
+      call deflate_all(monodromy%matrix, neutral)
       call assess_matrix(self, monodromy%matrix, variation%motion%omega(1))
    end subroutine assess_period
 
@@ -340,9 +396,11 @@ contains
 
    !> Removes a known eigenvector from a matrix, exactly if it is one: by a reflection that maps it to the first unit
    !> vector, whose row and column are removed.
-   subroutine deflate(matrix, vector)
+   subroutine deflate(matrix, vector, others)
       real(wp), allocatable, intent(inout) :: matrix(:, :)            !! (n, n), then (n - 1, n - 1)
       real(wp), intent(in) :: vector(:)                               !! (n), not zero
+      real(wp), allocatable, intent(inout), optional :: others(:, :)  !! vectors after this one, (n, this one and others), then
+                                                                      !! (n - 1, others)
       real(wp) :: normal(size(vector))
       integer :: n
 
@@ -353,7 +411,33 @@ contains
       matrix = matrix - spread(normal, 2, n)*spread(matmul(normal, matrix), 1, n)
       matrix = matrix - spread(matmul(matrix, normal), 2, n)*spread(normal, 1, n)
       matrix = matrix(2:, 2:)
+      if (.not. present(others)) return
+      others = others - spread(normal, 2, size(others, 2))*spread(matmul(normal, others), 1, n)
+      others = others(2:, 2:)
    end subroutine deflate
+
+   !> Removes directions that a period leaves as they are.
+   subroutine deflate_all(matrix, directions)
+      real(wp), allocatable, intent(inout) :: matrix(:, :)            !! (n, n), then (n - m, n - m)
+      real(wp), intent(in) :: directions(:, :)                        !! (n, m)
+      real(wp), allocatable :: first(:), left(:, :)
+
+      allocate (left, source=directions)
+      do while (size(left, 2) > 0)
+         first = left(:, 1)
+         call deflate(matrix, first, left)
+      end do
+   end subroutine deflate_all
+
+   !> States of displacements, (n, any).
+   pure function states_of(displacements, n) result(states)
+      real(wp), intent(in) :: displacements(:, :)                     !! (n_dofs, any)
+      integer, intent(in) :: n
+      real(wp) :: states(n, size(displacements, 2))
+
+      states = 0.0_wp
+      states(:size(displacements, 1), :) = displacements
+   end function states_of
 
    !> Disturbances of a motion, except those that shift its own phases.
    subroutine new_linear_propagation(self, variation, shifts, tolerance)

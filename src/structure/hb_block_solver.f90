@@ -1,5 +1,9 @@
 !> Linear equations with a square block of the dynamic stiffness, at one frequency after the other.
 !>
+!> A structure need not be supported. At zero frequency `hold_free` then finds rows that represent its free motions and adds a
+!> spring to each: if forces are in equilibrium the springs remain unstressed, and the solution is that with zero motion at these
+!> rows.
+!>
 !> Blocks that are diagonal except for a border are factorised as such, narrow ones as band
 !> matrices (hb_small_lu, or LAPACK), if necessary in another order of the unknowns, large ones
 !> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
@@ -62,9 +66,16 @@ module hb_block_solver
       integer, allocatable, private :: by_column(:)          !! entries column by column, of a sparse block
       integer, allocatable, private :: first(:)              !! (n + 1), of each column among these
       type(umfpack_t), private :: factors                    !! of a sparse block, between `begin` and `end`
+      integer, allocatable :: held(:)                        !! rows with springs at zero frequency; not allocated: none
+      real(wp), allocatable :: unsupported(:)                !! (n_rhs), of the last solution with springs: their largest force,
+                                                             !! relative to the right-hand side
+      integer, allocatable, private :: springs(:)            !! entries on the diagonal, of `held`
+      real(wp), private :: spring = 0.0_wp                   !! stiffness of each, scaled
+      logical, private :: is_held = .false.                  !! also at other frequencies
    contains
       procedure :: begin => block_solver_begin
       procedure :: end => block_solver_end
+      procedure :: hold_free => block_solver_hold_free
       procedure :: solve => block_solver_solve
       procedure :: solve_again => block_solver_solve_again
       procedure, private :: assemble => block_solver_assemble
@@ -241,6 +252,7 @@ contains
       do i = 1, self%n_rhs
          self%rhs(:, i) = self%scale*self%rhs(:, i)
       end do
+      if (has_springs(self, frequency)) self%unsupported = norm2(abs(self%rhs(:, :self%n_rhs)), dim=1)
       associate (probe => self%rhs(:, self%n_rhs + 1:))
          probe(:, 1) = self%probe
          growth = 1.0_wp/length_of(probe)
@@ -255,10 +267,59 @@ contains
          end if
       end associate
       reciprocal_condition = 1.0_wp/max(1.0_wp, norm*growth)
+      if (has_springs(self, frequency)) then
+         do i = 1, self%n_rhs
+            self%unsupported(i) = self%spring*maxval(abs(self%rhs(self%held, i)))/max(self%unsupported(i), tiny(1.0_wp))
+         end do
+      end if
       do i = 1, self%n_rhs
          self%rhs(:, i) = self%scale*self%rhs(:, i)
       end do
    end subroutine block_solver_solve
+
+   !> Holds the free motions of a block that is singular at zero frequency by springs, which act there from now on.
+   !> Each row is that with the largest amplitude of a motion that the rows before leave free: the response to a force in no
+   !> particular direction at a very low frequency.
+   subroutine block_solver_hold_free(self, highest_frequency, lowest_condition, is_done)
+      class(block_solver_t), intent(inout) :: self
+      real(wp), intent(in) :: highest_frequency              !! [rad/s], of the scaling
+      real(wp), intent(in) :: lowest_condition               !! reciprocal, of a block that is not singular
+      logical, intent(out) :: is_done                        !! the block is no longer singular
+      real(wp), parameter :: low = 1.0e-6_wp                 ! relative to the highest frequency
+      real(wp) :: reciprocal_condition
+      integer :: e, p, row
+
+      allocate (self%held(0), self%springs(0))
+      self%spring = maxval(self%row_sum)                     ! at zero frequency
+      if (.not. self%spring > 0.0_wp) self%spring = 1.0_wp
+      do
+         self%rhs(:, :self%n_rhs) = (0.0_wp, 0.0_wp)
+         self%is_held = .true.
+         call self%solve(low*merge(highest_frequency, 1.0_wp, highest_frequency > 0.0_wp), 0.0_wp, reciprocal_condition)
+         self%is_held = .false.
+         if (.not. reciprocal_condition > 0.0_wp) exit
+         p = maxloc(abs(self%rhs(:, self%n_rhs + 1)), dim=1)
+         row = p
+         if (allocated(self%order)) row = findloc(self%order, p, dim=1)
+         e = findloc(self%entries%row == row .and. self%entries%column == row, .true., dim=1)
+         if (e == 0 .or. any(self%held == p)) exit
+         self%held = [self%held, p]
+         self%springs = [self%springs, e]
+         call self%solve(0.0_wp, 0.0_wp, reciprocal_condition)
+         is_done = .not. reciprocal_condition < lowest_condition
+         if (is_done) return
+      end do
+      is_done = .false.
+      deallocate (self%held, self%springs)
+   end subroutine block_solver_hold_free
+
+   !> Whether springs hold the block at a frequency.
+   pure logical function has_springs(self, frequency)
+      class(block_solver_t), intent(in) :: self
+      real(wp), intent(in) :: frequency                      !! [rad/s]
+
+      has_springs = allocated(self%held) .and. (self%is_held .or. .not. abs(frequency) > 0.0_wp)
+   end function has_springs
 
    !> Solves S X = rhs(:, 1:n_rhs) in place at the frequency of the last `solve`, with its factors.
    subroutine block_solver_solve_again(self)
@@ -328,6 +389,10 @@ contains
 
       call self%entries%evaluate(frequency, drive, self%s)
       call self%entries%magnitude(frequency, self%magnitude)
+      if (has_springs(self, frequency)) then
+         self%s(self%springs) = self%s(self%springs) + self%spring
+         self%magnitude(self%springs) = self%magnitude(self%springs) + self%spring
+      end if
       self%row_sum = 0.0_wp
       if (self%arrow%is_arrow) then
          self%is_arrow = self%arrow%factorise(self%entries%row, self%entries%column, self%s)

@@ -3,6 +3,7 @@
 !> Symbols and equations: hb_dynamic_stiffness. A condensation contains the data that do not depend on the frequency,
 !> and the results of the last harmonic.
 module hb_condensation
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_block_factors, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: block_solver_t, new_block_solver
@@ -18,6 +19,7 @@ module hb_condensation
    !> Below this reciprocal condition number, or n_interior*epsilon if larger, the interior counts as singular:
    !> rounding of a singular matrix has this size.
    real(wp), parameter :: lowest_condition = 1.0e-14_wp
+   real(wp), parameter :: unstressed = 1.0e-8_wp             ! force of a spring that holds a free motion, relative to all
 
    type :: slope_by_t
       integer :: frequency = 1, drive = 2, value = 3         !! the value changes the structure
@@ -41,13 +43,16 @@ module hb_condensation
       type(block_solver_t) :: solver                         !! of rr
       complex(wp), allocatable :: held_motion(:)             !! y of the last harmonic
       complex(wp), allocatable :: transfer(:, :)             !! T of the last harmonic
+      integer :: drifting = 0                                !! degree of freedom with a static load that nothing supports; 0: none
       ! entries of the last harmonic, the full S_lr if matrix products are faster, memory for slopes of loads
       complex(wp), allocatable, private :: s_ll(:), s_rl(:), s_lr(:), full_lr(:, :), load_slope(:)
       real(wp), allocatable, private :: magnitude(:)
       real(wp), private :: drive = 0.0_wp                             ! likewise
+      real(wp), private :: highest_frequency = 0.0_wp                 ! [rad/s]
    contains
       procedure :: condense => condensation_condense
       procedure :: find_slopes => condensation_find_slopes
+      procedure :: free_dofs => condensation_free_dofs
    end type condensation_t
 
 contains
@@ -83,6 +88,7 @@ contains
       end if
       call new_block_pattern(self%pattern, coordinates%n, half_bandwidth)
       call new_block_solver(self%solver, self%rr, n_interior, coordinates%n + 1, highest_frequency)
+      self%highest_frequency = highest_frequency
       allocate (self%s_ll(self%ll%n_entries), self%s_rl(self%rl%n_entries), self%s_lr(self%lr%n_entries))
       allocate (self%magnitude(self%ll%n_entries))
       if (coordinates%n > 1 .and. .not. self%pattern%is_banded .and. self%lr%n_entries > mostly*coordinates%n*n_interior) &
@@ -99,23 +105,15 @@ contains
       real(wp), intent(out) :: magnitude(:)                           !! diagonal of S_ll [N/m] before cancellation
       logical, intent(out) :: is_singular
       complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
-      real(wp) :: reciprocal_condition
       integer :: e, k, n_interior, n_law
 
       n_law = size(self%positions)
       n_interior = size(self%interior)
       self%drive = drive
+      k = findloc(self%loads%harmonics, h, dim=1)
       associate (ll => self%ll, lr => self%lr, rl => self%rl, solver => self%solver, s_lr => self%s_lr)
          call rl%evaluate(frequency, drive, self%s_rl)
-         solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
-         do e = 1, rl%n_entries
-            solver%rhs(rl%row(e), rl%column(e)) = self%s_rl(e)
-         end do
-         k = findloc(self%loads%harmonics, h, dim=1)
-         solver%rhs(:, n_law + 1) = (0.0_wp, 0.0_wp)
-         if (k > 0) solver%rhs(:, n_law + 1) = self%loads%values(self%interior, k)
-         call solver%solve(frequency, drive, reciprocal_condition)
-         is_singular = reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))
+         call solve_interior(self, k, frequency, is_singular)
          if (is_singular) return
 
          self%transfer = solver%rhs(:, :n_law)
@@ -145,6 +143,88 @@ contains
          end do
       end associate
    end subroutine condensation_condense
+
+   !> Solves for T and y of a harmonic. The mean value of a motion that nothing restrains is zero at one degree of freedom, if
+   !> forces of the coordinates and loads are in equilibrium.
+   subroutine solve_interior(self, k, frequency, is_singular)
+      class(condensation_t), intent(inout) :: self
+      integer, intent(in) :: k                                        !! of the loads; 0: none
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      logical, intent(out) :: is_singular
+      real(wp) :: limit, reciprocal_condition
+
+      associate (solver => self%solver, n_law => size(self%positions))
+         limit = max(lowest_condition, real(size(self%interior), wp)*epsilon(1.0_wp))
+         call put_forces()
+         call solver%solve(frequency, self%drive, reciprocal_condition)
+         is_singular = reciprocal_condition < limit
+         if (abs(frequency) > 0.0_wp) return
+         if (is_singular .and. .not. allocated(solver%held)) then
+            call hold_free(self, limit, is_singular)
+            if (is_singular) return
+            call put_forces()
+            call solver%solve(frequency, self%drive, reciprocal_condition)
+            is_singular = reciprocal_condition < limit
+         end if
+         if (is_singular .or. .not. allocated(solver%held)) return
+         is_singular = any(solver%unsupported > unstressed)
+         if (solver%unsupported(n_law + 1) > unstressed) &
+            self%drifting = self%interior(solver%held(maxloc(abs(solver%rhs(solver%held, n_law + 1)), dim=1)))
+      end associate
+
+   contains
+
+      subroutine put_forces()
+         integer :: e
+
+         associate (rhs => self%solver%rhs, n_law => size(self%positions), rl => self%rl)
+            rhs(:, :n_law + 1) = (0.0_wp, 0.0_wp)
+            do e = 1, rl%n_entries
+               rhs(rl%row(e), rl%column(e)) = self%s_rl(e)
+            end do
+            if (k > 0) rhs(:, n_law + 1) = self%loads%values(self%interior, k)
+         end associate
+      end subroutine put_forces
+   end subroutine solve_interior
+
+   !> Holds the free motions of the interior at zero frequency; not if they exert forces on the coordinates.
+   subroutine hold_free(self, limit, is_singular)
+      class(condensation_t), intent(inout) :: self
+      real(wp), intent(in) :: limit                                   !! of the reciprocal condition
+      logical, intent(out) :: is_singular
+      complex(wp) :: forces(size(self%positions), 2)                  ! their sums, and the sums of their magnitudes
+      logical :: is_done
+      integer :: e, i
+
+      associate (solver => self%solver, lr => self%lr)
+         call solver%hold_free(self%highest_frequency, limit, is_done)
+         is_singular = .not. is_done
+         if (is_singular) return
+         call lr%evaluate(0.0_wp, self%drive, self%s_lr)
+         do i = 1, size(solver%held)
+            solver%rhs = (0.0_wp, 0.0_wp)
+            solver%rhs(solver%held(i), 1) = (1.0_wp, 0.0_wp)
+            call solver%solve_again()                                 ! a free motion
+            forces = (0.0_wp, 0.0_wp)
+            do e = 1, lr%n_entries
+               associate (force => self%s_lr(e)*solver%rhs(lr%column(e), 1))
+                  forces(lr%row(e), 1) = forces(lr%row(e), 1) + force
+                  forces(lr%row(e), 2) = forces(lr%row(e), 2) + abs(force)
+               end associate
+            end do
+            is_singular = is_singular .or. any(abs(forces(:, 1)) > unstressed*abs(forces(:, 2)))
+         end do
+      end associate
+   end subroutine hold_free
+
+   !> Degrees of freedom whose mean value nothing determines, and which is zero in the last harmonic.
+   pure function condensation_free_dofs(self) result(dofs)
+      class(condensation_t), intent(in) :: self
+      integer, allocatable :: dofs(:)
+
+      allocate (dofs(0))
+      if (allocated(self%solver%held)) dofs = self%interior(self%solver%held)
+   end function condensation_free_dofs
 
    !> Entries of the structure between coordinates and interior.
    subroutine find_blocks(blocks, structure, coordinates, interior)
@@ -213,6 +293,10 @@ contains
             call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
             load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*solver%rhs(lr%column(e), n + 1)
          end do
+         if (allocated(self%change) .and. allocated(solver%held) .and. .not. abs(frequency) > 0.0_wp) then
+            if (any(maxval(abs(solver%rhs(solver%held, :n + 1)), dim=1) > unstressed*maxval(abs(solver%rhs(:, :n + 1)), dim=1))) &
+               load = ieee_value(1.0_wp, ieee_quiet_nan)              ! the value would support, or load, a free motion
+         end if
       end associate
    end subroutine condensation_find_slopes
 

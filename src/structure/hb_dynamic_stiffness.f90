@@ -54,6 +54,7 @@ module hb_dynamic_stiffness
       complex(wp), allocatable, private :: motion_slope(:, :, :, :)   ! dT, dy by frequency and by drive,
                                                              ! (n_interior, n_law + 1, 2, n_harmonics), or not allocated
       type(condensation_t), allocatable, private :: condensation  ! stored with slopes
+      integer, allocatable :: free_dofs(:)                   !! of the interior, whose mean values nothing determines: they are zero
    contains
       procedure :: move => dynamic_stiffness_move
       procedure :: transfer_to => dynamic_stiffness_transfer_to
@@ -89,8 +90,8 @@ contains
    !> Condenses `structure` to coordinates at each frequency.
    !>
    !> Fails for degrees of freedom that do not exist or occur twice, for inconsistent sizes, and if the interior is
-   !> singular to working precision: at w = 0 a rigid-body motion, otherwise an undamped resonance, that the
-   !> coordinates do not restrain.
+   !> singular to working precision: at an undamped resonance that the coordinates do not restrain, or at w = 0 under a load
+   !> that nothing supports. Otherwise the mean value of a motion that nothing restrains is zero at `free_dofs`.
    subroutine condensed_to_coordinates(self, structure, coordinates, frequencies, loads, error, slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -148,6 +149,7 @@ contains
             if (wanted%of_motion) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
          end if
          call condense(self, condensation, frequencies, wanted%drives, error)
+         if (condensation%drifting > 0) call fail(error, trim(drift_text("'"//trim(structure%labels(condensation%drifting))//"'")))
       end subroutine condense_with
    end subroutine condensed_to_coordinates
 
@@ -190,6 +192,7 @@ contains
       call move_alloc(self%transfer, to%transfer)
       to%held_motion = self%held_motion
       call move_alloc(self%motion_slope, to%motion_slope)
+      call move_alloc(self%free_dofs, to%free_dofs)
       call move_alloc(self%condensation, to%condensation)
    end subroutine dynamic_stiffness_transfer_to
 
@@ -235,6 +238,7 @@ contains
                                     self%magnitude(:, h), is_singular)
          if (is_singular) then
             call fail(error, trim(singular_text(h, frequencies(h), self%n_law > 0)))
+            if (condensation%drifting > 0) call fail(error, trim(drift_text(to_text(condensation%drifting))))
             exit
          end if
          if (allocated(self%transfer)) self%transfer(:, :, h) = condensation%transfer
@@ -251,6 +255,7 @@ contains
          end if
       end do
       call condensation%solver%end()
+      self%free_dofs = condensation%free_dofs()
    end subroutine condense
 
    !> Returns all degrees of freedom from the coordinates, x_r = y - T x_l.
@@ -426,6 +431,14 @@ contains
    end subroutine check_input
 
    !> Reason why the interior is singular at this harmonic, and a remedy.
+   pure function drift_text(dof) result(text)
+      character(*), intent(in) :: dof
+      character(300) :: text
+
+      text = "degree of freedom "//dof//" has no static stiffness and drifts under the static load: no motion has a mean value "// &
+             "there; add a support, or remove the load of the zero tuple"
+   end function drift_text
+
    pure function singular_text(harmonic, frequency, has_law_dofs) result(text)
       integer, intent(in) :: harmonic
       real(wp), intent(in) :: frequency

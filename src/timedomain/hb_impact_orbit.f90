@@ -19,7 +19,7 @@ module hb_impact_orbit
    use hb_model_problem, only: moving_value_t, refusal_t
    use hb_motion_series, only: motion_series_t
    use hb_movement, only: movement_t, new_movement, set_movement
-   use hb_period_map, only: distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
+   use hb_period_map, only: at_rest, distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
    use hb_problem, only: problem_t
    use hb_stability, only: stability_t
    use hb_structure, only: most_dense
@@ -449,7 +449,8 @@ contains
                                          spread(steady%averages(h, :), 1, n), wp)
          end do
       end associate
-      steady%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))
+      steady%left_out = maxval(norm2(remainder, 1)/max(norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1), &
+                                                       at_rest*norm2(z, 1), tiny(1.0_wp)))
       steady%spread = noise
       call differentiate(self, x)
       if (allocated(self%slopes)) steady%monodromy = self%slopes(:, :size(x))

@@ -28,8 +28,8 @@ module hb_period_map
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: distance_at, far_from_events, farthest_phase, find_period_map, limit_t, new_period_map, new_state_map, period_map_t, &
-      state_map_t, work_of_period_map
+   public :: at_rest, distance_at, far_from_events, farthest_phase, find_period_map, limit_t, new_period_map, new_state_map, &
+      period_map_t, state_map_t, work_of_period_map
 
    real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of time integration with variable steps
    real(wp), parameter :: least_accurate = 1.0e-11_wp
@@ -70,7 +70,7 @@ module hb_period_map
    real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
    integer, parameter :: periods_of_sliders = 3                       ! after which they are periodic
    real(wp), parameter :: usual_shots = 6.0_wp
-   real(wp), parameter :: at_rest = 1.0e-6_wp                         ! speed relative to extent times frequency
+   real(wp), parameter :: at_rest = 1.0e-6_wp !! oscillation relative to the extent, and speed relative to that times the frequency
 
    real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
 
