@@ -48,7 +48,7 @@ module command_table
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
       option_t("--resume", "", "", "solve", "continue an existing result file; the input must be the same"), &
       option_t("--retry", "", "", "solve resume", "when resuming: also repeat the points that did not converge"), &
-      option_t("--time-limit", "", "SECONDS", "solve resume", &
+      option_t("--time-limit", "", "SECONDS", "solve resume check verify", &
          "end the run after this time; nhbm resume solves the remaining points"), &
       option_t("--workers", "", "N", "solve resume verify", &
          "processes of this computer that share the points, where nhbm was built without MPI (pip); else mpirun -n N"), &

@@ -6,7 +6,7 @@ program nhbm
    use build_description, only: description
    use command_table, only: verb_names, write_completion, write_help, write_manual
    use console, only: print_error, finish_output, say
-   use exit_status, only: bad_input, incomplete, not_all_right, success
+   use exit_status, only: bad_input, incomplete, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_closest_word, only: closest_word
    use hb_crash_handler, only: protect_outside_code
@@ -190,11 +190,8 @@ contains
 
    subroutine run_known_verb(verb)
       character(*), intent(in) :: verb
-      logical :: all_right
-
       if (verb == "check") then
-         call run_check(options, comm, all_right, error)
-         if (.not. all_right) status = not_all_right
+         call run_check(options, comm, status, error)
       else if (verb == "info") then
          call run_info(options, comm, status, error)
       else if (verb == "plan") then
@@ -204,8 +201,7 @@ contains
       else if (verb == "why") then
          call run_why(options, comm, error)
       else if (verb == "verify") then
-         call run_verify(options, comm, all_right, error)
-         if (.not. all_right) status = not_all_right
+         call run_verify(options, comm, status, error)
       else if (verb == "integrate") then
          call run_integrate(options, comm, error)
       else

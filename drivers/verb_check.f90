@@ -2,7 +2,8 @@
 !> derivatives of its laws with differences of their forces.
 module verb_check
    use arguments, only: arguments_t
-   use console, only: say
+   use console, only: print_error, say
+   use exit_status, only: incomplete, not_all_right, success
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_basis, only: basis_t
    use hb_cancellation, only: cancellation_t
@@ -38,17 +39,20 @@ module verb_check
 
 contains
 
-   !> Runs the verb; `all_right` is true if the derivatives of all laws are correct.
-   subroutine run_check(options, comm, all_right, error)
+   !> Runs the verb; without an error it returns an exit status.
+   subroutine run_check(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
-      logical, intent(out) :: all_right
+      integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       type(doubts_t) :: doubts
+      real(wp) :: end_of_time
+      logical :: all_right
       integer :: point, stride
 
-      all_right = .true.
+      status = success
+      end_of_time = wall_clock() + options%time_limit
       call load_study(options, comm, study, error)
       if (allocated(error)) return
       stride = 1
@@ -56,13 +60,19 @@ contains
       do point = 1, study%plan%n_points, stride                       ! of curves, their starts
          call check_point(study, point, doubts, error)
          if (allocated(error)) return
+         if (wall_clock() < end_of_time .or. point + stride > study%plan%n_points) cycle
+         if (rank_of(comm) == 0) call print_error("stopped by the time limit after "// &
+            number_of((point - 1)/stride + 1, "point")//" of "//to_text((study%plan%n_points - 1)/stride + 1))
+         status = incomplete
+         return
       end do
       if (rank_of(comm) > 0) return
       call describe(study)
       call check_laws(study%model%laws, study%model%tones%n_tones, all_right)
       call write_doubts(study, doubts)
+      if (.not. all_right) status = not_all_right
       if (.not. all_right) return
-      call write_cost(study)
+      call write_cost(study, end_of_time - wall_clock())
       if (doubts%n_commensurate + doubts%n_without_load > 0) then
          call say("the input can be solved, but see the warnings above")
       else
@@ -165,8 +175,9 @@ contains
 
    !> Solves the first point to its tolerance, for a second at most, and reports what that takes: what the tolerance will probably
    !> cost elsewhere.
-   subroutine write_cost(study)
+   subroutine write_cost(study, seconds_left)
       type(study_t), intent(in) :: study
+      real(wp), intent(in) :: seconds_left                            !! of the verb [s]
       real(wp), parameter :: limit = 1.0_wp                           !! [s] of the processor
       type(cancellation_t), target :: cancellation
       type(error_t), allocatable :: error
@@ -175,9 +186,9 @@ contains
       real(wp) :: seconds, started
       character(9) :: number
 
-      if (.not. study%model%accuracy%is_on) return
+      if (.not. study%model%accuracy%is_on .or. seconds_left <= 0.0_wp) return
       started = wall_clock()
-      call cancellation%enter(min(limit, study%model%solver%time_limit))
+      call cancellation%enter(min(limit, study%model%solver%time_limit, seconds_left))
       call solve_to_tolerance(study%model, result, error, level)
       call cancellation%leave()
       seconds = wall_clock() - started

@@ -1,7 +1,8 @@
 !> `nhbm verify`: integrates from points of a result file and reports whether the motions agree and are stable.
 module verb_verify
    use arguments, only: arguments_t, read_numbers
-   use console, only: say
+   use console, only: print_error, say
+   use exit_status, only: incomplete, not_all_right, success
    use hb_error, only: error_t
    use hb_integration_verdict, only: verdict, verdict_names, verdict_text
    use hb_kinds, only: wp
@@ -18,25 +19,29 @@ module verb_verify
 
 contains
 
-   !> Runs the verb; `all_right` is true if time integration confirms every point.
-   subroutine run_verify(options, comm, all_right, error)
+   !> Runs the verb; without an error it returns an exit status.
+   subroutine run_verify(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
-      logical, intent(out) :: all_right
+      integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       type(verdict_t), allocatable :: verdicts(:)
       integer, allocatable :: points(:)
       character(:), allocatable :: text
-      integer :: counts(verdict%agrees:verdict%undecided), i, n_wrong
+      integer :: counts(verdict%agrees:verdict%undecided), i, n_left, n_wrong
 
-      all_right = .false.
+      status = success
       allocate (points(0))
       if (allocated(options%points)) call read_numbers("--points", options%points, 0, points, error)
       if (allocated(error)) return
-      call verify_points(options%input, points, options%n_periods, comm, verdicts, error)
+      call verify_points(options%input, points, options%n_periods, comm, verdicts, error, options%time_limit, n_left)
       if (allocated(error)) return
       n_wrong = count(verdicts%kind /= verdict%not_done .and. verdicts%kind /= verdict%agrees)
-      all_right = max_over(comm, n_wrong) == 0
+      n_left = sum_over(comm, n_left)
+      if (max_over(comm, n_wrong) > 0) status = not_all_right
+      if (n_left > 0) status = incomplete
+      if (n_left > 0 .and. rank_of(comm) == 0) call print_error("stopped by the time limit: "//number_of(n_left, "point")// &
+         trim(merge(" is ", " are", n_left == 1))//" left, which --points verifies")
       if (options%level < log_level%normal) return
       do i = 1, size(verdicts)
          if (verdicts(i)%skipped_status > 0) call say("point "//to_text(i - 1)//": skipped, it has no motion to start from: "// &

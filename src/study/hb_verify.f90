@@ -6,6 +6,7 @@ module hb_verify
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
    use hb_integration_verdict, only: verdict
+   use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
@@ -35,24 +36,36 @@ module hb_verify
 contains
 
    !> Integrates from points of a result file and writes the verdicts to it. The points are distributed over the
-   !> ranks.
-   subroutine verify_points(path, points, n_periods, comm, verdicts, error)
+   !> ranks. A point that a time limit ends has no verdict.
+   subroutine verify_points(path, points, n_periods, comm, verdicts, error, time_limit, n_left)
       character(*), intent(in) :: path
       integer, intent(in) :: points(:)                                !! from 0; empty: all. Unsolved points are skipped
       integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay
       type(comm_t), intent(in) :: comm
       type(verdict_t), allocatable, intent(out) :: verdicts(:)        !! (n_points), of the points of this rank
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: time_limit                    !! [s]; default none
+      integer, intent(out), optional :: n_left                        !! points of this rank without a verdict
+      type(interruption_t), target :: ending
       type(stored_t) :: stored
       type(h5_file_t) :: file
-      integer :: i, n_done
+      real(wp) :: limit
+      integer :: i, n_done, n_ended
 
+      limit = huge(1.0_wp)
+      if (present(time_limit)) limit = time_limit
+      if (present(n_left)) n_left = 0
+      n_ended = 0
       call read_stored(path, stored, error)
       if (.not. allocated(error)) call check_points(stored, points, error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, stored%status, points, error)
       call share_error(comm, error)
       if (allocated(error)) return
       allocate (verdicts(size(stored%status)))
+      call new_interruption(ending, limit, comm, error)
+      call share_error(comm, error)
+      if (allocated(error)) return
+      call ending%enter(huge(1.0_wp))
       n_done = 0
       do i = 1, size(verdicts)
          if (size(points) > 0 .and. all(points /= i - 1)) cycle
@@ -62,10 +75,18 @@ contains
          end if
          n_done = n_done + 1
          if (modulo(n_done - 1, size_of(comm)) /= rank_of(comm)) cycle
-         call verify_point(stored, i, n_periods, verdicts(i), error)
+         if (.not. ending%is_due()) call verify_point(stored, i, n_periods, verdicts(i), error)
+         if (ending%reason /= interruption%none) then
+            if (allocated(error)) deallocate (error)
+            verdicts(i) = verdict_t()
+            n_ended = n_ended + 1
+         end if
          call annotate(error, "point "//to_text(i - 1))
          if (allocated(error)) exit
       end do
+      call ending%leave()
+      call ending%destroy()
+      if (present(n_left)) n_left = n_ended
       call share_error(comm, error)
       if (allocated(error)) return
       call open_file_parallel(file, path, comm, error)

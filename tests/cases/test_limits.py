@@ -7,10 +7,11 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from limit_parts.models import MODELS, build_laws
-from program import INCOMPLETE, command, environment, messages_of, program, read, solve
+from program import INCOMPLETE, command, environment, messages_of, program, read, run, solve
 
 ROOT = Path(__file__).resolve().parents[2]
 NO_MOTION = 11  # docs/user/schema.md
@@ -42,6 +43,33 @@ def test_a_signal_ends_a_run_within_a_second(name, tmp_path):
         time.sleep(0.005)
         last = used(process.pid) if process.poll() is None else last
     assert process.returncode == INCOMPLETE
+
+
+DUFFING = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 1e-7, stiffness = 1.0 /
+&tones frequency = 2.0 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+&sweep parameter = 'load(1)%cos', values = 0.5, 1.0, 1.5 /
+"""
+
+
+def test_verify_and_check_end_in_time_too(tmp_path):
+    """A point in progress has no verdict, and those before keep theirs. Disturbances hardly decay."""
+    (tmp_path / "case.nml").write_text(DUFFING)
+    assert run("check", "case.nml", "--time-limit", "100", cwd=tmp_path).status == 0
+    done = run("check", "case.nml", "--time-limit", "0", cwd=tmp_path)
+    assert done.status == INCOMPLETE and "stopped by the time limit after 1 point of 3" in done.stderr
+    assert run("solve", "case.nml", cwd=tmp_path).status == 0
+    assert run("verify", "case.h5", "--points", "0", "--periods", "30", "--time-limit", "100", cwd=tmp_path).status != INCOMPLETE
+    began = time.monotonic()
+    done = run("verify", "case.h5", "--points", "1,2", "--periods", "100000000", "--time-limit", "0.3", cwd=tmp_path)
+    assert time.monotonic() - began < 30.0
+    assert done.status == INCOMPLETE and "stopped by the time limit: 2 points are left" in done.stderr
+    assert "0 points verified" in done.stdout
+    with h5py.File(tmp_path / "case.h5") as file:
+        assert (file["integration_verdict"][()] != 0).tolist() == [True, False, False]
 
 
 def test_a_law_that_gives_up_for_ever_ends_by_itself(tmp_path):
