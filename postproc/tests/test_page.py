@@ -15,6 +15,7 @@ from test_curve import curve_file
 from nhbm_post import Results
 from nhbm_post.cli import main
 from nhbm_post.page import page_data, write_page
+from nhbm_post.report import info
 
 in_browser = pytest.mark.skipif(browser.PROGRAM is None, reason="there is no chromium on the path")
 
@@ -128,6 +129,21 @@ def test_page_of_many_points_is_thinned_by_a_rule_that_it_states(tmp_path, monke
         for between, a, b in zip(curve["between"], numbers, numbers[1:]):
             i, j = all_numbers.index(a), all_numbers.index(b)
             assert between == min(before["between"][i:j])
+
+
+def test_page_says_why_curves_ended(tmp_path):
+    path = curve_file(tmp_path / "a.h5", n_curves=2)
+    with h5py.File(path, "r+") as file:
+        n = file["status"].size
+        file["reason"] = np.zeros(n, np.int32)
+        file["reason"][[6, n - 3]] = 6, 8
+        file["message"][6] = np.array([b"the step became too short"], "S400").view("S1")
+    with Results(path) as results:
+        data, _ = page_data(results)
+        described = info(results)
+    wanted = ["a curve ended at point 6: the step became too short",
+              f"a curve ended at point {n - 3}: it has reached the limit of its points, and continues"]  # fmt: skip
+    assert data["notes"][:2] == wanted and all(text in described for text in wanted)
 
 
 def test_page_of_any_size_is_halved_until_it_fits(tmp_path, monkeypatch):

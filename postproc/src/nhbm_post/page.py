@@ -97,7 +97,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
         "input": _cut(results.input_text, int(share * _TEXT)),
         "complete": _cut(results.input_complete, int(share * _TEXT)),
         "outcome": results.outcome_text(),
-        "notes": [*point_notes, *notes, *curve_notes, *shape_notes],
+        "notes": [*results.curve_ends(), *point_notes, *notes, *curve_notes, *shape_notes],
         "frequency": {"factor": factor, "units": hertz},
         "axis": None if axis is None else _axis(results, axis),
         "curves": _drawn(results, found, points),

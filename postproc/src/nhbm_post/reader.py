@@ -25,6 +25,13 @@ _REQUIRED = ("point", "tone", "harmonic", "dof", "status", "frequency", "coeffic
 
 _WORDS_OF_UNITS = {"rad": "rotation", "1": "motion", "": "motion"}
 
+# Reasons in the file that end curves, where the row has no message.
+_ENDS_OF_CURVES = {
+    6: "no further motion was found",
+    8: "it has reached the limit of its points, and continues",
+    9: "a wall is grazed, and no motion was found beyond",
+}
+
 # Coefficients this much smaller than the largest of a point are rounding errors.
 _ROUNDING = 1e-14
 # Numbers read together in the search for the largest.
@@ -215,6 +222,17 @@ class Results:
     def curve(self) -> Parameter | None:
         """The moving value of the curves of the file, None if there are none."""
         return next((p for p in self.parameters.values() if "moves_along" in self._file[p.name].attrs), None)
+
+    def curve_ends(self) -> list[str]:
+        """Why curves ended before the end of their range, a sentence for each."""
+        if self.curve is None or "reason" not in self._file:
+            return []
+        reasons = self.column("reason")
+        sentences = []
+        for point in np.flatnonzero(np.isin(reasons, list(_ENDS_OF_CURVES))):
+            why = self.message(point) or _ENDS_OF_CURVES[int(reasons[point])]
+            sentences.append(f"a curve ended at point {point}: {why}")
+        return sentences
 
     def curve_kind(self) -> np.ndarray:
         """Kind of each point of a curve, as a word: `regular`, `fold`, `peak`, ..."""

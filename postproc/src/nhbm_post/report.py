@@ -33,6 +33,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         *(("energies", text) for text in _energies(results)),
         ("points", f"{results.used.size}: {counts}"),
         ("complete", _completeness(results)),
+        *(("ended", text) for text in results.curve_ends()),
     ]
     lines = [f"{name:<11}{value}" for name, value in facts]
     n = results.used.size
