@@ -11,7 +11,7 @@ module hb_session
    use hb_clock, only: wall_clock
    use hb_column_view, only: column_view_t
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
-   use hb_curve_request, only: curve_request_t
+   use hb_curve_request, only: curve_request_t, usual_points
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
@@ -301,7 +301,7 @@ contains
       call self%document%refuse_tied(self%plan%parameter, self%plan%path, error)
       if (allocated(error)) return
       call self%plan%set(self%document, self%plan%start)
-      call share_time(self, self%plan%n_points)
+      call share_time(self, min(self%plan%n_points, usual_points))
       call self%update(error)
       if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%request, error)
       if (allocated(error)) return

@@ -22,7 +22,9 @@ module hb_curve_request
    implicit none
    private
    public :: curve_kind, curve_kind_names, curve_origin_t, curve_request_t, find_direction, find_null_vector, &
-      located_response_t, new_curve_origin
+      located_response_t, new_curve_origin, usual_points
+
+   integer, parameter :: usual_points = 500                           !! of a curve, at most
 
    type :: curve_origin_t
       logical :: is_torus = .false. !! there is an additional tone, the last one; otherwise the period doubles

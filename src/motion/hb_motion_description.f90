@@ -271,6 +271,9 @@ contains
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          if (found%impact > limit%impact .and. .not. model%normal_mode%is_requested) & ! a free motion loses no energy
             result%status = outcome%impact                            ! a larger set does not help
+         if (any(model%tones%is_unknown) .and. model%lacks_impacts_of(result%status)) result%message = "the restitution of "// &
+            "walls has no effect on motions with unknown tones, which are not integrated with impacts; give the tones, or "// &
+            "use nhbm integrate"
          if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &

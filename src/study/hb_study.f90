@@ -76,7 +76,7 @@ contains
          first = self%document
       end if
       call self%plan%apply(1, first)
-      self%callbacks = run_callbacks(self%plan%n_points, allocated(self%plan%curve))
+      self%callbacks = run_callbacks(self%plan%n_expected(), allocated(self%plan%curve))
       call read_model(self%model, first, error, self%available_memory, self%callbacks)
       if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
       if (.not. allocated(error)) call refuse_hidden(self%plan, first, overrides, error)

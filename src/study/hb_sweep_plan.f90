@@ -5,6 +5,7 @@
 module hb_sweep_plan
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
+   use hb_curve_request, only: usual_points
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
@@ -65,6 +66,7 @@ module hb_sweep_plan
       procedure :: is_ordered => sweep_plan_is_ordered
       procedure :: can_be_chained => sweep_plan_can_be_chained
       procedure :: n_fastest => sweep_plan_n_fastest
+      procedure :: n_expected => sweep_plan_n_expected
       procedure :: refuse_tied => sweep_plan_refuse_tied
    end type sweep_plan_t
 
@@ -374,6 +376,14 @@ contains
       end do
       sweep_plan_fastest_value = real(modulo(point - 1, self%n_fastest()), wp)
    end function sweep_plan_fastest_value
+
+   !> Number of points by which a run may measure the cost of one: of curves not more than usual, however many are permitted.
+   pure integer function sweep_plan_n_expected(self) result(n)
+      class(sweep_plan_t), intent(in) :: self
+
+      n = self%n_points
+      if (allocated(self%curve)) n = n/self%n_fastest()*min(self%n_fastest(), usual_points)
+   end function sweep_plan_n_expected
 
    !> Whether neighbours along the fastest axis have neighbouring values: its parameters are numbers, each is
    !> monotonic, and one of them changes from point to point.

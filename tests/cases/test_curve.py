@@ -52,6 +52,24 @@ def test_a_curve_that_turns_at_a_kink_has_a_fold_there(tmp_path):
     assert not (stable[used][fold:] == 1).any() and (stable[used][fold:] == -1).sum() > 30
 
 
+SIX_MODES = """
+&structure type='matrices', n_dofs=6, mass=1.0,1.0,1.0,1.0,1.0,1.0, stiffness=1.0,4.0,0.3025,1.3456,3.1329,5.6644,
+   damping=0.02,0.04,0.02,0.02,0.02,0.02 /
+&tones frequency=0.85 /
+&harmonics order=9 /
+&load dof='x1', tuple=1, cos=0.02 /
+&law type='polynomial_coupled', dofs='x1','x2', coefficients=1.0,0.5, acts_on='x1','x2', displacement_exponents=1,1, 2,0 /
+&curve parameter='tones%frequency', from=0.85, to=1.2, max_step=0.02, points=20000 /
+"""
+
+
+def test_rows_that_a_curve_may_use_leave_stability_as_it_is(tmp_path):
+    """The time for stability is shared by the points that curves usually have, not by all that are permitted."""
+    with h5py.File(solve(SIX_MODES, tmp_path)) as file:
+        found = file["tones_frequency"][()][file["curve_kind"][()] == 9]  # torus
+    assert sorted(found) == pytest.approx([0.992407925, 1.004583200], abs=1e-6)
+
+
 def test_a_curve_reports_what_it_found(tmp_path):
     (tmp_path / "curve.nml").write_text(CURVE)
     done = run("solve", "curve.nml", cwd=tmp_path)
