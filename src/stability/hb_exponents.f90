@@ -3,7 +3,9 @@
 !> Disturbances are propagated period by period, each of the slowest tone, and orthogonalised after each (Benettin).
 !> The logarithms of their growth are averaged with a smooth window, which converges faster than any power of the
 !> length if the linear equations can be reduced to constant ones; the difference of both halves of the record is the
-!> spread. Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y.
+!> spread. Disturbances may beat for longer than the record: they then grow in both halves and decay later. Exponents whose
+!> disturbances have not become very different in size may all equal their mean, and growth counts only if that is growth too.
+!> Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y.
 !> Saiki, E. Sander and J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
@@ -54,12 +56,16 @@ module hb_exponents
       real(wp), allocatable :: rate(:)                                !! [1/s], the largest first; not allocated if lost
       real(wp), allocatable :: spread(:)                              !! likewise
       integer :: n_periods = 0
+      logical :: is_resolved = .true.                                 !! the sign of the largest one is not that of a beat
       logical :: is_cut_short = .false.                               !! more periods would exceed the permitted work
    end type exponents_t
 
+   real(wp), parameter :: beat = log(1.0e3_wp) ! largest ratio of the sizes of disturbances that may only beat
+   integer, parameter :: longer_beat = 8                              ! periods to resolve one, relative to the usual limit
+
 contains
 
-   !> Propagates disturbances until the largest exponent exceeds its spread in magnitude, or the work is used up.
+   !> Propagates disturbances until the largest exponent exceeds its spread in magnitude and is resolved, or the work is used up.
    subroutine find_exponents(self, propagation, work_limit, fewest_periods, most_periods)
       type(exponents_t), intent(out) :: self
       class(propagation_t), intent(inout) :: propagation
@@ -98,13 +104,30 @@ contains
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
-         if (abs(found%rate(1)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
+         found%is_resolved = is_resolved(found%rate, found%n_periods*propagation%length)
+         if (found%is_resolved .and. &
+             abs(found%rate(1)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
-         if (found%is_cut_short .or. 2*found%n_periods > most_periods) exit
+         if (found%is_cut_short .or. 2*found%n_periods > merge(1, longer_beat, found%is_resolved)*most_periods) exit
          found%n_periods = 2*found%n_periods
       end do
       self = found
    end subroutine find_exponents
+
+   !> Whether the largest exponent is not positive, or the means of all exponents that may be equal to it are positive too.
+   pure logical function is_resolved(rate, duration)
+      real(wp), intent(in) :: rate(:)                                 !! [1/s], the largest first
+      real(wp), intent(in) :: duration                                !! of the average [s]
+      integer :: k
+
+      is_resolved = rate(1) <= 0.0_wp
+      if (is_resolved) return
+      do k = 2, size(rate)
+         if ((rate(1) - rate(k))*duration > beat) exit
+         if (sum(rate(:k)) <= 0.0_wp) return
+      end do
+      is_resolved = .true.
+   end function is_resolved
 
    !> Approximate work in nanoseconds, with averages over the requested number of periods.
    pure real(wp) function work_of_exponents(work_of_period, fewest_periods) result(work)

@@ -230,8 +230,10 @@ contains
       self%estimate = found%spread(1)
       self%n_periods = found%n_periods
       margin = max(safety*found%spread(1), rounding*two_pi/propagation%length)
-      self%n_unstable = count(found%rate > safety*found%spread .and. found%rate > margin)
-      if (self%n_unstable > 0) then
+      if (found%is_resolved) self%n_unstable = count(found%rate > safety*found%spread .and. found%rate > margin)
+      if (.not. found%is_resolved) then
+         self%is_too_costly = found%is_cut_short
+      else if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
       else if (propagation%surge > largest_surge) then                ! stable only for disturbances that are too small to matter
          self%verdict = verdict%unknown
