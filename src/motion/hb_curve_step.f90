@@ -3,7 +3,7 @@
 module hb_curve_step
    use hb_curve_request, only: curve_kind
    use hb_event_location, only: find_events
-   use hb_followed_motion, only: followed_motion_t, known_t, most_tolerance_factor, waiting_t
+   use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_thresholds, only: faint, next_to_none
@@ -92,7 +92,8 @@ contains
             call self%land(x, is_there)
             if (.not. is_there) cycle
             curve%status = outcome%pending
-            self%waiting = [waiting_t(curve_kind%end, norm2((x - curve%x)/curve%units), x)]
+            self%waiting = [waiting_t ::]
+            call add_waiting(self%waiting, curve_kind%end, norm2((x - curve%x)/curve%units), x)
             self%first_waiting = 1
             return
          end associate

@@ -5,7 +5,7 @@ module hb_event_location
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t, fold_event_t, graze_event_t, value_event_t
    use hb_curve_request, only: curve_kind, located_response_t
-   use hb_followed_motion, only: followed_motion_t, known_t, waiting_t
+   use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, most_multipliers, stability_method, stability_t
    use hb_thresholds, only: agreement, clearly, minor, next_to_none, rounding, sharp
@@ -434,7 +434,7 @@ contains
       integer, intent(in) :: kind
       real(wp), intent(in) :: position, x(:)
 
-      self%waiting = [self%waiting, waiting_t(kind, position, x)]
+      call add_waiting(self%waiting, kind, position, x)
    end subroutine add
 
    !> Bound of a function at its zero, from rounding or from the roughness of the residual.

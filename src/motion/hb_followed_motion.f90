@@ -31,8 +31,8 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: curve_state_t, followed_motion_t, known_t, largest_load, most_tolerance_factor, n_further, origin_t, &
-      reported_extreme_t, waiting_t
+   public :: add_origin, add_waiting, curve_state_t, followed_motion_t, known_t, largest_load, most_tolerance_factor, &
+      n_further, origin_t, reported_extreme_t, waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
@@ -131,6 +131,38 @@ module hb_followed_motion
    end type followed_motion_t
 
 contains
+
+   !> Adds a point to those that are not yet reported. (gfortran 12 leaks the components of a structure constructor within an array
+   !> constructor, here and below.)
+   subroutine add_waiting(list, kind, position, x, response)
+      type(waiting_t), allocatable, intent(inout) :: list(:)
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: position, x(:)
+      integer, intent(in), optional :: response
+      type(waiting_t) :: point
+
+      point%kind = kind
+      point%position = position
+      point%x = x
+      if (present(response)) point%response = response
+      if (.not. allocated(list)) allocate (list(0))
+      list = [list, point]
+   end subroutine add_waiting
+
+   !> Adds an origin of a branch.
+   subroutine add_origin(list, is_apart, x, direction, level)
+      type(origin_t), allocatable, intent(inout) :: list(:)
+      logical, intent(in) :: is_apart
+      real(wp), intent(in) :: x(:), direction(:)
+      type(level_t), intent(in) :: level
+      type(origin_t) :: origin
+
+      origin%is_apart = is_apart
+      origin%x = x
+      origin%direction = direction
+      origin%level = level
+      list = [list, origin]
+   end subroutine add_origin
 
    !> Number of unknowns in addition to those of the balance: frequencies, artificial damping, and the moving value.
    pure integer function n_further(model)

@@ -14,7 +14,7 @@ module hb_motion_curve
    use hb_curve_step, only: longest_chord, step
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
+   use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, join, level_of, level_t
    use hb_model, only: model_t
@@ -218,9 +218,9 @@ contains
       do i = 1, size(stored)
          level = level_of(model, stored(i))
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
-            self%origins = [self%origins, origin_t(.false., stored(i)%unknowns, stored(i)%direction, level)]
+            call add_origin(self%origins, .false., stored(i)%unknowns, stored(i)%direction, level)
          if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
-            self%origins = [self%origins, origin_t(.true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, level)]
+            call add_origin(self%origins, .true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, level)
          call store_met_motion(self, stored(i)%unknowns, level)
       end do
       associate (last => stored(size(stored)))
@@ -378,7 +378,7 @@ contains
       if (self%branch > size(self%origins) .and. self%n_reported + 1 < self%request%n_points) then
          call search_separate(self, self%met, x, is_found, error)
          if (allocated(error)) return
-         if (is_found) self%origins = [self%origins, origin_t(.true., x, 0.0_wp*x, self%level)]
+         if (is_found) call add_origin(self%origins, .true., x, 0.0_wp*x, self%level)
       end if
       self%is_done = self%branch > size(self%origins)
       if (self%is_done) return
@@ -390,7 +390,8 @@ contains
    subroutine put_start(self)
       class(motion_curve_t), intent(inout) :: self
 
-      self%waiting = [waiting_t(curve_kind%start, x=self%start%x)]
+      self%waiting = [waiting_t ::]
+      call add_waiting(self%waiting, curve_kind%start, 0.0_wp, self%start%x)
       self%first_waiting = 1
    end subroutine put_start
 
@@ -402,7 +403,7 @@ contains
 
       if (.not. allocated(self%request%others)) return
       if (all(abs(self%request%others - x(size(x))) > 0.0_wp)) return
-      self%met = [self%met, origin_t(x=x, level=level)]
+      call add_origin(self%met, .false., x, 0.0_wp*x, level)
    end subroutine store_met_motion
 
    ! Points of the curve
@@ -553,7 +554,7 @@ contains
          position%largest_motion = self%largest
       case (curve_kind%branch)
          if (self%request%switches .and. self%branch == 0) &
-            self%origins = [self%origins, origin_t(.false., position%unknowns, position%direction, self%level)]
+            call add_origin(self%origins, .false., position%unknowns, position%direction, self%level)
       case (curve_kind%amplitude, curve_kind%resonance)
          position%response = point%response
       case (curve_kind%fold, curve_kind%peak, curve_kind%minimum)

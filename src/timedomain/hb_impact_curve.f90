@@ -13,7 +13,7 @@ module hb_impact_curve
    use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
    use hb_curve_step, only: step
    use hb_error, only: error_t
-   use hb_followed_motion, only: known_t, largest_load, waiting_t
+   use hb_followed_motion, only: add_waiting, known_t, largest_load, waiting_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
    use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
@@ -252,6 +252,7 @@ contains
    subroutine impact_curve_go(self, error)
       class(impact_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
+      type(waiting_t), allocatable :: first(:)
       integer, allocatable :: before(:)
       logical :: is_passed
 
@@ -263,8 +264,11 @@ contains
       if (verdict_on_work() == verdict%timed_out) self%curve%status = outcome%timed_out   ! integrations then miss impacts
       if (is_passed) return
       if (self%curve%status == outcome%pending .and. any(before /= self%known%impacts) .and. &
-          all(self%waiting%kind /= curve_kind%graze)) &
-         self%waiting = [waiting_t(curve_kind%graze, 0.0_wp, self%curve%last_x), self%waiting]
+          all(self%waiting%kind /= curve_kind%graze)) then
+         allocate (first(0))
+         call add_waiting(first, curve_kind%graze, 0.0_wp, self%curve%last_x)
+         self%waiting = [first, self%waiting]
+      end if
       self%problem%refusal = self%orbit%refusal
       if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_graze(self)
    end subroutine impact_curve_go

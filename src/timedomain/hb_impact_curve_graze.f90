@@ -59,31 +59,31 @@ contains
       call self%evaluate_here(self%known)
       associate (units => here%units)
          along = norm2((corner - here%x)/units)
-         self%waiting = [waiting_t(curve_kind%graze, along, corner), corners_of(self, known, along, corner), &
-                         waiting_t(curve_kind%regular, along + norm2((found - corner)/units), found)]
+         self%waiting = [waiting_t ::]
+         call add_waiting(self%waiting, curve_kind%graze, along, corner)
+         call add_corners(self, known, along, corner)
+         call add_waiting(self%waiting, curve_kind%regular, along + norm2((found - corner)/units), found)
          self%first_waiting = 1
       end associate
    end procedure pass_graze
 
-   !> Folds and extreme responses at a corner, with what is known before it.
-   function corners_of(self, before, position, x) result(found)
-      class(impact_curve_t), intent(in) :: self
+   !> Adds folds and extreme responses at a corner, with what is known before it.
+   subroutine add_corners(self, before, position, x)
+      class(impact_curve_t), intent(inout) :: self
       type(known_t), intent(in) :: before
       real(wp), intent(in) :: position, x(:)
-      type(waiting_t), allocatable :: found(:)
       integer :: i, sense
 
-      allocate (found(0))
-      if (before%rise*self%known%rise < 0.0_wp) found = [waiting_t(curve_kind%fold, position, x)]
+      if (before%rise*self%known%rise < 0.0_wp) call add_waiting(self%waiting, curve_kind%fold, position, x)
       do i = 1, size(self%request%responses)
          associate (kind => self%request%responses(i)%kind)
             if (all(kind /= [curve_kind%peak, curve_kind%minimum])) cycle
             sense = merge(1, -1, kind == curve_kind%peak)
             if (sense*before%functions(i) > 0.0_wp .and. sense*self%known%functions(i) < 0.0_wp) &
-               found = [found, waiting_t(kind, position, x, response=i)]
+               call add_waiting(self%waiting, kind, position, x, response=i)
          end associate
       end do
-   end function corners_of
+   end subroutine add_corners
 
    !> The last point of a piece of the curve from which the walls are struck as often as given, within a length.
    subroutine find_last(self, x, direction, length, impacts, last, along)
@@ -315,7 +315,8 @@ contains
 
       self%curve%status = outcome%pending
       call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%known%impacts, found, position)
-      self%waiting = [waiting_t(curve_kind%graze, position, found)]
+      self%waiting = [waiting_t ::]
+      call add_waiting(self%waiting, curve_kind%graze, position, found)
       self%first_waiting = 1
       self%ends_here = .true.
    end procedure end_at_graze
