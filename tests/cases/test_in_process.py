@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import resource
 import signal
@@ -153,6 +154,49 @@ def test_models_leave_nothing_behind():
 
 
 @pytest.mark.long
+class _Heap(ctypes.Structure):
+    """struct mallinfo2 of the GNU C library."""
+
+    _fields_ = [(name, ctypes.c_size_t) for name in "a b c d e f g in_use h i".split()]
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="the C library does not count what is in use")
+def test_curves_leave_nothing_behind():
+    """Each point of a curve left its unknowns."""
+    of_heap = ctypes.CDLL(None).mallinfo2
+    of_heap.restype = _Heap
+    session = session_of(DUFFING + CURVE)
+
+    def curve():
+        session.begin_curve()
+        return sum(1 for _ in iter(session.next, False))
+
+    n_points = [curve() for _ in range(5)][-1]
+    before = of_heap().in_use
+    for _ in range(20):
+        curve()
+    assert (of_heap().in_use - before) / 20 < 16 * n_points
+
+
+def test_an_interrupt_of_a_curve_is_never_another_error():
+    """NumPy lost one that came while it converted a tuple."""
+    model = Model.from_namelist(DUFFING)
+    until = time.monotonic() + 3.0
+    before = signal.signal(signal.SIGALRM, lambda number, frame: signal.raise_signal(signal.SIGINT))
+    wait = 2e-4
+    while time.monotonic() < until:
+        wait = 2e-4 + (1.37 * wait) % 0.02
+        try:
+            signal.setitimer(signal.ITIMER_REAL, wait)
+            try:
+                model.peak("x1 (1)", "tones[0]", 0.5, 2.0, order=5)
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+        except KeyboardInterrupt:
+            pass
+    signal.signal(signal.SIGALRM, before)
+
+
 def test_a_hundred_thousand_models_leave_nothing_behind():
     """Read and deleted, every tenth solved."""
 
