@@ -4,7 +4,9 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+from faults import count_calls, on_linux, run_with_fault
 from program import BAD_INPUT, command, environment, run
 
 # Two tones, order 28, three degrees of freedom: the tangent needs almost all of the memory.
@@ -125,3 +127,25 @@ def test_more_than_the_computer_has_is_refused(tmp_path):
     done = run("check", source, cwd=tmp_path)
     assert done.status == BAD_INPUT
     assert "of memory" in done.stderr and "What would fit" in done.stderr
+
+
+DUFFING = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&tones frequency = 2.0 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+"""
+
+
+@on_linux
+def test_a_small_allocation_that_fails_ends_with_a_message(tmp_path):
+    """Wherever it is in the program: compiled Fortran does not test those of assignments, and crashed."""
+    (tmp_path / "case.nml").write_text(DUFFING)
+    words = ("solve", "case.nml", "--overwrite", "--quiet")
+    n = count_calls(*words, cwd=tmp_path, call="memory")
+    assert n > 100
+    for at in np.unique(np.geomspace(1, n - 1, 40).astype(int)):
+        done = run_with_fault(*words, cwd=tmp_path, call="memory", at=at)
+        assert done.status in (0, BAD_INPUT), (at, done.status, done.stderr)
+        assert done.status == 0 or "memory" in done.stderr, (at, done.stderr)

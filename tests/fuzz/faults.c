@@ -3,10 +3,12 @@
    clock   a look at the wall clock, as the cancellation of a run takes it before each step: the process gets the signal FAULT_NUMBER
    write   a write to a file whose name contains FAULT_FILE: this one and all later ones fail with the error FAULT_NUMBER
    sync    likewise, of fsync and fdatasync
+   memory  an allocation of less than 64 kB by the program itself, not by a library (GNU C library): this one fails
    FAULT_COUNT names a file for the number of calls, written at the end. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
+#include <link.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -14,6 +16,8 @@
 #include <string.h>
 #include <sys/uio.h>
 #include <unistd.h>
+
+static uintptr_t program_begin, program_end;
 
 static const char *call = "", *file, *count;
 static long at, number, n_calls;
@@ -24,8 +28,22 @@ static long number_of(const char *name, long otherwise)
    return text != NULL ? atol(text) : otherwise;
 }
 
+static int note_program(struct dl_phdr_info *info, size_t size, void *data)
+{
+   (void)size;
+   (void)data;
+   for (int i = 0; i < info->dlpi_phnum; i++) {
+      const uintptr_t first = info->dlpi_addr + info->dlpi_phdr[i].p_vaddr;
+      if (info->dlpi_phdr[i].p_type != PT_LOAD) continue;
+      if (program_begin == 0 || first < program_begin) program_begin = first;
+      if (first + info->dlpi_phdr[i].p_memsz > program_end) program_end = first + info->dlpi_phdr[i].p_memsz;
+   }
+   return 1;                                              /* the first object is the program */
+}
+
 __attribute__((constructor)) static void begin(void)
 {
+   dl_iterate_phdr(note_program, NULL);
    if (getenv("FAULT_CALL") != NULL) call = getenv("FAULT_CALL");
    file = getenv("FAULT_FILE");
    count = getenv("FAULT_COUNT");
@@ -109,4 +127,31 @@ int fdatasync(int descriptor)
 {
    REAL(int, fdatasync, int);
    return fails("sync", descriptor) ? -1 : real(descriptor);
+}
+
+void *__libc_malloc(size_t size);
+void *__libc_calloc(size_t number, size_t size);
+void *__libc_realloc(void *old, size_t size);
+
+static int lacks_memory(size_t size, const void *caller)
+{
+   enum { small = 65536 };
+   const uintptr_t from = (uintptr_t)caller;
+   if (size >= small || from < program_begin || from >= program_end || strcmp(call, "memory") != 0) return 0;
+   return ++n_calls == at;
+}
+
+void *malloc(size_t size)
+{
+   return lacks_memory(size, __builtin_return_address(0)) ? NULL : __libc_malloc(size);
+}
+
+void *calloc(size_t n, size_t size)
+{
+   return lacks_memory(n * size, __builtin_return_address(0)) ? NULL : __libc_calloc(n, size);
+}
+
+void *realloc(void *old, size_t size)
+{
+   return lacks_memory(size, __builtin_return_address(0)) ? NULL : __libc_realloc(old, size);
 }
