@@ -45,7 +45,6 @@ module hb_motion
       real(wp), allocatable :: unknowns(:)                            ! of the solution, likewise
       type(coordinates_t) :: coordinates                              ! of time integration
       type(steady_motion_t) :: steady                                 ! what it has found
-      logical :: is_steady = .false.                                  ! a motion from which a balance can start
       type(error_t), allocatable :: error
    contains
       procedure :: applies => motion_attempts_applies
@@ -120,8 +119,6 @@ contains
             if (.not. applies) return
             self%coordinates = coordinates_of(model)
             applies = self%coordinates%n > 0
-         else if (rule%start == starting_point%integrated) then
-            applies = self%is_steady
          else
             applies = rule%discretisation /= discretisation%odd .or. self%is_odd
          end if
@@ -216,9 +213,8 @@ contains
          attempt%status = steady%status
          if (steady%status == outcome%pending) &
             attempt%status = merge(outcome%out_of_budget, outcome%failed, steady%is_out_of_work)
-         self%is_steady = .not. (work_is_over() .or. self%is_struck) .and. steady%status == outcome%time_domain
-         attempt%has_succeeded = self%is_steady
-         if (.not. self%is_steady) call adopt_integrated(self)
+         attempt%has_succeeded = .not. (work_is_over() .or. self%is_struck) .and. steady%status == outcome%time_domain
+         if (.not. attempt%has_succeeded) call adopt_integrated(self)
       end associate
    end subroutine integrate_last
 

@@ -120,7 +120,7 @@ module hb_attempts
 
 contains
 
-   !> Makes the attempts of a stage that apply, in the order of the table, and records them.
+   !> Makes the attempts of a stage, in the order of the table, and records them. One that does not apply counts as a failure.
    recursive subroutine make_attempts(self, of_stage)
       class(attempts_t), intent(inout) :: self
       integer, intent(in) :: of_stage                                 !! one of hb_solver_types%stage
@@ -133,7 +133,7 @@ contains
       row = findloc(attempt_rules%stage, of_stage, dim=1)
       do while (row > 0)
          if (.not. self%applies(attempt_rules(row))) then
-            row = row_below(row)
+            row = row_after(row, .false.)
             cycle
          end if
          attempt = attempt_t(rule=row)
