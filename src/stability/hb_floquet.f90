@@ -197,6 +197,8 @@ contains
          do h = 1, size(amplitudes, 2)
             shifts(:n, h, k) = (0.0_wp, 1.0_wp)*variation%motion%tuples(m, h)*amplitudes(:, h)
             shifts(n + 1:2*n, h, k) = (0.0_wp, 1.0_wp)*variation%motion%frequencies(h)/variation%scale*shifts(:n, h, k)
+            if (.not. allocated(variation%massless)) cycle
+            where (variation%massless%is_inert) shifts(:2*n, h, k) = (0.0_wp, 0.0_wp)
          end do
       end do
    end function shifts_of
@@ -277,6 +279,8 @@ contains
       type(monodromy_t) :: monodromy
       complex(wp), allocatable :: shifts(:, :, :)
       real(wp), allocatable :: neutral(:, :), shift(:)
+      integer, allocatable :: retained(:)
+      integer :: i
       real(wp) :: none(size(amplitudes, 1), 0)
 
       call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
@@ -290,6 +294,12 @@ contains
          if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders are included
          self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
          neutral = reshape([neutral, shift], [size(shift), size(neutral, 2) + 1])
+      end if
+      if (allocated(variation%massless)) then
+         retained = [pack([(i, i=1, 2*variation%n_dofs)], .not. variation%massless%is_inert), &
+                     [(i, i=2*variation%n_dofs + 1, size(neutral, 1))]]
+         monodromy%matrix = monodromy%matrix(retained, retained)
+         neutral = neutral(retained, :)
       end if
       call deflate_all(monodromy%matrix, neutral)
       call assess_matrix(self, monodromy%matrix, variation%motion%omega(1))

@@ -151,7 +151,7 @@ contains
    end function n_events_of
 
    !> Relative effect of rounding in the matrices of constant pieces on their exponentials.
-   pure real(wp) function rounding_of(variation, pieces) result(estimate)
+   real(wp) function rounding_of(variation, pieces) result(estimate)
       type(variation_t), intent(in) :: variation
       type(piece_t), intent(in) :: pieces(:)
       real(wp) :: a(variation%size, variation%size)
@@ -241,7 +241,7 @@ contains
          call propagate_constant(self, piece, x)
       else if (h > 0.0_wp) then
          call refine(self, piece, n_steps)
-         if (self%size == 2) then
+         if (self%size == 2 .and. .not. allocated(self%massless)) then
             call propagate_two(self, piece, h, x)
          else
             call self%matrix_at(piece, 0, at_end)

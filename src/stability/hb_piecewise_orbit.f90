@@ -58,7 +58,7 @@ contains
       integer :: i
 
       has_piecewise_orbit = size(variation%motion%omega) == 1 .and. variation%n_states == 0 .and. variation%n_switches() > 0 &
-                            .and. variation%is_piecewise_linear()
+                            .and. variation%is_piecewise_linear() .and. .not. allocated(variation%massless)
       do i = 1, size(variation%laws)
          associate (law => variation%laws(i)%law)
             has_piecewise_orbit = has_piecewise_orbit .and. law%n_phases == 0 .and. .not. law%needs_velocity

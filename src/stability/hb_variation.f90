@@ -4,11 +4,13 @@
 !> which are smooth on each piece of time (hb_variation_pieces). A slider that slips is on its bound and has no memory
 !> of its own; one that sticks keeps its position.
 module hb_variation
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
+   use hb_massless, only: massless_t, new_massless
    use hb_matrix_exponential, only: count_exponential, work_of_product
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_structure, only: most_dense, structure_t
@@ -47,6 +49,7 @@ module hb_variation
       type(span_t), allocatable :: spans(:)
       real(wp), allocatable :: constant(:, :)                         !! A of the structure alone, (size, size)
       real(wp), allocatable :: accelerance(:, :), shape(:, :)         !! M^-1 S and S, (n_dofs, n_coordinates)
+      type(massless_t), allocatable :: massless                       !! of a structure with degrees of freedom without mass
       real(wp) :: detection_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
       real(wp), allocatable :: extent(:)                              !! amplitude of the motion of each coordinate [m]
       logical, private :: has_turning = .false.
@@ -63,7 +66,8 @@ module hb_variation
 
 contains
 
-   !> Fails for a singular mass, for rigid laws and for laws with memory without bounds.
+   !> Fails for a mass that is singular elsewhere than at degrees of freedom without any, for rigid laws and for laws with memory
+   !> without bounds.
    subroutine new_variation(self, structure, laws, tuples, omega, amplitudes, error)
       type(variation_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -145,7 +149,7 @@ contains
       n = self%n_dofs
       call structure%factorise_mass(factor, info)
       if (info /= 0) then
-         call fail(error, "the mass matrix is singular at "//trim(structure%labels(info)))
+         call leave_out_massless(self, structure, error)
          return
       end if
       stiffness = structure%stiffness
@@ -166,6 +170,26 @@ contains
       where (abs(self%constant) < tiny(1.0_wp)/epsilon(1.0_wp)) self%constant = 0.0_wp
       self%norm = maxval(sum(abs(self%constant), dim=1))
    end subroutine divide_by_mass
+
+   !> As `divide_by_mass`, with degrees of freedom without mass.
+   subroutine leave_out_massless(self, structure, error)
+      type(variation_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: none(self%n_dofs, self%n_states), unscaled(self%size, self%size)
+
+      allocate (self%massless)
+      call new_massless(self%massless, structure, self%laws, error)
+      if (allocated(error)) return
+      none = 0.0_wp
+      allocate (self%constant(self%size, self%size), self%accelerance(self%n_dofs, self%n_coordinates), source=0.0_wp)
+      call self%massless%state_matrix(1.0_wp, self%massless%stiffness, self%massless%damping, none, unscaled)
+      self%scale = maxval(abs(self%motion%omega))
+      if (all(ieee_is_finite(unscaled))) &
+         self%scale = max(self%scale, sqrt(maxval(abs(unscaled(self%n_dofs + 1:, :self%n_dofs)))))
+      call self%massless%state_matrix(self%scale, self%massless%stiffness, self%massless%damping, none, self%constant)
+      self%norm = max(self%scale, maxval(sum(abs(self%constant), dim=1), mask=ieee_is_finite(sum(self%constant, dim=1))))
+   end subroutine leave_out_massless
 
    !> Whether no law has a memory or kinks.
    pure logical function variation_is_smooth(self) result(is_smooth)
@@ -193,7 +217,7 @@ contains
    end function variation_is_piecewise_linear
 
    !> A at a node of a piece.
-   pure subroutine variation_matrix_at(self, piece, node, a)
+   subroutine variation_matrix_at(self, piece, node, a)
       class(variation_t), intent(in) :: self
       type(piece_t), intent(in) :: piece
       integer, intent(in) :: node
@@ -202,6 +226,14 @@ contains
       real(wp) :: factor
 
       n = self%n_dofs
+      if (allocated(self%massless)) then
+         associate (shape => self%shape, of => self%massless)
+            call of%state_matrix(self%scale, of%stiffness + turned(shape, piece%by_displacement(:, :, node)), &
+                                 of%damping + turned(shape, piece%by_rate(:, :, node)), &
+                                 matmul(shape, piece%by_state(:, :, node)), a)
+         end associate
+         return
+      end if
       a = self%constant
       do d = 1, self%n_coordinates
          do c = 1, self%n_coordinates
@@ -220,6 +252,14 @@ contains
          a(n + 1:2*n, 2*n + k) = -matmul(self%accelerance, piece%by_state(:, k, node))/self%scale
       end do
    end subroutine variation_matrix_at
+
+   !> S slopes S^T.
+   pure function turned(shape, slopes)
+      real(wp), intent(in) :: shape(:, :), slopes(:, :)
+      real(wp) :: turned(size(shape, 1), size(shape, 1))
+
+      turned = matmul(shape, matmul(slopes, transpose(shape)))
+   end function turned
 
    !> Slopes of the forces of all laws at the coordinates of the motion, at several phases within a piece.
    subroutine variation_find_slopes(self, piece, phases, by_displacement, by_rate, by_state)

@@ -269,7 +269,8 @@ contains
       reciprocal_condition = 1.0_wp/max(1.0_wp, norm*growth)
       if (has_springs(self, frequency)) then
          do i = 1, self%n_rhs
-            self%unsupported(i) = self%spring*maxval(abs(self%rhs(self%held, i)))/max(self%unsupported(i), tiny(1.0_wp))
+            self%unsupported(i) = self%spring*maxval([0.0_wp, abs(self%rhs(self%held, i))])/ &
+                                  max(self%unsupported(i), tiny(1.0_wp))
          end do
       end if
       do i = 1, self%n_rhs
