@@ -15,7 +15,7 @@ module explanation
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
    use hb_thresholds, only: well_solved
-   use remedies, only: remedy_of
+   use hb_remedies, only: remedy_of
    implicit none
    private
    public :: explain_failures, explain_point, find_kinds, status_lines

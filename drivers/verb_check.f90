@@ -17,15 +17,16 @@ module verb_check
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
-   use model_warnings, only: commensurate_text, has_no_load
-   use hb_modes, only: modes_t, natural_frequencies, new_modes
+   use hb_model_warnings, only: commensurate_text, has_no_load, no_load_text
+   use hb_modes, only: modes_t, new_modes
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, rank_of
+   use hb_natural_frequencies, only: find_natural_frequencies, max_dofs
    use hb_outcome, only: outcome, outcome_name
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
-   use law_check, only: check_derivatives, derivative_check_t
+   use hb_law_check, only: check_derivatives, derivative_check_t
    use verb_solve, only: load_study
    implicit none
    private
@@ -108,7 +109,7 @@ contains
       if (doubts%n_commensurate > 0) call say("warning: "// &
          share_text(study, doubts%n_commensurate, ", the first at ")//doubts%first_commensurate)
       if (doubts%n_without_load > 0) call say("warning: "// &
-         share_text(study, doubts%n_without_load, ": ")//"no load acts and no tone is unknown: only laws can cause a motion")
+         share_text(study, doubts%n_without_load, ": ")//no_load_text)
    end subroutine write_doubts
 
    !> Number of points of a sweep, with a text after it; empty for a single point.
@@ -232,40 +233,28 @@ contains
    subroutine describe_frequencies(structure)
       type(structure_t), intent(in) :: structure
       integer, parameter :: most = 10
-      integer, parameter :: largest = 1500 ! degrees of freedom: all are computed at once, in some seconds
-      integer, parameter :: largest_gyroscopic = 200                  ! likewise, with gyroscopic terms
-      type(error_t), allocatable :: error
-      type(modes_t) :: modes
       real(wp), allocatable :: frequencies(:)
       character(:), allocatable :: note
       integer :: n
-      logical :: is_gyroscopic
+      logical :: lacks_gyroscopic
 
-      if (structure%n_dofs > largest .or. allocated(structure%sparse)) then
-         call say("natural     frequencies are not computed for more than "//to_text(largest)//" degrees of freedom")
+      if (structure%n_dofs > max_dofs .or. allocated(structure%sparse)) then
+         call say("natural     frequencies are not computed for more than "//to_text(max_dofs)//" degrees of freedom")
          return
       end if
-      is_gyroscopic = any(abs(structure%damping - transpose(structure%damping)) > 0.0_wp)
-      if (is_gyroscopic .and. structure%n_dofs <= largest_gyroscopic) then
-         call new_modes(modes, structure%mass, 0.5_wp*(structure%damping - transpose(structure%damping)), &
-            structure%stiffness, error)
-         if (.not. allocated(error)) frequencies = modes%frequency
-      end if
-      is_gyroscopic = is_gyroscopic .and. .not. allocated(frequencies)
-      if (.not. allocated(frequencies)) frequencies = natural_frequencies(structure%mass, structure%stiffness)
+      call find_natural_frequencies(structure, frequencies, lacks_gyroscopic)
       n = min(size(frequencies), most)
       note = ""
-      if (structure%up_to > 0.0_wp) n = min(n, count(frequencies <= structure%up_to))
       if (n < size(frequencies)) note = "  (the "//to_text(n)//" lowest)"
-      if (is_gyroscopic) note = note//"  (without gyroscopic terms)"
+      if (lacks_gyroscopic) note = note//"  (without gyroscopic terms)"
       if (allocated(structure%parts)) note = note//"  (without &dynamic_stiffness)"
       if (size(frequencies) == 0) then
          call say("natural     frequencies are not known: some part has neither mass nor support")
-      else if (n > 0) then
+      else
          call say("natural     "//list_text(frequencies(:n), 1.0_wp)//" rad/s"//note)
          call say("frequencies "//list_text(frequencies(:n), two_pi)//" Hz")
-         if (any(frequencies < 0.0_wp) .and. .not. is_gyroscopic) call say(&
-            "            negative: the structure at rest is unstable, disturbances grow at this rate")
+         if (any(frequencies < 0.0_wp) .and. .not. any(abs(structure%damping - transpose(structure%damping)) > 0.0_wp)) &
+            call say("            negative: the structure at rest is unstable, disturbances grow at this rate")
       end if
    end subroutine describe_frequencies
 

@@ -12,7 +12,8 @@ module verb_solve
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
    use hb_model, only: model_t
-   use model_warnings, only: commensurate_text, free_text, frozen_speed_text, model_text
+   use hb_model_warnings, only: commensurate_text
+   use model_warnings, only: free_text, frozen_speed_text, model_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use next_step, only: run_names_t, shell_word
    use hb_outcome, only: outcome
@@ -326,6 +327,7 @@ contains
                      " was not computed: the fastest harmonic has more than a million cycles in a period of the slowest tone")
          end if
       end if
+      if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " to another branch between neighbouring points (see 'branch'), the first at "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &

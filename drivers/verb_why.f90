@@ -13,7 +13,7 @@ module verb_why
    use hb_results_record, only: record_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
-   use remedies, only: remedy_of
+   use hb_remedies, only: remedy_of
    use verb_info, only: read_result
    implicit none
    private

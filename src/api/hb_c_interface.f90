@@ -13,10 +13,12 @@ module hb_c_interface
    use hb_error, only: error_t, fail
    use hb_key_rows, only: key_row, n_key_rows
    use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: is_solved
    use hb_session, only: session_t
    use hb_sundials, only: has_cvode
    use hb_user_library, only: check_law_info, law_info_t, register_law_of_c, unregister_law_of_c
-   use hb_version, only: program_version, version_number
+   use hb_version, only: git_commit, program_version, version_number
    implicit none
    private
 
@@ -36,14 +38,40 @@ module hb_c_interface
       type(c_ptr) :: axes
    end type c_column_t
 
+   !> struct nhbm_column_description.
+   type, bind(c) :: c_description_t
+      type(c_ptr) :: long_name
+      type(c_ptr) :: dof_units
+      type(c_ptr) :: flag_meanings
+      integer(c_int) :: lowest_flag
+      integer(c_int) :: kind
+   end type c_description_t
+
+   !> struct nhbm_motion.
+   type, bind(c) :: c_motion_t
+      integer(c_size_t) :: n_tones
+      integer(c_size_t) :: n_harmonics
+      integer(c_size_t) :: n_dofs
+      type(c_ptr) :: frequency
+      type(c_ptr) :: tuples
+      type(c_ptr) :: coefficients
+      real(c_double) :: truncation_estimate
+      real(c_double) :: aliasing_estimate
+      type(c_ptr) :: frequency_estimate
+      integer(c_int) :: status
+      integer(c_int) :: n_unstable
+   end type c_motion_t
+
    !> struct nhbm_model: a session with the texts passed to C.
    type :: handle_t
       type(session_t) :: session
-      character(c_char), allocatable :: text(:), unit(:), axes(:)
+      character(c_char), allocatable :: text(:), unit(:), axes(:), long_name(:), dof_units(:), flags(:)
+      real(wp), allocatable :: frequencies(:)
    end type handle_t
 
    character(*), parameter :: nul = c_null_char
    character(33), target, save :: version_text = program_version//nul
+   character(len(git_commit) + 1), target, save :: commit_text = git_commit//nul
    character(1), target, save :: empty_text = nul
    character(longest_status), target, save :: status_texts(0:6) = [character(longest_status) :: "success"//nul, &
       "invalid input"//nul, "invalid argument"//nul, "invalid state: it cannot be called now"//nul, &
@@ -75,6 +103,10 @@ contains
    type(c_ptr) function nhbm_get_version() bind(c, name="nhbm_get_version") result(text)
       text = c_loc(version_text)
    end function nhbm_get_version
+
+   type(c_ptr) function nhbm_get_commit() bind(c, name="nhbm_get_commit") result(commit)
+      commit = c_loc(commit_text)
+   end function nhbm_get_commit
 
    integer(c_int) function nhbm_get_version_number() bind(c, name="nhbm_get_version_number") result(number)
       number = int(version_number, c_int)
@@ -196,6 +228,28 @@ contains
       call handle%session%complete_input(input)
       status = end_call_with_text(model, "nhbm_get_input", input, handle%text, text)
    end function nhbm_get_input
+
+   integer(c_int) function nhbm_get_given_input(model, text) bind(c, name="nhbm_get_given_input") result(status)
+      type(c_ptr), value :: model, text
+      type(handle_t), pointer :: handle
+      character(:), allocatable :: input
+
+      status = begin_call(model, "nhbm_get_given_input", handle, text=text, needs_input=.true.)
+      if (status /= c_status%success) return
+      call handle%session%complete_input(input, only_given=.true.)
+      status = end_call_with_text(model, "nhbm_get_given_input", input, handle%text, text)
+   end function nhbm_get_given_input
+
+   integer(c_int) function nhbm_get_libraries(model, text) bind(c, name="nhbm_get_libraries") result(status)
+      type(c_ptr), value :: model, text
+      type(handle_t), pointer :: handle
+      character(:), allocatable :: libraries
+
+      status = begin_call(model, "nhbm_get_libraries", handle, text=text, needs_model=.true.)
+      if (status /= c_status%success) return
+      call handle%session%libraries(libraries)
+      status = end_call_with_text(model, "nhbm_get_libraries", libraries, handle%text, text)
+   end function nhbm_get_libraries
 
    integer(c_int) function nhbm_set_key(model, path, values) bind(c, name="nhbm_set_key") result(status)
       type(c_ptr), value :: model, path, values
@@ -414,6 +468,101 @@ contains
       status = end_call(model, error, status)
    end function nhbm_verify
 
+   integer(c_int) function nhbm_verify_motion(model, motion, max_periods) bind(c, name="nhbm_verify_motion") result(status)
+      type(c_ptr), value :: model, motion
+      integer(c_int), value :: max_periods
+      type(handle_t), pointer :: handle
+      type(motion_result_t) :: result
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_verify_motion", handle, texts=[motion], needs_input=.true.)
+      if (status /= c_status%success) return
+      call take_motion(motion, result, error)
+      status = c_status%invalid_argument
+      if (.not. allocated(error)) then
+         if (max_periods >= 0_c_int) status = c_status%invalid_input
+         call handle%session%verify_motion(result, int(max_periods), error)
+      end if
+      status = end_call(model, error, status)
+   end function nhbm_verify_motion
+
+   !> Copies a motion of C. Fails for lengths that are zero or too large, and for arrays that are NULL.
+   subroutine take_motion(address, motion, error)
+      type(c_ptr), intent(in) :: address
+      type(motion_result_t), intent(out) :: motion
+      type(error_t), allocatable, intent(out) :: error
+      type(c_motion_t), pointer :: given
+      real(c_double), pointer :: coefficients(:, :, :), frequency(:), frequency_estimate(:)
+      integer(c_int), pointer :: tuples(:, :)
+      integer(c_size_t), parameter :: largest = int(huge(1), c_size_t)
+
+      call c_f_pointer(address, given)
+      associate (n => [given%n_tones, given%n_harmonics, given%n_dofs])
+         if (any(n < 1_c_size_t .or. n > largest)) then
+            call fail(error, "nhbm_verify_motion: n_tones, n_harmonics and n_dofs must be at least 1")
+         else if (any_null([given%frequency, given%tuples, given%coefficients])) then
+            call fail(error, "nhbm_verify_motion: frequency, tuples and coefficients must not be NULL")
+         else if (.not. is_solved(int(given%status))) then
+            call fail(error, "nhbm_verify_motion: the status is not that of a motion")
+         end if
+         if (allocated(error)) return
+         call c_f_pointer(given%frequency, frequency, [n(1)])
+         call c_f_pointer(given%tuples, tuples, [n(1), n(2)])
+         call c_f_pointer(given%coefficients, coefficients, [2_c_size_t, n(2), n(3)])
+         motion%status = int(given%status)
+         motion%frequency = real(frequency, wp)
+         motion%harmonics%tuples = int(tuples)
+         motion%coefficients = real(coefficients, wp)
+         motion%certificate%combination = 0*int(tuples(:, 1))         ! the estimates are known, or NaN
+         motion%certificate%truncation = real(given%truncation_estimate, wp)
+         motion%certificate%aliasing = real(given%aliasing_estimate, wp)
+         motion%stability%n_unstable = int(given%n_unstable)
+         if (.not. c_associated(given%frequency_estimate)) return
+         call c_f_pointer(given%frequency_estimate, frequency_estimate, [n(1)])
+         motion%certificate%frequency_error = real(frequency_estimate, wp)
+      end associate
+   end subroutine take_motion
+
+   ! Checks
+
+   integer(c_int) function nhbm_get_warnings(model, warnings) bind(c, name="nhbm_get_warnings") result(status)
+      type(c_ptr), value :: model, warnings
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+      character(:), allocatable :: text
+
+      status = begin_call(model, "nhbm_get_warnings", handle, text=warnings, needs_input=.true.)
+      if (status /= c_status%success) return
+      call handle%session%warnings(text, error)
+      if (allocated(error)) then
+         status = end_call(model, error, c_status%invalid_input)
+      else
+         status = end_call_with_text(model, "nhbm_get_warnings", text, handle%text, warnings)
+      end if
+   end function nhbm_get_warnings
+
+   integer(c_int) function nhbm_get_natural_frequencies(model, n, frequencies) bind(c, name="nhbm_get_natural_frequencies") &
+      result(status)
+      type(c_ptr), value :: model, n, frequencies
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+      integer(c_size_t), pointer :: number
+      type(c_ptr), pointer :: address
+
+      status = begin_call(model, "nhbm_get_natural_frequencies", handle, texts=[n, frequencies], needs_input=.true.)
+      if (status /= c_status%success) return
+      call c_f_pointer(n, number)
+      call c_f_pointer(frequencies, address)
+      number = 0_c_size_t
+      address = c_null_ptr
+      call handle%session%natural_frequencies(handle%frequencies, error)
+      if (.not. allocated(error)) then
+         number = size(handle%frequencies, kind=c_size_t)
+         if (number > 0_c_size_t) address = address_of_reals(handle%frequencies)
+      end if
+      status = end_call(model, error, c_status%invalid_input)
+   end function nhbm_get_natural_frequencies
+
    ! Results
 
    integer(c_int) function nhbm_get_column(model, name, column) bind(c, name="nhbm_get_column") result(status)
@@ -430,6 +579,38 @@ contains
       if (status == c_status%success) status = status_of(error, c_status%invalid_argument)
       call release_handle(model)
    end function nhbm_get_column
+
+   integer(c_int) function nhbm_describe_column(model, name, description) bind(c, name="nhbm_describe_column") result(status)
+      type(c_ptr), value :: model, name, description
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      call clear_description(description)
+      status = begin_call(model, "nhbm_describe_column", handle, texts=[name, description], needs_model=.true.)
+      if (status /= c_status%success) return
+      call handle%session%find_column(c_text(name), error)
+      if (.not. allocated(error) .and. len(c_text(name)) == 0) call fail(error, "nhbm_describe_column: the name is empty")
+      if (.not. allocated(error)) status = shown_description(handle, description)
+      if (status == c_status%success) status = status_of(error, c_status%invalid_argument)
+      call release_handle(model)
+   end function nhbm_describe_column
+
+   integer(c_int) function nhbm_describe_time_column(model, name, description) bind(c, name="nhbm_describe_time_column") &
+      result(status)
+      type(c_ptr), value :: model, name, description
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      call clear_description(description)
+      status = begin_call(model, "nhbm_describe_time_column", handle, texts=[name, description], needs_input=.true., &
+                          needs_time=.true.)
+      if (status /= c_status%success) return
+      call handle%session%find_time_column(c_text(name), error)
+      if (.not. allocated(error) .and. len(c_text(name)) == 0) call fail(error, "nhbm_describe_time_column: the name is empty")
+      if (.not. allocated(error)) status = shown_description(handle, description)
+      if (status == c_status%success) status = status_of(error, c_status%invalid_argument)
+      call release_handle(model)
+   end function nhbm_describe_time_column
 
    integer(c_int) function nhbm_get_column_names(model, names) bind(c, name="nhbm_get_column_names") result(status)
       type(c_ptr), value :: model, names
@@ -480,7 +661,7 @@ contains
       words = handle%session%labels_along(c_text(axis))
       joined = ""
       do i = 1, size(words)
-         joined = joined//" "//trim(words(i))
+         joined = joined//new_line("a")//trim(words(i))
       end do
       status = end_call_with_text(model, "nhbm_get_labels", joined(min(2, len(joined) + 1):), handle%text, labels)
    end function nhbm_get_labels
@@ -496,6 +677,17 @@ contains
       if (allocated(handle%session%result%message)) text = handle%session%result%message
       status = end_call_with_text(model, "nhbm_get_message", text, handle%text, message)
    end function nhbm_get_message
+
+   integer(c_int) function nhbm_get_doubt(model, doubt) bind(c, name="nhbm_get_doubt") result(status)
+      type(c_ptr), value :: model, doubt
+      type(handle_t), pointer :: handle
+      character(:), allocatable :: text
+
+      status = begin_call(model, "nhbm_get_doubt", handle, text=doubt, needs_input=.true.)
+      if (status /= c_status%success) return
+      call handle%session%doubt(text)
+      status = end_call_with_text(model, "nhbm_get_doubt", text, handle%text, doubt)
+   end function nhbm_get_doubt
 
    ! Common to the functions
 
@@ -629,6 +821,42 @@ contains
       end associate
       status = c_status%success
    end function shown_column
+
+   !> Sets a description of C, unless it is NULL, to an empty one.
+   subroutine clear_description(address)
+      type(c_ptr), intent(in) :: address
+      type(c_description_t), pointer :: description
+
+      if (.not. c_associated(address)) return
+      call c_f_pointer(address, description)
+      description%long_name = c_loc(empty_text)
+      description%dof_units = c_loc(empty_text)
+      description%flag_meanings = c_loc(empty_text)
+      description%lowest_flag = 0_c_int
+      description%kind = int(column_kind%unknown, c_int)
+   end subroutine clear_description
+
+   !> Fills a cleared description of C with that of the column that was found last.
+   integer(c_int) function shown_description(handle, address) result(status)
+      type(handle_t), pointer, intent(in) :: handle
+      type(c_ptr), intent(in) :: address
+      type(c_description_t), pointer :: description
+
+      call c_f_pointer(address, description)
+      associate (found => handle%session%column)
+         description%long_name = address_of_text(found%long_name, handle%long_name)
+         description%dof_units = address_of_text(found%dof_units, handle%dof_units)
+         description%flag_meanings = address_of_text(found%flags, handle%flags)
+         description%lowest_flag = int(found%lowest_flag, c_int)
+         description%kind = int(found%kind_of_values, c_int)
+      end associate
+      status = c_status%success
+      if (c_associated(description%long_name) .and. c_associated(description%dof_units) .and. &
+          c_associated(description%flag_meanings)) return
+      call clear_description(address)
+      call set_last_error("nhbm_describe_column: memory is insufficient")
+      status = c_status%out_of_memory
+   end function shown_description
 
    !> Address of a text that is valid until it is replaced; NULL if memory is insufficient.
    type(c_ptr) function address_of_text(text, storage)

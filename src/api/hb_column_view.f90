@@ -3,9 +3,9 @@ module hb_column_view
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_motion_columns, only: columns_t, of_dof, of_force, of_rate
+   use hb_motion_columns, only: columns_t, find_shared_unit
    use hb_motion_result, only: motion_result_t
-   use hb_text, only: split, string_t
+   use hb_text, only: join, split, string_t
    implicit none
    private
    public :: column_kind, column_view_t
@@ -26,6 +26,13 @@ module hb_column_view
       integer, allocatable :: integers(:)
       integer, allocatable :: extents(:)                              !! fastest axis first; none for a single value
       character(:), allocatable :: units, axes                        !! names of axes, slowest first, separated by blanks
+      character(:), allocatable :: long_name
+      character(:), allocatable :: dof_units                          !! of each degree of freedom along it, separated by blanks
+      character(:), allocatable :: flags                              !! names of its values, from `lowest_flag`, likewise
+      integer :: lowest_flag
+      integer :: kind_of_values                                       !! also of values that are not known
+      ! For columns along degrees of freedom: the units of these by the name of the axis
+      character(16), allocatable :: units_of_dof(:), units_of_law_dof(:), units_of_state_dof(:)
       character(:), allocatable :: names                              !! of all columns, separated by blanks
    contains
       procedure :: begin => column_view_begin
@@ -52,6 +59,11 @@ contains
       self%extents = [integer ::]
       self%units = "1"
       self%axes = ""
+      self%long_name = ""
+      self%dof_units = ""
+      self%flags = ""
+      self%lowest_flag = 0
+      self%kind_of_values = column_kind%real
    end subroutine column_view_begin
 
    !> Finds a column. Fails for an unknown name.
@@ -92,9 +104,11 @@ contains
    end subroutine column_view_refuse_unknown
 
    !> Whether a column is the one that is requested.
-   logical function is_requested(self, name, units, axes)
+   logical function is_requested(self, name, units, axes, long_name)
       class(column_view_t), intent(inout) :: self
-      character(*), intent(in) :: name, units, axes
+      character(*), intent(in) :: name, units, axes, long_name
+      character(:), allocatable :: list
+      character(16), allocatable :: dof_units(:)
 
       if (len(self%names) > 0) self%names = self%names//" "
       self%names = self%names//name
@@ -102,20 +116,31 @@ contains
       if (.not. is_requested) return
       self%is_found = .true.
       self%axes = axes
-      self%units = units
-      if (units == of_dof) self%units = "m"
-      if (units == of_force) self%units = "N"
-      if (units == of_rate) self%units = "m/s"
+      self%long_name = long_name
+      allocate (dof_units(0))
+      if (index(" "//axes, " law_dof") > 0 .and. allocated(self%units_of_law_dof)) then
+         dof_units = self%units_of_law_dof
+      else if (index(axes, "state_dof") > 0 .and. allocated(self%units_of_state_dof)) then
+         dof_units = self%units_of_state_dof
+      else if (index(" "//axes, " dof") > 0 .and. allocated(self%units_of_dof)) then
+         dof_units = self%units_of_dof
+      end if
+      call find_shared_unit(units, dof_units, self%units, list)
+      if (allocated(list)) self%dof_units = list
    end function is_requested
 
-   subroutine column_view_integer(self, name, units, axes, long_name, values, flags)
+   subroutine column_view_integer(self, name, units, axes, long_name, values, flags, lowest)
       class(column_view_t), intent(inout) :: self
       character(*), intent(in) :: name, units, axes, long_name
       integer, intent(in), contiguous, optional :: values(..)
       character(*), intent(in), optional :: flags(:)
+      integer, intent(in), optional :: lowest
 
       if (.not. self%is_there) return
-      if (.not. is_requested(self, name, units, axes)) return
+      if (.not. is_requested(self, name, units, axes, long_name)) return
+      self%kind_of_values = column_kind%integer
+      if (present(flags)) self%flags = trim(join(flags, " "))
+      if (present(lowest)) self%lowest_flag = lowest
       if (.not. (self%is_known .and. present(values))) return
       self%kind = column_kind%integer
       self%extents = shape(values)
@@ -132,7 +157,7 @@ contains
       real(wp), intent(in), contiguous, optional :: values(..)
 
       if (.not. self%is_there) return
-      if (.not. is_requested(self, name, units, axes)) return
+      if (.not. is_requested(self, name, units, axes, long_name)) return
       if (.not. (self%is_known .and. present(values))) return
       self%kind = column_kind%real
       self%extents = shape(values)
@@ -151,6 +176,6 @@ contains
       character(*), intent(in), optional :: value
 
       if (.not. self%is_there) return
-      if (is_requested(self, name, units, axes)) self%kind = column_kind%text
+      if (is_requested(self, name, units, axes, long_name)) self%kind = column_kind%text
    end subroutine column_view_text
 end module hb_column_view

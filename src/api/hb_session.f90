@@ -20,19 +20,25 @@ module hb_session
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
+   use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: callbacks_t, model_t
+   use hb_model_files, only: list_model_files
    use hb_model_reader, only: group_names, read_model, update_model
-   use hb_model_tones, only: read_tones
+   use hb_model_tones, only: put_frequencies, read_tones
+   use hb_model_warnings, only: describe_warnings
    use hb_motion_curve, only: motion_curve_t
+   use hb_motion_doubt, only: describe_doubt
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist, set_text, write_complete_text
+   use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_parameter_path, only: identifier
    use hb_point, only: solve_point
    use hb_record_columns, only: record_columns, verdict_columns
+   use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: to_text
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
@@ -89,6 +95,8 @@ module hb_session
       type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
                                                                       !! the command has in addition to its points; 0: none
+      type(law_doubt_t), private :: law_doubt                         ! of the present input, at its first motion
+      logical, private :: has_law_doubt = .false.                     ! the last motion is that one
       type(neighbour_t), private :: neighbour
       type(cached_linear_parts_t), private :: cached
       type(curve_plan_t), private :: plan
@@ -106,11 +114,16 @@ module hb_session
       procedure :: set_parameter => session_set_parameter
       procedure :: update => session_update
       procedure :: complete_input => session_complete_input
+      procedure :: libraries => session_libraries
+      procedure :: warnings => session_warnings
+      procedure :: natural_frequencies => session_natural_frequencies
+      procedure :: doubt => session_doubt
       procedure :: solve => session_solve
       procedure :: curve_begin => session_curve_begin
       procedure :: curve_next => session_curve_next
       procedure :: integrate => session_integrate
       procedure :: verify => session_verify
+      procedure :: verify_motion => session_verify_motion
       procedure :: has_begun_curve => session_has_begun_curve
       procedure :: has_time_columns => session_has_time_columns
       procedure :: may_verify => session_may_verify
@@ -144,8 +157,11 @@ contains
       self%has_input = .false.
       self%model%is_read = .false.
       self%result = motion_result_t()
+      self%law_doubt = law_doubt_t()
+      self%has_law_doubt = .false.
       call self%neighbour%forget()
       call forget_integration(self)
+      if (allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
       if (allocated(self%parameters)) deallocate (self%parameters)
       allocate (self%parameters(0))
       call read_namelist(self%document, name, text, error)
@@ -225,20 +241,76 @@ contains
       logical :: is_new
 
       call check_input(self, error)
-      if (.not. allocated(error)) call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
+      if (allocated(error)) return
+      call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
+      if (is_new .and. allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
    end subroutine session_update
 
-   !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones.
-   subroutine session_complete_input(self, text)
+   !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones. Groups &sweep
+   !> and &curve are included.
+   subroutine session_complete_input(self, text, only_given)
       class(session_t), intent(inout), target :: self
       character(:), allocatable, intent(out) :: text
+      logical, intent(in), optional :: only_given                     !! without defaults, default false
       type(error_t), allocatable :: ignored
+      type(document_t), target :: document
+      type(sweep_plan_t) :: plan
 
       text = ""
       if (.not. self%has_input) return
       call self%update(ignored)
-      call write_complete_text(self%document, text)
+      if (self%document%count("sweep") + self%document%count("curve") > 0) then
+         document = self%document
+         call read_sweep_plan(plan, document, ignored)
+         call write_complete_text(document, text, only_given)
+         return
+      end if
+      call write_complete_text(self%document, text, only_given)
    end subroutine session_complete_input
+
+   !> Files besides the input on which the model depends, with their checksums (hb_model_files).
+   subroutine session_libraries(self, text)
+      class(session_t), intent(in) :: self
+      character(:), allocatable, intent(out) :: text
+
+      text = ""
+      if (self%model%is_read) call list_model_files(self%model, text)
+   end subroutine session_libraries
+
+   !> Warnings about the model with its present values, one per line; empty: none.
+   subroutine session_warnings(self, text, error)
+      class(session_t), intent(inout), target :: self
+      character(:), allocatable, intent(out) :: text
+      type(error_t), allocatable, intent(out) :: error
+
+      text = ""
+      call self%update(error)
+      if (.not. allocated(error)) call describe_warnings(self%model, text)
+   end subroutine session_warnings
+
+   !> Natural frequencies [rad/s] of the structure with its present values (hb_natural_frequencies).
+   subroutine session_natural_frequencies(self, frequencies, error)
+      class(session_t), intent(inout), target :: self
+      real(wp), allocatable, intent(out) :: frequencies(:)
+      type(error_t), allocatable, intent(out) :: error
+      logical :: lacks_gyroscopic
+
+      allocate (frequencies(0))
+      call self%update(error)
+      if (.not. allocated(error)) call find_natural_frequencies(self%model%structure, frequencies, lacks_gyroscopic)
+   end subroutine session_natural_frequencies
+
+   !> What is doubtful about the last motion, with numbers and what to do; empty: nothing.
+   subroutine session_doubt(self, text)
+      class(session_t), intent(in) :: self
+      character(:), allocatable, intent(out) :: text
+
+      text = ""
+      if (self%model%is_read) call describe_doubt(self%model, self%result, text)
+      if (.not. (self%has_law_doubt .and. allocated(self%law_doubt%text))) return
+      if (len(text) > 0) text = text//new_line("a")
+      text = text//self%law_doubt%text
+   end subroutine session_doubt
 
    !> Solves the model with its present values, from the last motion if requested and available. The status of the
    !> result reports a failure to converge; an error is one of the model.
@@ -365,9 +437,29 @@ contains
       class(session_t), intent(inout), target :: self
       integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay rate
       type(error_t), allocatable, intent(out) :: error
+
+      call check_input(self, error)
+      if (allocated(error)) return
+      call forget_integration(self)
+      if (allocated(self%result%curve) .or. .not. is_solved(self%result%status)) then
+         call fail(error, "there is no motion of `solve` that can be verified")
+      else if (.not. self%is_present) then
+         call fail(error, "values have changed since the motion was computed; solve again before the verification")
+      else
+         call self%verify_motion(self%result, n_periods, error)
+      end if
+   end subroutine session_verify
+
+   !> Integrates from a motion of the model with its present values, and from a neighbouring state, until the verdict is clear.
+   subroutine session_verify_motion(self, motion, n_periods, error)
+      class(session_t), intent(inout), target :: self
+      type(motion_result_t), intent(in) :: motion                     !! at all degrees of freedom
+      integer, intent(in) :: n_periods                                !! as for `verify`
+      type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
       type(model_t) :: model
       type(claim_t) :: claim
+      logical :: is_new
 
       call check_input(self, error)
       if (allocated(error)) return
@@ -376,43 +468,43 @@ contains
                    to_text(n_periods))
          return
       end if
+      call end_curve(self)
       call forget_integration(self)
-      associate (motion => self%result)
-         if (allocated(motion%curve) .or. .not. is_solved(motion%status)) then
-            call fail(error, "there is no motion of `solve` that can be verified")
-            return
-         else if (.not. self%is_present) then
-            call fail(error, "values have changed since the motion was computed; solve again before the verification")
-            return
-         end if
-         document = self%document
-         call read_model(model, document, error, callbacks=self%callbacks)
+      document = self%document
+      call read_model(model, document, error, callbacks=self%callbacks)
+      if (allocated(error)) return
+      if (size(motion%coefficients, 3) /= model%structure%n_dofs) then
+         call fail(error, "time integration starts from all degrees of freedom; solve without &output dofs")
+         return
+      else if (size(motion%frequency) /= model%tones%n_tones) then
+         call fail(error, "the motion has "//to_text(size(motion%frequency))//" tones, the model "//to_text(model%tones%n_tones))
+         return
+      end if
+      if (any(model%tones%is_unknown)) then                           ! values may follow unknown frequencies
+         call put_frequencies(document, model%tones, motion%frequency)
+         call update_model(model, document, is_new, error)
          if (allocated(error)) return
-         if (size(motion%coefficients, 3) /= model%structure%n_dofs) then
-            call fail(error, "time integration starts from all degrees of freedom; solve without &output dofs")
-            return
-         end if
-         claim%omega = motion%frequency
-         claim%tuples = model%harmonics%tuples
-         if (allocated(motion%harmonics%tuples)) claim%tuples = motion%harmonics%tuples
-         claim%amplitudes = cmplx(motion%coefficients(1, :, :), -motion%coefficients(2, :, :), wp)
-         claim%estimate = ieee_value(1.0_wp, ieee_quiet_nan)
-         claim%spread = claim%estimate
-         claim%frequency_estimates = claim%estimate + 0.0_wp*motion%frequency
-         if (allocated(motion%certificate%combination)) then
-            claim%estimate = motion%certificate%truncation + motion%certificate%aliasing
-            claim%spread = motion%certificate%aliasing
-         end if
-         if (allocated(motion%certificate%frequency_error)) claim%frequency_estimates = motion%certificate%frequency_error
-         claim%is_unstable = motion%stability%n_unstable > 0
-         claim%is_averaged = any(motion%status == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
-      end associate
+      end if
+      claim%omega = motion%frequency
+      claim%tuples = model%harmonics%tuples
+      if (allocated(motion%harmonics%tuples)) claim%tuples = motion%harmonics%tuples
+      claim%amplitudes = cmplx(motion%coefficients(1, :, :), -motion%coefficients(2, :, :), wp)
+      claim%estimate = ieee_value(1.0_wp, ieee_quiet_nan)
+      claim%spread = claim%estimate
+      claim%frequency_estimates = claim%estimate + 0.0_wp*motion%frequency
+      if (allocated(motion%certificate%combination)) then
+         claim%estimate = motion%certificate%truncation + motion%certificate%aliasing
+         claim%spread = motion%certificate%aliasing
+      end if
+      if (allocated(motion%certificate%frequency_error)) claim%frequency_estimates = motion%certificate%frequency_error
+      claim%is_unstable = motion%stability%n_unstable > 0
+      claim%is_averaged = any(motion%status == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
       call begin_work(self, huge(1.0_wp))
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
       self%has_verdict = .not. allocated(error)
-   end subroutine session_verify
+   end subroutine session_verify_motion
 
    !> Whether `verify` may be called: a motion of `solve` was found, and no value has changed since.
    logical function session_may_verify(self) result(may_verify)
@@ -445,6 +537,7 @@ contains
          call fail(error, "there are no results of a time integration; integrate or verify before")
          return
       end if
+      call find_units(self)
       call self%column%begin(name)
       if (allocated(self%record)) then
          call record_columns(self%column, self%record, self%model%harmonics%tuples)
@@ -462,6 +555,7 @@ contains
 
       call check_model(self, error)
       if (allocated(error)) return
+      call find_units(self)
       self%column%has_accuracy = self%model%accuracy%is_on
       self%column%has_own_tuples = .true.
       self%column%has_improved = self%model%certificate%improvement_steps > 0
@@ -474,6 +568,18 @@ contains
       end if
       call self%column%find(name, self%result, size(self%model%accuracy%outputs), error)
    end subroutine session_find_column
+
+   !> Stores the units of degrees of freedom for columns, once for a structure.
+   subroutine find_units(self)
+      class(session_t), intent(inout) :: self
+
+      if (allocated(self%column%units_of_dof) .or. .not. self%model%is_read) return
+      associate (structure => self%model%structure)
+         self%column%units_of_dof = [character(16) :: structure%units(self%model%output%dofs)]
+         self%column%units_of_law_dof = [character(16) :: structure%units(law_dofs_of(self%model%laws))]
+         self%column%units_of_state_dof = [character(16) :: structure%units]
+      end associate
+   end subroutine find_units
 
    !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and
    !> of their coordinates in a record; none for other axes.
@@ -552,6 +658,9 @@ contains
 
       if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%harmonics
       self%is_present = .true.
+      self%has_law_doubt = .not. self%law_doubt%is_done
+      call self%law_doubt%examine(self%model, self%result)
+      self%has_law_doubt = self%has_law_doubt .and. self%law_doubt%is_done
    end subroutine complete_result
 
    subroutine forget_integration(self)

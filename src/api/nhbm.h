@@ -84,6 +84,9 @@ NHBM_EXPORT int nhbm_get_api_version(void);
 NHBM_EXPORT const char *nhbm_get_version(void);
 NHBM_EXPORT int nhbm_get_version_number(void);
 
+/* Returns the commit that the library was built from, "unknown" outside a checkout, valid until the process ends. */
+NHBM_EXPORT const char *nhbm_get_commit(void);
+
 /* Returns 1 if the library has a feature, otherwise 0, also for NULL. Features: "cvode", the default method of nhbm_integrate,
  * which is optional in a build; a group of the input, such as "gradient"; a type of a group, such as "law jenkins". */
 NHBM_EXPORT int nhbm_has_feature(const char *feature);
@@ -107,12 +110,20 @@ NHBM_EXPORT int nhbm_create(nhbm_model **model);
  * with one return NHBM_INVALID_ARGUMENT until a new model has the same address. NHBM_BUSY: the model remains. */
 NHBM_EXPORT int nhbm_destroy(nhbm_model **model);
 
-/* Reads the text of an input (docs/user/input.md); messages contain `name`. It replaces the previous input, its results, and its
- * parameters. The group &sweep is ignored. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
+/* Reads the text of an input (docs/user/input.md); messages contain `name` and the line, unless it is empty or the
+ * path of a folder, "models/". Files that the text names are relative to the folder of `name`. The text replaces the previous input,
+ * its results, and its parameters. The group &sweep is ignored. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
 NHBM_EXPORT int nhbm_read_input(nhbm_model *model, const char *text, const char *name);
 
 /* Returns the input with all permitted keys and their values; an invalid value is replaced by the last valid one. */
 NHBM_EXPORT int nhbm_get_input(const nhbm_model *model, const char **text);
+
+/* Returns the input with the keys that were given or set, without defaults. */
+NHBM_EXPORT int nhbm_get_given_input(const nhbm_model *model, const char **text);
+
+/* Returns the files on which the model depends besides its input, one per line with a checksum: libraries of laws, the structure.
+ * NHBM_INVALID_STATE: the model has no input, or its present values are invalid. */
+NHBM_EXPORT int nhbm_get_libraries(const nhbm_model *model, const char **text);
 
 /* Sets the values of a key, as the option --set of the command does: path "law(stop)%gap", values "1e-3". The next computation
  * reports an invalid value. Ends a curve. NHBM_INVALID_INPUT: there is no such key, or `values` is not written as in an input. */
@@ -227,6 +238,31 @@ NHBM_EXPORT int nhbm_integrate(nhbm_model *model);
  * NHBM_INVALID_STATE: there is no such motion, or a value has changed since. NHBM_INVALID_ARGUMENT: max_periods is negative. */
 NHBM_EXPORT int nhbm_verify(nhbm_model *model, int max_periods);
 
+/* A motion of the caller, such as one read from a file, at all degrees of freedom of the model. */
+typedef struct nhbm_motion {
+   size_t n_tones, n_harmonics, n_dofs;
+   const double *frequency;          /* n_tones values [rad/s] */
+   const int32_t *tuples;            /* n_harmonics rows of n_tones entries */
+   const double *coefficients;       /* for each degree of freedom n_harmonics pairs (cos, sin) */
+   double truncation_estimate;       /* as the columns of these names; NaN: not known */
+   double aliasing_estimate;
+   const double *frequency_estimate; /* n_tones values, or NULL: not known */
+   int status, n_unstable;           /* as the columns of these names */
+} nhbm_motion;
+
+/* As nhbm_verify, for such a motion of the model with its present values. Ends a curve. */
+NHBM_EXPORT int nhbm_verify_motion(nhbm_model *model, const nhbm_motion *motion, int max_periods);
+
+/* ---- Checks ---- */
+
+/* Returns warnings about the model with its present values, one per line: tones with a common period, no load. Empty: none.
+ * NHBM_INVALID_INPUT: a value is invalid. */
+NHBM_EXPORT int nhbm_get_warnings(nhbm_model *model, const char **warnings);
+
+/* Returns the natural frequencies of the structure [rad/s], ascending, without damping and laws; *n is 0 for a structure of more
+ * than 1500 degrees of freedom or with sparse matrices. NHBM_INVALID_INPUT: a value is invalid. */
+NHBM_EXPORT int nhbm_get_natural_frequencies(nhbm_model *model, size_t *n, const double **frequencies);
+
 /* ---- Results ---- */
 
 enum nhbm_kind {
@@ -252,20 +288,38 @@ typedef struct nhbm_column {
  * NHBM_INVALID_STATE: the model has no input, or its present values are invalid. */
 NHBM_EXPORT int nhbm_get_column(const nhbm_model *model, const char *name, nhbm_column *column);
 
+typedef struct nhbm_column_description {
+   const char *long_name;     /* meaning */
+   const char *dof_units;     /* for columns along degrees of freedom: the unit at each, separated by blanks; else empty. If they
+                               * differ, `unit` of the column is "see dof_units" */
+   const char *flag_meanings; /* names of the values lowest_flag, lowest_flag + 1, ..., separated by blanks; empty: numbers */
+   int lowest_flag;
+   int kind;                  /* of its values, also if they are not known: NHBM_REAL or NHBM_INTEGER */
+} nhbm_column_description;
+
+/* Describes a column; results and errors as of nhbm_get_column. */
+NHBM_EXPORT int nhbm_describe_column(const nhbm_model *model, const char *name, nhbm_column_description *description);
+
 /* Returns the names of all columns, separated by blanks. */
 NHBM_EXPORT int nhbm_get_column_names(const nhbm_model *model, const char **names);
 
-/* As nhbm_get_column and nhbm_get_column_names, for the last call of nhbm_integrate or nhbm_verify. NHBM_INVALID_STATE: there was
+/* As nhbm_get_column, nhbm_get_column_names and nhbm_describe_column, for the last call of nhbm_integrate or nhbm_verify. NHBM_INVALID_STATE: there was
  * none, or it was interrupted. */
 NHBM_EXPORT int nhbm_get_time_column(const nhbm_model *model, const char *name, nhbm_column *column);
 NHBM_EXPORT int nhbm_get_time_column_names(const nhbm_model *model, const char **names);
+NHBM_EXPORT int nhbm_describe_time_column(const nhbm_model *model, const char *name, nhbm_column_description *description);
 
-/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", separated by
- * blanks; empty for other axes. */
+/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", one per line; empty
+ * for other axes. */
 NHBM_EXPORT int nhbm_get_labels(const nhbm_model *model, const char *axis, const char **labels);
 
 /* Returns why the last motion was not found, or a remark about it; empty if there is none. */
 NHBM_EXPORT int nhbm_get_message(const nhbm_model *model, const char **message);
+
+/* Returns what is doubtful about the last motion, with numbers, limits and what to do: that it has not converged, or is less
+ * accurate than requested; for the first motion of an input also derivatives of user laws that differ from differences of their
+ * forces. Empty: nothing. */
+NHBM_EXPORT int nhbm_get_doubt(const nhbm_model *model, const char **doubt);
 
 #ifdef __cplusplus
 }

@@ -3,8 +3,8 @@ module hb_file_columns
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t, is_integer, is_real
    use hb_kinds, only: wp
-   use hb_motion_columns, only: columns_t, of_dof, of_force, of_rate
-   use hb_text, only: join, split, string_t
+   use hb_motion_columns, only: columns_t, find_shared_unit
+   use hb_text, only: split, string_t
    implicit none
    private
    public :: amplitude_convention, axis_t, file_columns_t
@@ -111,36 +111,12 @@ contains
       character(16), allocatable :: of_dofs(:)
       integer :: i
 
-      shared = units
-      if (all(units /= [character(len(of_dof)) :: of_dof, of_force, of_rate])) return
       allocate (of_dofs(0))
       do i = 1, size(axes)
          if (allocated(self%axes(axes(i))%dof_units)) of_dofs = self%axes(axes(i))%dof_units
       end do
-      do i = 1, size(of_dofs)
-         if (units == of_force) of_dofs(i) = force_unit(of_dofs(i))
-         if (units == of_rate) of_dofs(i) = trim(of_dofs(i))//"/s"
-      end do
-      list = trim(adjustl(join(of_dofs, " ")))
-      shared = "see dof_units"
-      if (size(of_dofs) == 0) then
-         shared = "1"
-      else if (all(of_dofs == of_dofs(1))) then
-         shared = trim(of_dofs(1))
-      end if
+      call find_shared_unit(units, of_dofs, shared, list)
    end subroutine file_columns_find_units
-
-   !> Unit of the force that does work on a degree of freedom.
-   pure character(16) function force_unit(unit)
-      character(*), intent(in) :: unit
-
-      select case (unit)
-      case ("m"); force_unit = "N"
-      case ("rad"); force_unit = "N*m"
-      case ("1", ""); force_unit = "1"
-      case default; force_unit = "J/"//unit
-      end select
-   end function force_unit
 
    !> Makes the scales of all axes.
    subroutine file_columns_write_scales(self, file, error)

@@ -139,11 +139,12 @@ contains
    end subroutine writer_real
 
    !> Writes a column of integers.
-   subroutine writer_integer(self, name, units, axes, long_name, values, flags)
+   subroutine writer_integer(self, name, units, axes, long_name, values, flags, lowest)
       class(writer_t), intent(inout) :: self
       character(*), intent(in) :: name, units, axes, long_name
       integer, intent(in), contiguous, optional :: values(..)
       character(*), intent(in), optional :: flags(:)
+      integer, intent(in), optional :: lowest
       integer, allocatable :: along(:)
 
       call self%find_axes(axes, along)

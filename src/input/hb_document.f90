@@ -167,7 +167,7 @@ contains
 
       group => null()
       if (self%count(name) == 0) then
-         call fail_with_advice(self%file_name//": missing group &"//lower(trim(name)), self, name, error)
+         call fail_with_advice(place_of(self)//"missing group &"//lower(trim(name)), self, name, error)
          return
       end if
       call check_single(self, name, error)
@@ -523,7 +523,7 @@ contains
          n_groups = n_groups + 1
          if (n_groups > 1) call lines%add(new_line("a"))
          if (n_groups > max_lines) then
-            call lines%add(self%file_name//": and further errors in the groups that follow")
+            call lines%add(place_of(self)//"and further errors in the groups that follow")
             exit
          end if
          call lines%add(problem%message)
@@ -554,6 +554,15 @@ contains
          is_known = is_known .or. self%known(i)%value == name
       end do
    end function is_known
+
+   !> The file for messages, with a colon; empty for a text without a file, whose name is a folder or empty.
+   pure function place_of(self) result(place)
+      class(document_t), intent(in) :: self
+      character(:), allocatable :: place
+
+      place = ""
+      if (index(self%file_name, "/", back=.true.) < len(self%file_name)) place = self%file_name//": "
+   end function place_of
 
    !> Fails with the closest name for a missing group: among the known names, otherwise among those of the file.
    pure subroutine fail_with_advice(message, self, name, error)

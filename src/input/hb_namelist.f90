@@ -114,28 +114,35 @@ contains
    !> The input after defaults and overrides: all groups that were read, with every requested key. Reading it again
    !> gives the same values. Values that a namelist cannot express are omitted: values not allocated, empty lists,
    !> NaN, infinity, strings of several lines.
-   pure subroutine write_complete_text(self, text)
+   pure subroutine write_complete_text(self, text, only_given)
       type(document_t), intent(in) :: self
       character(:), allocatable, intent(out) :: text
+      logical, intent(in), optional :: only_given           !! without defaults, default false
       type(text_builder_t) :: lines
       integer :: i
 
       do i = 1, self%groups%n
-         if (self%groups%holders(i)%group%reading > 0) call write_group(self%groups%holders(i)%group, lines)
+         if (self%groups%holders(i)%group%reading > 0) call write_group(self%groups%holders(i)%group, lines, only_given)
       end do
       text = lines%text()
    end subroutine write_complete_text
 
    !> Writes a group with every key that was requested and its value, given or default.
-   pure subroutine write_group(self, lines)
+   pure subroutine write_group(self, lines, only_given)
       type(properties_t), intent(in) :: self
       type(text_builder_t), intent(inout) :: lines
+      logical, intent(in), optional :: only_given           !! leaves out the group, too, if nothing is given
       type(string_t), allocatable :: texts(:)
       character(:), allocatable :: list
+      logical :: leaves_defaults
       integer :: i
 
+      leaves_defaults = .false.
+      if (present(only_given)) leaves_defaults = only_given
+      if (leaves_defaults .and. .not. any([(self%content%is_given(self%requested(i)), i=1, self%n_requested)])) return
       call lines%add("&"//self%name//new_line("a"))
       do i = 1, self%n_requested
+         if (leaves_defaults .and. .not. self%content%is_given(self%requested(i))) cycle
          associate (requested => self%content%keys(self%requested(i)))
             call texts_of(requested, texts)
             if (size(texts) == 0) cycle

@@ -329,7 +329,8 @@ contains
       character(:), allocatable, intent(out) :: location
 
       location = self%file_name
-      if (line > 0) then
+      if (index(location, "/", back=.true.) == len(location)) location = ""   ! a folder: the text has no file
+      if (line > 0 .and. len(location) > 0) then
          location = location//":"//to_text(line)
       else if (is_key .and. len(location) > 0) then
          if (line == 0) location = location//" (override)"

@@ -13,9 +13,10 @@ module hb_motion_columns
    use hb_outcome, only: outcome_names, reason_names
    use hb_solver_types, only: fallback_names
    use hb_stability, only: stability_method_names
+   use hb_text, only: join
    implicit none
    private
-   public :: columns_t, max_attempts, of_dof, of_force, of_rate
+   public :: columns_t, find_shared_unit, max_attempts, of_dof, of_force, of_rate
 
    integer, parameter :: max_attempts = 24              !! that are stored of a motion: the first ones
 
@@ -45,12 +46,13 @@ module hb_motion_columns
    end type columns_t
 
    abstract interface
-      subroutine column_of_integers(self, name, units, axes, long_name, values, flags)
+      subroutine column_of_integers(self, name, units, axes, long_name, values, flags, lowest)
          import :: columns_t
          class(columns_t), intent(inout) :: self
          character(*), intent(in) :: name, units, axes, long_name
          integer, intent(in), contiguous, optional :: values(..)       !! not present: not known
-         character(*), intent(in), optional :: flags(:)                !! names of the values 0, 1, ...
+         character(*), intent(in), optional :: flags(:)                !! names of the values `lowest`, `lowest` + 1, ...
+         integer, intent(in), optional :: lowest                       !! default: 0
       end subroutine column_of_integers
 
       subroutine column_of_reals(self, name, units, axes, long_name, values)
@@ -236,8 +238,8 @@ contains
          else
             deallocate (im, re)
          end if
-         call t%integer("is_stable", "1", "", &
-            "1 stable (small disturbances decay), -1 unstable, 0 unknown", found%verdict)
+         call t%integer("is_stable", "1", "", "1 stable (small disturbances decay), -1 unstable, 0 unknown", found%verdict, &
+                        ["unstable", "unknown ", "stable  "], lowest=-1)
          call t%integer("n_unstable", "1", "", "number of growing disturbances", found%n_unstable)
          call t%integer("stability_method", "1", "", "method of the stability analysis", found%method, stability_method_names)
          t%is_known = allocated(exponents)
@@ -323,6 +325,43 @@ contains
       call t%real("corrected_samples", of_dof, "law_dof tau", "hypertime surface corrected at a rigid wall", m%corrected_samples)
       call t%real("force_samples", of_force, "law_dof tau", "hypertime surface of the force", m%force_samples)
    end subroutine surface_columns
+
+   !> Unit of a column of the table: the given one, or that which all degrees of freedom along it share, else `see dof_units`.
+   pure subroutine find_shared_unit(units, dof_units, shared, list)
+      character(*), intent(in) :: units                 !! of the table
+      character(*), intent(in) :: dof_units(:)          !! of the degrees of freedom along the column
+      character(:), allocatable, intent(out) :: shared
+      character(:), allocatable, intent(out) :: list    !! of all of them, with blanks between; not allocated for other columns
+      character(16) :: of_dofs(size(dof_units))
+      integer :: i
+
+      shared = units
+      if (all(units /= [character(len(of_dof)) :: of_dof, of_force, of_rate])) return
+      of_dofs = dof_units
+      do i = 1, size(of_dofs)
+         if (units == of_force) of_dofs(i) = force_unit(of_dofs(i))
+         if (units == of_rate) of_dofs(i) = trim(of_dofs(i))//"/s"
+      end do
+      list = trim(adjustl(join(of_dofs, " ")))
+      shared = "see dof_units"
+      if (size(of_dofs) == 0) then
+         shared = "1"
+      else if (all(of_dofs == of_dofs(1))) then
+         shared = trim(of_dofs(1))
+      end if
+   end subroutine find_shared_unit
+
+   !> Unit of the force that does work on a degree of freedom.
+   pure character(16) function force_unit(unit)
+      character(*), intent(in) :: unit
+
+      select case (unit)
+      case ("m"); force_unit = "N"
+      case ("rad"); force_unit = "N*m"
+      case ("1", ""); force_unit = "1"
+      case default; force_unit = "J/"//unit
+      end select
+   end function force_unit
 
    !> The first `n` values, filled with NaN.
    pure function padded(values, n)

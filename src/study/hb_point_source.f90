@@ -2,6 +2,7 @@
 module hb_point_source
    use hb_document, only: document_t
    use hb_kinds, only: wp
+   use hb_law_doubt, only: law_doubt_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: callbacks_t, model_t
    use hb_results, only: results_layout_t
@@ -20,5 +21,6 @@ module hb_point_source
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
       type(cached_linear_parts_t) :: cached                           !! of the point solved last
       integer :: rank = 0                                             !! of this process
+      type(law_doubt_t) :: law_doubt                                  !! at the first motion
    end type point_source_t
 end module hb_point_source

@@ -29,8 +29,8 @@ module hb_result_columns
       integer :: kind = 0                               ! of its values, hb_hdf5
       integer, allocatable :: axes(:)                   ! indices of axes, fastest first
       character(:), allocatable :: dof_units            ! of each degree of freedom, if these are an axis
-      character(:), allocatable :: flags                ! names of the values 0, 1, ..., separated by blanks
-      integer :: n_flags = 0
+      character(:), allocatable :: flags                ! names of the values lowest_flag, ..., separated by blanks
+      integer :: n_flags = 0, lowest_flag = 0
       character(:), allocatable :: parameter            ! path in the input of the value that moves along curves
       logical :: is_part_used = .false.                 ! each row uses only as many harmonics as the point has
       logical :: is_checked = .true.                    ! the checksum of a row includes it
@@ -179,17 +179,19 @@ contains
    end subroutine plan_put_motion
 
    !> A column of integers: lists it, or stores the values of the row in its buffer.
-   subroutine plan_integer(self, name, units, axes, long_name, values, flags)
+   subroutine plan_integer(self, name, units, axes, long_name, values, flags, lowest)
       class(plan_t), intent(inout) :: self
       character(*), intent(in) :: name, units, axes, long_name
       integer, intent(in), contiguous, optional :: values(..)
       character(*), intent(in), optional :: flags(:)
+      integer, intent(in), optional :: lowest
 
       if (.not. begins(self, is_integer, name, units, axes, long_name)) return
       associate (column => self%columns(self%i))
          if (present(flags) .and. self%row == 0) then
             column%flags = join(flags, " ")
             column%n_flags = size(flags)
+            if (present(lowest)) column%lowest_flag = lowest
          end if
          if (self%row == 0) return
          if (present(values)) then

@@ -271,7 +271,7 @@ contains
             if (column%kind == is_characters) call set_text(dataset, "_Encoding", "utf-8")
             if (column%name == "checksum") call set_text(dataset, "of", names_of_checked(columns))
             if (allocated(column%flags) .and. .not. allocated(error)) then ! CF convention
-               call dataset%set_attribute("flag_values", [(k, k=0, column%n_flags - 1)], error)
+               call dataset%set_attribute("flag_values", [(column%lowest_flag + k, k=0, column%n_flags - 1)], error)
                call set_text(dataset, "flag_meanings", column%flags)
             end if
             if (allocated(column%parameter)) call set_text(dataset, "parameter", column%parameter)

@@ -10,6 +10,7 @@ module hb_study
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: callbacks_t, model_t, share_of_integrated
    use hb_model_basis, only: coordinates_of
+   use hb_model_files, only: list_model_files
    use hb_model_reader, only: group_names, read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
@@ -311,23 +312,12 @@ contains
       end associate
    end subroutine describe_rows
 
-   !> Files besides the input on which the first point depends, with their checksums, one per line: libraries of user
-   !> laws, the model, its stored reduction.
+   !> Files besides the input on which the first point depends (hb_model_files).
    function study_libraries(self) result(text)
       class(study_t), intent(in) :: self
-      character(:), allocatable :: fingerprint, text
-      integer :: i
+      character(:), allocatable :: text
 
-      text = ""
-      do i = 1, size(self%model%laws)
-         fingerprint = trim(self%model%laws(i)%law%fingerprint())
-         if (len(fingerprint) == 0) cycle
-         if (len(text) > 0) text = text//new_line("a")
-         text = text//self%model%laws(i)%law%label//": "//fingerprint
-      end do
-      if (.not. allocated(self%model%structure%origin)) return
-      if (len(text) > 0) text = text//new_line("a")
-      text = text//self%model%structure%origin
+      call list_model_files(self%model, text)
    end function study_libraries
 
    !> Size of one point in the result file, and the number of datasets to which it is written.

@@ -248,6 +248,7 @@ contains
       call run%counter%read_tallies(done, failed)
       call run%progress%finish(done, failed)
       call sum_up(summary, comm)
+      if (allocated(run%source%law_doubt%text)) summary%law_doubt = run%source%law_doubt%text
       summary%n_points = self%plan%n_points
       summary%n_left = run%schedule%n_points - done - sum_over(comm, run%n_unused)
       summary%interruption = max_over(comm, run%ending%reason)
@@ -318,6 +319,7 @@ contains
          summary%counts(curve%stored(point - first + 1)) = summary%counts(curve%stored(point - first + 1)) + 1
          call run%progress%note(.not. has_answer(curve%stored(point - first + 1)), is_report_due)
       end do
+      curve%law_doubt%is_done = run%source%law_doubt%is_done
       do while (point <= last .and. .not. curve%is_done)
          if (run%ending%is_due()) exit
          if (any(run%before%crashed == point)) then
@@ -348,6 +350,7 @@ contains
             call keep_point(self, run, point, result, group, summary, error)
          end do
       end if
+      if (.not. run%source%law_doubt%is_done) run%source%law_doubt = curve%law_doubt
       call curve%destroy()
    end subroutine run_curve
 

@@ -10,6 +10,7 @@ module hb_swept_curve
    use hb_error, only: error_t
    use hb_impact_curve, only: new_curve_of
    use hb_kinds, only: wp
+   use hb_law_doubt, only: law_doubt_t
    use hb_level, only: estimate_of
    use hb_model, only: model_t
    use hb_model_reader, only: update_model
@@ -32,6 +33,7 @@ module hb_swept_curve
    type :: swept_curve_t
       integer, allocatable :: stored(:) !! statuses of the points in the file after which it continues
       logical :: is_done = .false.                                    !! there is no further point
+      type(law_doubt_t) :: law_doubt                                  !! at the first point
       class(motion_curve_t), allocatable, private :: curve
       type(curve_request_t), private :: request
       type(model_t), private :: model
@@ -146,6 +148,7 @@ contains
          result%message = error%message
          self%is_done = .true.
       else
+         call self%law_doubt%examine(self%model, result)
          if (.not. layout%has_own_tuples) call spread_result(self%model%harmonics, layout, result)
       end if
       if (.not. allocated(result%curve)) result%curve = curve_position_t(curve_kind%none, self%last_parameter, &

@@ -20,6 +20,8 @@ int curve_step(void);
 int record_step(void);
 int verdict_step(void);
 int structure_step(void);
+int description_step(void);
+int doubt_step(void);
 int wrong_structure_step(void);
 int ending_step(void);
 int law_step(void);
@@ -283,6 +285,46 @@ int verdict_step(void)
    CHECK(nhbm_get_time_column(model, "integration_difference", &found) == NHBM_SUCCESS);
    CHECK(*(const double *)found.data < 1e-6);
    CHECK(nhbm_get_time_column(model, "integration_growth", &found) == NHBM_SUCCESS && strcmp(found.unit, "1/s") == 0);
+   { /* a motion of the caller: the right one, and one of another amplitude */
+      const double frequency = 0.9;
+      const int32_t tuples[] = {1};
+      double pair[] = {creal(answer(3.0, 0.9)), -cimag(answer(3.0, 0.9))};
+      const nhbm_motion motion = {1, 1, 1, &frequency, tuples, pair, 0.0, 0.0, NULL, 1, 0};
+      CHECK(nhbm_verify_motion(model, &motion, 0) == NHBM_SUCCESS);
+      CHECK(nhbm_get_time_column(model, "integration_verdict", &found) == NHBM_SUCCESS && *(const int32_t *)found.data == 1);
+      pair[0] *= 2.0;
+      CHECK(nhbm_verify_motion(model, &motion, 0) == NHBM_SUCCESS);
+      CHECK(nhbm_get_time_column(model, "integration_verdict", &found) == NHBM_SUCCESS && *(const int32_t *)found.data == 3);
+   }
+   nhbm_destroy(&model);
+   return 0;
+}
+
+/* Names, units and words of columns; the input as it was given; the structure. */
+int description_step(void)
+{
+   nhbm_column_description about;
+   nhbm_model *model = created();
+   const double *frequencies;
+   const char *text;
+   size_t n;
+
+   CHECK(nhbm_read_input(model, oscillator, "oscillator") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(nhbm_describe_column(model, "coefficients", &about) == NHBM_SUCCESS);
+   CHECK(strcmp(about.long_name, "coefficients of the motion") == 0 && strcmp(about.dof_units, "m") == 0);
+   CHECK(strcmp(about.flag_meanings, "") == 0 && about.lowest_flag == 0);
+   CHECK(nhbm_describe_column(model, "is_stable", &about) == NHBM_SUCCESS && about.lowest_flag == -1);
+   CHECK(strcmp(about.flag_meanings, "unstable unknown stable") == 0);
+   CHECK(about.kind == NHBM_INTEGER && nhbm_describe_column(model, "artificial_damping", &about) == NHBM_SUCCESS);
+   CHECK(about.kind == NHBM_REAL); /* of a normal mode: its value is not known here */
+   CHECK(nhbm_describe_column(model, "coefficient", &about) == NHBM_INVALID_ARGUMENT && SAYS("did you mean 'coefficients'?"));
+   CHECK((text = text_of(model, nhbm_get_given_input)) && strstr(text, "damping_mass = 0.2") && !strstr(text, "&solver"));
+   CHECK((text = text_of(model, nhbm_get_libraries)) && strcmp(text, "") == 0);
+   CHECK(nhbm_get_natural_frequencies(model, &n, &frequencies) == NHBM_SUCCESS && n == 1 && NEAR(frequencies[0], sqrt(0.5), 1e-14));
+   CHECK(nhbm_get_warnings(model, &text) == NHBM_SUCCESS && strcmp(text, "") == 0);
+   CHECK(nhbm_set_key(model, "load%cos", "0.0") == NHBM_SUCCESS);
+   CHECK(nhbm_get_warnings(model, &text) == NHBM_SUCCESS && strstr(text, "no load acts"));
+   CHECK(strlen(nhbm_get_commit()) > 0);
    nhbm_destroy(&model);
    return 0;
 }
@@ -333,7 +375,7 @@ int structure_step(void)
    CHECK(nhbm_get_column(model, "coefficients", &found) == NHBM_SUCCESS && found.shape[0] == 2);
    values = (const double *)found.data + 6;
    CHECK(cabs(values[0] - I*values[1] - root) < 1e-12);
-   CHECK(strcmp(labels_of(model, "dof"), "tip root") == 0 && strcmp(labels_of(model, "law_dof"), "tip") == 0);
+   CHECK(strcmp(labels_of(model, "dof"), "tip\nroot") == 0 && strcmp(labels_of(model, "law_dof"), "tip") == 0);
    nhbm_destroy(&model);
    return 0;
 }
@@ -443,6 +485,49 @@ static int spring_evaluate(const nhbm_law_samples_t *s)
       s->f[i] = stiffness*s->z[i];
       if (s->df_dz) s->df_dz[i] = stiffness;
    }
+   return 0;
+}
+
+/* A cubic spring; `context`: the factor of its derivative, which should be 3. */
+static int cubic_evaluate(const nhbm_law_samples_t *s)
+{
+   const double factor = *(const double *)s->context;
+
+   for (int i = 0; i < s->n_samples; ++i) {
+      s->f[i] = 5.0*s->z[i]*s->z[i]*s->z[i];
+      if (s->df_dz) s->df_dz[i] = factor*5.0*s->z[i]*s->z[i];
+   }
+   return 0;
+}
+
+/* What is doubtful about a motion: harmonics that are missing, derivatives of a law that are wrong, said once. */
+int doubt_step(void)
+{
+   nhbm_model *model = created();
+   nhbm_law_info_t info = {0};
+   double factor = 3.0;
+   char input[1000];
+   const char *text;
+
+   info.api_version = NHBM_USER_LAW_API_2;
+   info.n_coordinates = 1;
+   info.context = &factor;
+   CHECK(nhbm_register_law("cubic", &info, cubic_evaluate) == 0);
+   snprintf(input, sizeof input, "%.*s&law type = 'user', library = '', name = 'cubic', label = 'mine', dof = 'x1' /\n"
+            "&certificate truncation = 1e-12 /\n", (int)(strstr(oscillator, "&law") - oscillator), oscillator);
+   CHECK(nhbm_read_input(model, input, "oscillator") == NHBM_SUCCESS && (text = text_of(model, nhbm_get_doubt)) && !*text);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 7 && (text = text_of(model, nhbm_get_doubt)));
+   CHECK(strstr(text, "truncated") && strstr(text, "by truncation (limit 1.0E-12)") && strstr(text, "double it"));
+   CHECK(!strstr(text, "derivative"));
+   CHECK(nhbm_set_key(model, "certificate%truncation", "1.0") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(status_of(model) == 1 && (text = text_of(model, nhbm_get_doubt)) && !*text);
+   factor = 1.0;
+   CHECK(nhbm_read_input(model, input, "oscillator") == NHBM_SUCCESS && nhbm_set_key(model, "certificate%truncation", "1.0") == 0);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1 && (text = text_of(model, nhbm_get_doubt)));
+   CHECK(strstr(text, "law 'mine': df/dz is not the derivative of its force"));
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && (text = text_of(model, nhbm_get_doubt)) && !*text);
+   nhbm_unregister_law("cubic");
+   nhbm_destroy(&model);
    return 0;
 }
 

@@ -81,9 +81,17 @@ static int handle = 1;
 static nhbm_column column;
 static const char *text;
 static int has_point;
+static nhbm_column_description description;
+static size_t n_frequencies;
+static const double *frequencies;
+static const int32_t first_tuple[] = {1};
+static const double one[] = {0.9}, pair[] = {0.1, 0.0};
+static const nhbm_motion motion = {1, 1, 1, one, first_tuple, pair, 1e-3, 1e-3, NULL, 1, 0};
 
 static int read_input(nhbm_model *m) { return nhbm_read_input(m, duffing, "duffing"); }
 static int get_input(nhbm_model *m) { return nhbm_get_input(m, &text); }
+static int get_given_input(nhbm_model *m) { return nhbm_get_given_input(m, &text); }
+static int get_libraries(nhbm_model *m) { return nhbm_get_libraries(m, &text); }
 static int set_key(nhbm_model *m) { return nhbm_set_key(m, "tones%frequency", "0.9"); }
 static int find_parameter(nhbm_model *m) { return nhbm_find_parameter(m, "tones%frequency", &handle); }
 static int set_parameter(nhbm_model *m) { return nhbm_set_parameter(m, handle, 0.9); }
@@ -96,6 +104,12 @@ static int curve_begin(nhbm_model *m) { return nhbm_curve_begin(m); }
 static int curve_next(nhbm_model *m) { return nhbm_curve_next(m, &has_point); }
 static int integrate(nhbm_model *m) { return nhbm_integrate(m); }
 static int verify(nhbm_model *m) { return nhbm_verify(m, 1); }
+static int verify_motion(nhbm_model *m) { return nhbm_verify_motion(m, &motion, 1); }
+static int get_warnings(nhbm_model *m) { return nhbm_get_warnings(m, &text); }
+static int get_natural_frequencies(nhbm_model *m) { return nhbm_get_natural_frequencies(m, &n_frequencies, &frequencies); }
+static int describe_column(nhbm_model *m) { return nhbm_describe_column(m, "coefficients", &description); }
+static int describe_time_column(nhbm_model *m) { return nhbm_describe_time_column(m, "time", &description); }
+static int get_doubt(nhbm_model *m) { return nhbm_get_doubt(m, &text); }
 static int get_column(nhbm_model *m) { return nhbm_get_column(m, "coefficients", &column); }
 static int get_column_names(nhbm_model *m) { return nhbm_get_column_names(m, &text); }
 static int get_time_column(nhbm_model *m) { return nhbm_get_time_column(m, "time", &column); }
@@ -111,7 +125,9 @@ static const struct {
    {get_input, true}, {set_key, true}, {find_parameter, true}, {set_parameter, true}, {set_structure_callback, false},
    {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false}, {curve_begin, true},
    {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
-   {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {read_input, false}, {destroy, false},
+   {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true}, {verify_motion, true},
+   {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true}, {describe_time_column, true}, {get_doubt, true},
+   {read_input, false}, {destroy, false},
 };
 enum { n_functions = sizeof functions/sizeof functions[0] };
 
@@ -182,6 +198,28 @@ int null_arguments_step(void)
    CHECK(nhbm_get_column(model, NULL, &column) == NHBM_INVALID_ARGUMENT && column.data == NULL && column.unit != NULL);
    CHECK(nhbm_get_column(model, "coefficients", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_column"));
    CHECK(nhbm_get_column_names(model, NULL) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_describe_column(model, NULL, &description) == NHBM_INVALID_ARGUMENT && strcmp(description.long_name, "") == 0);
+   CHECK(nhbm_describe_column(model, "coefficients", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_describe_column"));
+   CHECK(nhbm_get_doubt(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_doubt"));
+   CHECK(nhbm_get_warnings(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_warnings"));
+   CHECK(nhbm_get_natural_frequencies(model, NULL, &frequencies) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_get_natural_frequencies(model, &n_frequencies, NULL) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_verify_motion(model, NULL, 1) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_verify_motion"));
+   {
+      nhbm_motion wrong = motion;
+      wrong.coefficients = NULL;
+      CHECK(nhbm_verify_motion(model, &wrong, 1) == NHBM_INVALID_ARGUMENT && SAYS("must not be NULL"));
+      wrong = motion;
+      wrong.n_harmonics = 0;
+      CHECK(nhbm_verify_motion(model, &wrong, 1) == NHBM_INVALID_ARGUMENT && SAYS("at least 1"));
+      wrong = motion;
+      wrong.status = 2;
+      CHECK(nhbm_verify_motion(model, &wrong, 1) == NHBM_INVALID_ARGUMENT && SAYS("status"));
+      wrong = motion;
+      wrong.n_dofs = (size_t)-1;
+      CHECK(nhbm_verify_motion(model, &wrong, 1) == NHBM_INVALID_ARGUMENT);
+      CHECK(nhbm_verify_motion(model, &motion, -1) == NHBM_INVALID_ARGUMENT);
+   }
    CHECK(nhbm_get_labels(model, NULL, &text) == NHBM_INVALID_ARGUMENT && strcmp(text, "") == 0);
    CHECK(nhbm_get_labels(model, "dof", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_labels"));
    CHECK(nhbm_get_message(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_message"));
@@ -377,7 +415,7 @@ int reading_again_step(void)
    CHECK(nhbm_curve_next(model, &has_point) == NHBM_INVALID_STATE);
    CHECK(nhbm_curve_begin(model) == NHBM_INVALID_INPUT && nhbm_integrate(model) == NHBM_INVALID_INPUT);
    CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_SUCCESS);
-   CHECK(nhbm_get_labels(model, "dof", &text) == NHBM_SUCCESS && strcmp(text, "x1 x2 x3") == 0);
+   CHECK(nhbm_get_labels(model, "dof", &text) == NHBM_SUCCESS && strcmp(text, "x1\nx2\nx3") == 0);
    CHECK(is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
    return 0;
 }

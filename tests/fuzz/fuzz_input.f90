@@ -17,7 +17,7 @@ program fuzz_input
    use hb_study, only: new_study, study_t
    use hb_text, only: parse_integer, string_t, to_text
    use hb_text_file, only: read_text_file
-   use law_check, only: check_derivatives, derivative_check_t
+   use hb_law_check, only: check_derivatives, derivative_check_t
    use mutations, only: generator_t, mutant_of, new_generator
    implicit none
 

@@ -1,0 +1,57 @@
+!> What is doubtful about a motion, in words: its status with numbers and limits, and what to do.
+module hb_motion_doubt
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_kinds, only: wp
+   use hb_model, only: model_t
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
+   use hb_remedies, only: remedy_of
+   implicit none
+   private
+   public :: describe_doubt
+
+contains
+
+   !> Describes why a motion has not converged, or is less accurate than requested; an empty text for a motion without doubt.
+   subroutine describe_doubt(model, motion, text)
+      type(model_t), intent(in) :: model                              !! of the motion
+      type(motion_result_t), intent(in) :: motion
+      character(:), allocatable, intent(out) :: text
+
+      text = ""
+      if (any(motion%status == [outcome%pending, outcome%converged, outcome%unused, outcome%interrupted])) return
+      text = outcome_text(motion%status)
+      if (.not. is_solved(motion%status)) then
+         if (allocated(motion%message)) then
+            if (len_trim(motion%message) > 0) text = outcome_name(motion%status)//": "//trim(motion%message)
+         end if
+      else if (allocated(motion%certificate%combination)) then
+         associate (accuracy => model%accuracy, certificate => model%certificate)
+            call add("; estimated error ", motion%certificate%truncation, " by truncation", &
+                     merge(accuracy%tolerance, certificate%truncation, accuracy%is_on))
+            call add(", ", motion%certificate%aliasing, " by aliasing", &
+                     merge(accuracy%tolerance, certificate%aliasing, accuracy%is_on))
+            if (motion%level_estimate > 0.0_wp) call add(", ", motion%level_estimate, " by refinement", accuracy%tolerance)
+         end associate
+      end if
+      text = text//". "//remedy_of(motion%status)
+
+   contains
+
+      subroutine add(sign, value, cause, limit)
+         character(*), intent(in) :: sign, cause
+         real(wp), intent(in) :: value, limit
+
+         if (.not. ieee_is_finite(value)) return
+         text = text//sign//rounded(value)//cause//" (limit "//rounded(limit)//")"
+      end subroutine add
+   end subroutine describe_doubt
+
+   !> A number with two digits.
+   pure function rounded(value) result(digits)
+      real(wp), intent(in) :: value
+      character(7) :: digits
+
+      write (digits, "(es7.1e2)") value
+   end function rounded
+end module hb_motion_doubt

@@ -1,0 +1,61 @@
+!> What to do about a motion, by its status (hb_outcome): sentences that name groups, keys and, without a program, operations.
+module hb_remedies
+   implicit none
+   private
+   public :: remedy_of
+
+   character(*), parameter :: texts(0:21) = [character(232) :: &
+      "Resume the run to solve it.", &
+      "Verification checks it by time integration. If an order was given, a tolerance (&accuracy) would choose it.", &
+      "Check units and loads first. Then continue from a solved point: a sweep with "// &
+         "first_guess = 'neighbour' in &solver; or start from time integration.", &
+      "Raise the work limit, or continue from a solved point: a sweep with first_guess = "// &
+         "'neighbour' in &solver.", &
+      "Constrain rigid body motions, and add damping where a resonance is excited. At a fold, shift the "// &
+         "parameter slightly.", &
+      "Look for loads or stiffnesses of a wrong magnitude, the end of a table, or a law that divides by "// &
+         "zero; a check tests the derivatives of the laws.", &
+      "Remove the cause, then solve the point again (resume with --retry).", &
+      "With a given order: double it, or leave it out for a tolerance. With a tolerance, as by default: raise its limits "// &
+         "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &certificate truncation.", &
+      "With a given order: double the samples, or leave both out for a tolerance; contact and friction need many "// &
+         "more samples than harmonics. With a tolerance, as by default: leave out &sampling, or raise max_work and "// &
+         "max_samples.", &
+      "Raise order and samples; hard impacts on a wall need very high orders.", &
+      "Solve the model with fewer tones.", &
+      "Integrate from a small disturbance: does it grow? If a large motion coexists with a stable "// &
+         "equilibrium, start near it with &start.", &
+      "Look for a user law that ends the process. When it is repaired, solve the point again (resume with --retry).", &
+      "Check units and loads first. Then continue from smaller loads: a sweep with "// &
+         "first_guess = 'neighbour' in &solver.", &
+      "Solve the model with the single tone that the message gives.", &
+      "Allow more time (&solver time_limit), or continue from a solved point: a sweep with first_guess = "// &
+         "'neighbour'.", &
+      "A higher order does not help. Give the wall its restitution (of rigid_wall, or of "// &
+         "&integration for all walls), or its stiffness (elastic_stop).", &
+      "Ignore the row.", &
+      "The motion is a valid solution; its error is the spread of the averages over time. Verification "// &
+         "checks that it persists.", &
+      "Divide the frequency by the number in the message, and multiply tuples and orders by "// &
+         "it.", &
+      "The motion is chaotic, or has a further tone: time integration with &integration n_peaks finds its "// &
+         "frequencies.", &
+      "The stored motion is the first one that repeats with the tones. Start near another one with &start."]
+
+contains
+
+   !> Gives the sentences for a status of `hb_outcome`; a number that is no status has those of the nearest one.
+   pure function remedy_of(status) result(text)
+      integer, intent(in) :: status
+      character(len_trim(texts(known(status)))) :: text
+
+      text = texts(known(status))
+   end function remedy_of
+
+   !> The status, or the nearest one.
+   pure integer function known(status)
+      integer, intent(in) :: status
+
+      known = max(lbound(texts, 1), min(status, ubound(texts, 1)))
+   end function known
+end module hb_remedies
