@@ -59,7 +59,7 @@ def main(speeds=SPEEDS, tolerance: float = 1e-2):
         at = motions.isel(point=k)
         error = np.hypot(float(at["truncation_estimate"]), float(at["aliasing_estimate"]))
         sizes = [1e6 * float(motions.nhbm.amplitude("n3.x", tuple_)[k]) for tuple_ in ((1, 0), (0, 1))]
-        told = f"{motions.nhbm.status.values[k]:9}  {int(at['n_harmonics']):9d}  {error:8.1e}"
+        told = f"{motions['status'].values[k]:9}  {int(at['n_harmonics']):9d}  {error:8.1e}"
         print(f"{speed:13.1f}  {told}  {sizes[0]:.2f}, {sizes[1]:.2f}")
     return motions
 

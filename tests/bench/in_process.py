@@ -29,7 +29,9 @@ def oscillator(**groups: dict) -> nhbm.Model:
 
 def times(model: nhbm.Model, n: int) -> np.ndarray:
     """Of n solutions [us], sorted; without the dataset."""
-    session = model._live(None, 7).session
+    session = nhbm.Session()
+    model.set("harmonics", order=7)
+    session.read(model.to_namelist())
     frequency = session.parameter("tones%frequency")
     session.solve()
     found = np.zeros(n)
@@ -53,7 +55,7 @@ def main() -> None:
         model.law("cubic_spring", "x1", stiffness=0.1)
         found = times(model, 5000)
         print(f"| {name} | {found[0]:.1f} | {np.median(found):.1f} |", flush=True)
-    law = nhbm.Law(lambda q, v, p: p[0] * q * q * q, velocity=False, odd=True)
+    law = nhbm.law(lambda q, v, p: p[0] * q * q * q, velocity=False, odd=True)
     laws = {"the catalogue": ("cubic_spring", {"stiffness": 0.1}), "NumPy": (law, {"parameters": [0.1]})}
     try:
         from nhbm.numba_laws import compiled

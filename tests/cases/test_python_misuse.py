@@ -127,7 +127,7 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: nhbm.Matrices([[1, 2], [3]], np.eye(2)), "mass must be a square matrix"),
     (lambda: nhbm.Chain(2, 1.0), r"Chain takes its keys by name, Chain\(key=value"),
     (lambda: nhbm.Beam(type="chain"), "leave 'type' out"),
-    (lambda: Model(3.0), "3.0 is not a structure"),
+    (lambda: Model(3.0), "expected a structure such as nhbm.Beam.*, not 3.0"),
     (lambda: duffing().load("x1", "one"), "tuple_ must be whole numbers, not 'one'"),
     (lambda: duffing().load("x1", 1.5), "tuple_ must be whole numbers"),
     (lambda: duffing().start("x1", None), "tuple_ must be whole numbers"),
@@ -143,6 +143,116 @@ def test_wrong_arguments_are_named(made, message):
         made()
 
 
+@pytest.mark.parametrize("made, message", [
+    (lambda: nhbm.Chain(n_mass=2), "nhbm.Chain: unknown key 'n_mass'; did you mean 'n_masses'"),
+    (lambda: nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0, ends="fix"), "ends = 'fix' is not known; did you mean 'fixed'"),
+    (lambda: nhbm.Chain(n_masses=2, mass=1.0), "nhbm.Chain: missing key 'coupling_stiffness'"),
+    (lambda: duffing().law("cubic_sprng", "x1", stiffness=1.0), "type = 'cubic_sprng' is not known; did you mean 'cubic_spring'"),
+    (lambda: duffing().law("cubic_spring", "x1", stifness=1.0), "unknown key 'stifness'; did you mean 'stiffness'"),
+    (lambda: duffing().law("cubic_spring", "x7", stiffness=1.0), "unknown degree of freedom 'x7'"),
+    (lambda: duffing().law("cubic_spring", "x1"), "missing key 'stiffness'"),
+    (lambda: duffing().law("elastic_stop", "x1", stiffness=1.0, gap=0.1, label="spring"), "another group with the label 'spring'"),
+    (lambda: duffing().load("x1", 1), "a load needs an amplitude"),
+    (lambda: duffing().load("x1", 1, cos=1j), r"expected a real number, .* not 1j"),
+    (lambda: duffing().set("harmonics", oder=3), "unknown key 'oder'; did you mean 'order'"),
+    (lambda: duffing().curve("tones[0]", 0.5, 2.0, pints=3), "unknown key 'pints'; did you mean 'points'"),
+    (lambda: duffing().solve(order=3, tolerance=1e-3), "give a tolerance, .* or an order, .*; not both"),
+    (lambda: nhbm.Matrices(np.eye(2), 1j * np.eye(2)), "stiffness must be real"),
+    (lambda: nhbm.Structure(np.eye(2), (1 + 0.1j) * np.eye(2)), "'stiffness' is complex; .* `structural`"),
+    (lambda: duffing().sweep({"frequency": [1.0]}), "did you mean 'tones"),
+])  # fmt: skip
+def test_mistakes_are_refused_where_they_are_written(made, message):
+    with pytest.raises(ModelError, match=message):
+        made()
+
+
+def test_absent_harmonics_are_not_zero():
+    model = duffing()
+    motion = model.solve(order=3)
+    with pytest.raises(ModelError, match="does not have the tuple 9"):
+        motion.nhbm.amplitude("x1", 9)
+    with pytest.raises(ModelError, match="tuple_ must be whole numbers"):
+        motion.nhbm.amplitude("x1", 3.7)
+    with pytest.raises(ModelError, match="'x1 .9.': the set of harmonics does not have this tuple"):
+        model.response("x1 (9)", order=3)
+    with pytest.warns(NotConverged, match="does not have this tuple"):
+        assert np.isnan(model.sweep({"tones[0]": [0.8, 0.9]}, of="x1 (9)", order=3)["response"]).all()
+
+
+def stopped():
+    model = duffing(spring=True)
+    model.law("elastic_stop", "x1", stiffness=20.0, gap=0.2)
+    return model
+
+
+def test_all_operations_say_what_is_doubtful_in_the_same_words():
+    """With the estimates, their limits and what to do; once."""
+    words = r"estimated error .* by truncation .limit 1.0E-02., .* by aliasing .limit 1.0E-02.. With a given order: "
+    for operation in (
+        lambda m: m.solve(order=3),
+        lambda m: m.response("x1 (1)", order=3),
+        lambda m: m.gradient("x1 (1)", ["law[0].gap"], order=3),
+        lambda m: m.sweep({"tones[0]": [0.9, 0.95]}, order=3),
+        lambda m: m.sweep({"tones[0]": [0.9, 0.95]}, of="x1 (1)", order=3),
+        lambda m: m.curve("tones[0]", 0.9, 0.95, order=3),
+    ):
+        with pytest.warns(NotConverged, match=words) as warned:
+            operation(stopped())
+        assert len(warned) == 1 and warned[0].filename == __file__
+    with pytest.warns(NotConverged, match=r"of 2 points 2 aliased. The first: aliased"):
+        stopped().sweep({"tones[0]": [0.9, 0.9]}, order=3)
+
+
+def test_a_wrong_derivative_of_a_law_is_said():
+    model = duffing(spring=True)
+    model.law(lambda q: (0.5 * q**3, 0.5 * q**2), "x1", label="mine")
+    with pytest.warns(NotConverged, match="law 'mine': df/dz is not the derivative of its force"):
+        model.solve(order=5)
+    right = duffing(spring=True)
+    right.law(lambda q: (0.5 * q**3, 1.5 * q**2), "x1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NotConverged)
+        right.solve(order=5)
+
+
+def test_arguments_of_a_law_are_what_their_names_say():
+    expected = duffing().response("x1 (1)", order=5)
+    for law in (lambda q, p: p[0] * q**3, lambda p, q: p[0] * q**3, lambda q, v, p: p[0] * q**3, lambda x, params: params[0] * x**3,
+                nhbm.law(lambda a, b: b[0] * a**3, arguments="q p")):  # fmt: skip
+        model = duffing(spring=True)
+        model.law(law, "x1", parameters=[0.5])
+        assert model.response("x1 (1)", order=5) == pytest.approx(expected, rel=1e-10)
+    for law in (lambda q, c: c * q, lambda q, v, w: q, lambda q, x: q, lambda v: v):
+        with pytest.raises(ModelError, match="argument '.*' is not known|takes no displacements"):
+            duffing(spring=True).law(law, "x1")
+    for arguments in ("q r", "p", "q q"):
+        with pytest.raises(ModelError, match="arguments must be such as 'q p'"):
+            nhbm.law(lambda a, b: a, arguments=arguments)
+
+
+def test_settings_of_an_operation_stay_with_it():
+    """Peaks leave stability out, an order fixes the harmonics, a curve moves a value: the model keeps its own."""
+    model = duffing()
+    before = model.to_namelist()
+    model.peak("x1 (1)", "tones[0]", 0.5, 2.0, order=3)
+    model.solve(order=3)
+    model.solve(tolerance=1e-3)
+    assert model["stability.method"] == "auto" and model["tones[0]"] == 0.9 and model.to_namelist() == before
+    model.set("harmonics", order=3)
+    assert int(model.solve(tolerance=1e-6)["n_harmonics"]) > 4 and int(model.solve()["n_harmonics"]) == 4
+    model["harmonics.order"] = 5
+    assert int(model.solve(order=7)["n_harmonics"]) == 8 and int(model.solve()["n_harmonics"]) == 6
+
+
+def test_checks_before_a_solution():
+    model = Model(nhbm.Matrices(mass=[[2.0]], stiffness=[[8.0]]), tones=[0.9, 1.8])
+    assert model.natural_frequencies() == pytest.approx([2.0])
+    found = model.check()
+    assert any("combination (2, -1)" in text for text in found) and any("no load acts" in text for text in found)
+    structure = nhbm.Structure(np.eye(200), np.diag(np.arange(1.0, 201.0) ** 2))
+    assert Model(structure, tones=[0.9]).natural_frequencies(3) == pytest.approx([1.0, 2.0, 3.0])
+
+
 def test_a_number_of_degrees_of_freedom_that_agrees_is_accepted():
     assert nhbm.Matrices(n_dofs=2, mass=np.eye(2), stiffness=np.eye(2)).keys["n_dofs"] == 2
 
@@ -150,7 +260,7 @@ def test_a_number_of_degrees_of_freedom_that_agrees_is_accepted():
 def refusing(code):
     """A model whose compiled law returns this code."""
     model = duffing(spring=True)
-    model.law(nhbm.Law(laws.EVALUATE(lambda samples: code)), "x1")
+    model.law(nhbm.law(laws.EVALUATE(lambda samples: code)), "x1")
     return model
 
 

@@ -43,7 +43,7 @@ def film(radial, power):
         f = [size * (along * x - across * y), size * (along * y + across * x)]
         return np.stack([*f, 0.894 * f[0], 0.894 * f[1]], axis=1)
 
-    return nhbm.Law(force)
+    return nhbm.law(force)
 
 
 @pytest.mark.parametrize("speed", [100.0, 300.0, 370.0, 380.0, 400.0, 600.0])

@@ -67,6 +67,19 @@ def wrong_law(tmp_path):
     return tmp_path
 
 
+@pytest.mark.parametrize("more", ["", "&sweep parameter = 'tones%frequency', values = 2.0, 2.1 /\n",
+                                  "&curve parameter = 'tones%frequency', from = 2.0, to = 2.1, points = 3 /\n"])  # fmt: skip
+def test_a_wrong_derivative_is_said_by_every_run(wrong_law, more):
+    """The motion is right, and converges; its stability and curves would not be."""
+    (wrong_law / "one_mass.nml").write_text(ONE_MASS + more)
+    done = run("solve", "one_mass.nml", cwd=wrong_law)
+    assert "warning: law 'mine': df/dz is not the derivative of its force" in done.stdout, done
+    right = WRONG.replace("df_dz[i] = -1.0", "df_dz[i] = 1.0")
+    (wrong_law / "wrong.c").write_text(right)
+    subprocess.run(["cc", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "wrong.so", "wrong.c"], cwd=wrong_law, check=True)
+    assert "derivative" not in run("solve", "one_mass.nml", "--overwrite", cwd=wrong_law).stdout
+
+
 def test_examples_move_like_the_built_in_spring(folder, tmp_path):
     done = run("solve", folder / INPUT, cwd=tmp_path)
     result = tmp_path / "cubic_spring.h5"

@@ -9,10 +9,10 @@ __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use
     "Gradient": "model", "Model": "model", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
     "open_dataset": "dataset",
-    "Law": "laws", "law": "laws",
+    "law": "laws",
     "Beam": "groups", "Chain": "groups",
     "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",
-    "Session": "session", "Structure": "structure", "input_keys": "session",
+    "Session": "session", "Structure": "structure", "input_keys": "keys",
 }  # fmt: skip
 __all__ = ["ModelError", "__version__", *_LATER]
 

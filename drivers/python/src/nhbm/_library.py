@@ -36,6 +36,36 @@ class Column(ctypes.Structure):
     ]
 
 
+class ColumnDescription(ctypes.Structure):
+    """nhbm_column_description"""
+
+    _fields_ = [
+        ("long_name", ctypes.c_char_p),
+        ("dof_units", ctypes.c_char_p),
+        ("flag_meanings", ctypes.c_char_p),
+        ("lowest_flag", ctypes.c_int),
+        ("kind", ctypes.c_int),
+    ]
+
+
+class Motion(ctypes.Structure):
+    """nhbm_motion"""
+
+    _fields_ = [
+        ("n_tones", ctypes.c_size_t),
+        ("n_harmonics", ctypes.c_size_t),
+        ("n_dofs", ctypes.c_size_t),
+        ("frequency", ctypes.c_void_p),
+        ("tuples", ctypes.c_void_p),
+        ("coefficients", ctypes.c_void_p),
+        ("truncation_estimate", ctypes.c_double),
+        ("aliasing_estimate", ctypes.c_double),
+        ("frequency_estimate", ctypes.c_void_p),
+        ("status", ctypes.c_int),
+        ("n_unstable", ctypes.c_int),
+    ]
+
+
 class LawInfo(ctypes.Structure):
     """nhbm_law_info_t"""
 
@@ -143,12 +173,15 @@ def _declare(loaded: ctypes.CDLL) -> None:
     """The prototypes of nhbm.h; functions return a status unless this says something else."""
     text, number, real, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_double, ctypes.c_void_p
     count, texts, numbers, column = ctypes.c_size_t, ctypes.POINTER(text), ctypes.POINTER(number), ctypes.POINTER(Column)
+    description = ctypes.POINTER(ColumnDescription)
     integers, reals = np.ctypeslib.ndpointer(np.int32, flags="C"), np.ctypeslib.ndpointer(np.float64, flags="C")
     for name, arguments in {
         "create": (ctypes.POINTER(pointer),),
         "destroy": (ctypes.POINTER(pointer),),
         "read_input": (pointer, text, text),
         "get_input": (pointer, texts),
+        "get_given_input": (pointer, texts),
+        "get_libraries": (pointer, texts),
         "set_key": (pointer, text, text),
         "find_parameter": (pointer, text, numbers),
         "set_parameter": (pointer, number, real),
@@ -168,16 +201,22 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "curve_next": (pointer, numbers),
         "integrate": (pointer,),
         "verify": (pointer, number),
+        "verify_motion": (pointer, ctypes.POINTER(Motion), number),
+        "get_warnings": (pointer, texts),
+        "get_natural_frequencies": (pointer, ctypes.POINTER(count), ctypes.POINTER(pointer)),
         "get_column": (pointer, text, column),
         "get_column_names": (pointer, texts),
+        "describe_column": (pointer, text, description),
+        "describe_time_column": (pointer, text, description),
         "get_time_column": (pointer, text, column),
         "get_time_column_names": (pointer, texts),
         "get_labels": (pointer, text, texts),
         "get_message": (pointer, texts),
+        "get_doubt": (pointer, texts),
         "get_key_row": (count, text, count),
     }.items():
         getattr(loaded, f"nhbm_{name}").argtypes = arguments
-    loaded.nhbm_get_last_error.restype = loaded.nhbm_get_version.restype = text
+    loaded.nhbm_get_last_error.restype = loaded.nhbm_get_version.restype = loaded.nhbm_get_commit.restype = text
     loaded.nhbm_get_key_count.restype = count
 
 

@@ -93,6 +93,15 @@ def _definiteness(model: Any) -> Finding:
     return Finding("mass is positive definite")
 
 
+def lowest_frequencies(model: Any, n: int) -> Any:
+    """The lowest natural frequencies of a structure [rad/s], without damping; 0 for rigid body modes."""
+    shift = _shift(model)
+    stiffness = symmetric_part(model.stiffness)
+    factors = None if model.n_dofs <= 60 else Factors(stiffness + shift * model.mass, "stiffness")
+    values, _ = lowest_modes(stiffness, model.mass, min(n, model.n_dofs), shift, factors)
+    return np.sqrt(np.maximum(values, 0.0))
+
+
 def _rigid_body_modes(model: Any) -> list[Finding]:
     shift = _shift(model)
     stiffness = symmetric_part(model.stiffness)

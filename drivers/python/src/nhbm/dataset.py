@@ -1,8 +1,9 @@
-"""Motions as xarray.Dataset, with the names, axes and units of the result file (docs/user/schema.md)."""
+"""Motions as xarray.Dataset: the columns of the result file (docs/user/schema.md), outcomes as words. What users need is in the
+dataset; what describes the search, `details`, is beside it."""
 
 from __future__ import annotations
 
-import re
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,183 +12,147 @@ import numpy as np
 import xarray as xr
 
 from nhbm.errors import ModelError, imported
+from nhbm.groups import numbers_of
+from nhbm.responses import largest_of, parts_of, words_of
 
 if TYPE_CHECKING:
     from nhbm.session import Session
 
-CONVERGED = 1
 STATUSES = (
     "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating collapsed no_motion crashed "
     "diverged locked timed_out impact unused time_domain subharmonic broadband several"
 ).split()
-SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within the requested limits
+SOLVED = "converged truncated aliased penetrating impact time_domain several".split()  # there is a motion
 CUT_SHORT, GRAZED = 8, 9  # as `reason`: a curve continues beyond its last point; it ends at a grazing impact
-UNUSED, FAILED = STATUSES.index("unused"), STATUSES.index("failed")  # a row of a curve that was not needed
-COLLAPSED = STATUSES.index("collapsed")  # at the end of a curve: the motion vanishes there
-KINDS = (
-    "none regular start fold peak value end branch flip torus split graze minimum amplitude resonance"
-).split()  # of the points of a curve
-VERDICTS = "not_done", "agrees", "unstable", "differs", "undecided"
-_NAMES = {"tuples": "tuple"}
-AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega t), j_h = tuple[h, :]"
+AMPLITUDES = (
+    "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
+)
+_MAIN = (
+    "status message n_harmonics tuple tuples coefficients force_coefficients improved_coefficients truncation_estimate "
+    "aliasing_estimate frequency_estimate output_estimate penetration stability n_unstable exponent multiplier_real multiplier_imag "
+    "power_in power_damping power_laws curve_kind curve_branch curve_length gradient frequency_gradient gradient_estimate "
+    "gradient_defect position_gradient displacement_samples corrected_samples force_samples"
+).split()
+_COORDINATES = "frequency", "tuple", "tuples"
+_DETAILS = "nhbm_details"  # in the encoding of a dataset, which selections keep
+_NAMES = {"is_stable": "stability"}  # columns that have another name as words
+
+
+class Source:
+    """What the motions of a dataset belong to: the input with all values, and what the library is."""
+
+    def __init__(self, text: str, has_own_tuples: bool, libraries: str = "", folder: Path = Path(), structure: Any = None) -> None:
+        self.text, self.has_own_tuples, self.libraries = text, has_own_tuples, libraries
+        self.folder, self.structure = folder, structure
+        self.absent: dict[str, tuple[Any, tuple[str, ...], dict[str, Any]]] = {}  # columns that are not known: type, axes, attributes
+        self.n_points: int | None = None  # of a sweep or curve
 
 
 def open_dataset(path: str | Path) -> xr.Dataset:
-    """Opens a result file, as `xarray.open_dataset` does; `dataset.nhbm` has amplitudes, motions over time and plots.
+    """Opens a result file of `nhbm solve` or of `dataset.nhbm.save`.
 
     Parameters
     ----------
     path : str or Path
-        A result file of `nhbm solve`. Needs h5netcdf, which is installed with the package.
+        The file. Needs h5netcdf, which is installed with the package.
 
     Returns
     -------
     xarray.Dataset
-        All points of the run (docs/user/schema.md), read on demand, without the unused rows of curves.
+        As returned by `Model.solve`, `curve` and `sweep` (docs/user/schema.md), read on demand, without the unused rows of
+        curves. A file of one motion has no dimension `point`.
     """
+    from nhbm import files
+
     imported("h5netcdf", "result files are opened with")
-    data = xr.open_dataset(path, engine="h5netcdf")
-    if "status" in data and "point" in data.dims:
-        data = data.isel(point=np.flatnonzero(data["status"].values != UNUSED))
-    return data
+    return files.opened(path)
 
 
 def check_found(data: xr.Dataset, name: str) -> None:
     """Raises ModelError, with the status and the reason, if a dataset lacks a column because no motion was found."""
-    if name in data or "status" not in data:
+    if name in data.variables or "status" not in data:
         return
-    statuses = np.unique(data["status"].values)
-    if not set(statuses.tolist()) & set(SOLVED):
-        words = ", ".join(STATUSES[status] for status in statuses)
-        raise ModelError(f"no motion was found (status {words}), so there are no '{name}'. {data.nhbm.message}".rstrip())
+    statuses = np.unique(data["status"].values).tolist()
+    if not set(statuses) & set(SOLVED):
+        reason = f"no motion was found (status {', '.join(statuses)}), so there are no '{name}'. {data.nhbm.message}"
+        raise ModelError(reason.rstrip())
+
+
+# Motions of a session
 
 
 def motion_of(session: Session) -> xr.Dataset:
-    """The motion found last."""
+    """The columns of the motion found last, with numbers for words: a row of `result_of`."""
     columns = {name: session.column(name) for name in session.columns()}
     columns = {name: column for name, column in columns.items() if column.values is not None}
     layout = (columns["tuples"].values.tobytes(), tuple((name, column.values.shape) for name, column in columns.items()))
     if session.empty is None or session.empty[0] != layout:  # what motions of one layout share takes most of the time
         session.empty = layout, _dataset_of(session, columns)
     empty: xr.Dataset = session.empty[1]
-    return empty.copy(data={_NAMES.get(name, name): column.values for name, column in columns.items()})
+    return empty.copy(data={name: column.values for name, column in columns.items()})
 
 
-def _dataset_of(session: Session, columns: dict[str, Any]) -> xr.Dataset:
+def _dataset_of(session: Session, columns: Mapping[str, Any]) -> xr.Dataset:
     variables: dict[str, Any] = {}
     lengths: dict[str, int] = {}
     for name, column in columns.items():
         lengths.update(zip(column.axes, column.values.shape))
-        units = {"units": column.unit} if column.unit else {}
-        variables[_NAMES.get(name, name)] = (column.axes if column.values.ndim else (), column.values, units)
-    tuples = {f"tuple_{m + 1}": ("harmonic", line) for m, line in enumerate(columns["tuples"].values.T)}
-    return xr.Dataset(variables, {**_labels(session, lengths), **tuples}, {"amplitude_convention": AMPLITUDES})
+        variables[name] = (column.axes if column.values.ndim else (), column.values, column.attributes())
+    return xr.Dataset(variables, _labels(session, lengths))
 
 
-def record_of(session: Session) -> xr.Dataset:
-    """What time integration has found: a record, or the verdict on a motion."""
-    columns = {name: session.time_column(name) for name in session.time_columns()}
-    variables: dict[str, Any] = {}
-    lengths: dict[str, int] = {}
-    for name, column in columns.items():
-        lengths.update(zip(column.axes, column.values.shape))
-        variables[name] = (column.axes, column.values, {"units": column.unit})
-    labels = _labels(session, {axis: n for axis, n in lengths.items() if axis != "time"})
-    return xr.Dataset(variables, labels, {"amplitude_convention": AMPLITUDES} if "time" in variables else {})
-
-
-def _labels(session: Session, lengths: dict[str, int]) -> dict[str, Any]:
+def _labels(session: Session, lengths: Mapping[str, int]) -> dict[str, Any]:
     """Coordinates along the axes that there are."""
     labels: dict[str, Any] = {}
     for axis, n in lengths.items():
         words = session.labels(axis)
+        what = {"long_name": AXES[axis], "units": "1"} if axis in AXES else {}
         if axis == "component":
-            labels[axis] = ["cos", "sin"]
+            labels[axis] = axis, ["cos", "sin"], what
         elif len(words) == n > 0:
-            labels[axis] = words
+            labels[axis] = axis, words, what
         else:
-            labels[axis] = np.arange(1 if axis == "tone" else 0, n + (axis == "tone"))
+            labels[axis] = axis, np.arange(1 if axis == "tone" else 0, n + (axis == "tone"), dtype=np.int32), what
     if session.dofs_of_sets and "dof" in labels:
-        words = [" ".join(name for name, dof in session.dofs_of_sets.items() if dof == label) for label in labels["dof"]]
+        words = [" ".join(name for name, dof in session.dofs_of_sets.items() if dof == label) for label in labels["dof"][1]]
         labels["dof_of_set"] = "dof", words
     return labels
 
 
-def number(session: Session, name: str) -> float:
-    """A column that is one number."""
-    values = session.column(name).values
-    return float("nan") if values is None else values.item()
+AXES = {
+    "point": "number of the sweep point, from 0",
+    "tone": "number of the tone, from 1",
+    "harmonic": "number of the harmonic, from 0",
+    "dof": "stored degree of freedom",
+    "law": "law, by its label",
+    "law_dof": "degree of freedom on which laws act",
+    "component": "part of a coefficient",
+    "multiplier": "number of the multiplier, from 0",
+    "output": "output that the tolerance is for, as the input has it",
+    "gradient_value": "value by which motions are differentiated, as the input has it",
+    "curve_unknown": "number of the unknown of the curve, from 0",
+}
 
 
-def response_of(session: Session, of: str) -> float:
-    """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a
-    harmonic."""
-    dof, wanted = parts_of(of)
-    motion, tuples = session.column("coefficients").values[_index(session, of, dof)], session.column("tuples").values
-    if wanted is None:
-        return float(np.sqrt((motion[tuples.any(axis=1)] ** 2).sum() / 2))
-    if len(wanted) != tuples.shape[1]:
-        raise ModelError(f"'{of}' has a tuple of {len(wanted)} entries, there are {tuples.shape[1]} tones")
-    # not ==, in which NumPy takes a KeyboardInterrupt during the conversion of `wanted` for a comparison that is false
-    found = np.equal(tuples, wanted).all(axis=1) | np.equal(tuples, np.negative(wanted)).all(axis=1)
-    return float(np.sqrt((motion[found] ** 2).sum()))
+def absent_from(session: Session) -> dict[str, tuple[Any, tuple[str, ...], dict[str, Any]]]:
+    """Columns of files whose values are not known for the last motion of a session."""
+    columns = {name: session.column(name) for name in session.columns()}
+    found = {name: (session.kind_of(name), column.axes, column.attributes()) for name, column in columns.items() if column.values is None}
+    for name, unit, meaning in _OF_STABILITY:
+        if name not in columns:
+            found[name] = np.dtype(float), ("multiplier",), {"units": unit, "long_name": meaning}
+    return found
 
 
-def _index(session: Session, of: str, dof: str) -> int:
-    """Position of a degree of freedom, by its label or by its set."""
-    labels = session.labels("dof")
-    label = session.dofs_of_sets.get(dof, dof)
-    if label not in labels:
-        known = ", ".join([*labels, *session.dofs_of_sets])
-        raise ModelError(f"'{of}' is no response: there is no degree of freedom '{dof}'; known: {known}")
-    return labels.index(label)
+_OF_STABILITY = (
+    ("exponent", "1/s", "growth rates of disturbances, the largest first"),
+    ("multiplier_real", "1", "Floquet multipliers, the largest first: real parts"),
+    ("multiplier_imag", "1", "Floquet multipliers, the largest first: imaginary parts"),
+)
 
 
-def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
-    """Derivatives of that response by the values of the group &gradient; NaN where they are not known."""
-    dof, wanted = parts_of(of)
-    i_dof, by = _index(session, of, dof), session.column("gradient").values
-    if by is None:
-        return np.full(len(session.labels("gradient_value")), np.nan)
-    motion, tuples = session.column("coefficients").values[i_dof], session.column("tuples").values
-    size = response_of(session, of)
-    if wanted is None:
-        counts, size = tuples.any(axis=1), 2 * size
-    else:
-        counts = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
-    slopes: np.ndarray[Any, Any] = (by[:, i_dof] * motion)[:, counts].sum(axis=(1, 2)) / (size or np.nan)
-    return slopes
-
-
-def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
-    """Degree of freedom and tuple of a response: "x1", "x1 (1)", "v3 (1,0)"."""
-    parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", of)
-    if parts is None:
-        raise ModelError(f"'{of}' is no response; 'x1', 'x1 (1)' and 'x1 (1,0)' are")
-    return parts[1], tuple(map(int, parts[2].split(","))) if parts[2] else None
-
-
-def words_of(of: str) -> str:
-    """A response of a motion in words, as axes have it."""
-    dof, tuple_ = parts_of(of)
-    if tuple_ is None:
-        return f"Root mean square of {dof}"
-    return f"Amplitude of {dof}, " + (f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})")
-
-
-def row_of(found: Any) -> dict[str, Any]:
-    """A number, or a mapping or named tuple of numbers, by their names."""
-    return dict(found._asdict() if hasattr(found, "_asdict") else found if isinstance(found, Mapping) else {"response": found})
-
-
-def table(rows: list[dict[str, Any]], coordinates: dict[str, Any]) -> xr.Dataset:
-    """Named numbers as the points of one dataset; NaN where a row lacks one."""
-    variables = {name: ("point", np.array([row.get(name, np.nan) for row in rows])) for name in rows[0]}
-    return xr.Dataset(variables, {name: ("point", np.asarray(values)) for name, values in coordinates.items()})
-
-
-def joined(motions: list[xr.Dataset], coordinates: dict[str, Any]) -> xr.Dataset:
-    """Motions as the points of one dataset, in their order; what a motion lacks is padded as in the result file."""
+def joined(motions: list[xr.Dataset]) -> xr.Dataset:
+    """Motions of sessions as the points of one dataset, in their order; what a motion lacks is padded as in the result file."""
     if not motions:
         raise ValueError("there are no motions to join")
     longest: dict[Any, int] = {axis: max(m.sizes.get(axis, 0) for m in motions) for m in motions for axis in m.sizes}
@@ -195,13 +160,13 @@ def joined(motions: list[xr.Dataset], coordinates: dict[str, Any]) -> xr.Dataset
     for name in dict.fromkeys(name for m in motions for name in m.data_vars):
         first = next(m[name] for m in motions if name in m)
         rows = [_padded(m.get(name), first, longest) for m in motions]
-        variables["tuples" if name == "tuple" else name] = (("point", *first.dims), np.stack(rows), first.attrs)
-    labels: dict[Any, Any] = {axis: next(m[axis].values for m in motions if m.sizes.get(axis) == n) for axis, n in longest.items()}
-    labels["point"] = np.arange(len(motions))
+        variables[name] = (("point", *first.dims), np.stack(rows), first.attrs)
+    labels: dict[Any, Any] = {axis: next(m[axis].variable for m in motions if m.sizes.get(axis) == n)
+                              for axis, n in longest.items()}  # fmt: skip
+    labels["point"] = "point", np.arange(len(motions), dtype=np.int32), {"long_name": AXES["point"], "units": "1"}
     if "dof_of_set" in motions[0].coords:
         labels["dof_of_set"] = "dof", motions[0].coords["dof_of_set"].values
-    labels.update({name: ("point", np.asarray(values)) for name, values in coordinates.items()})
-    return xr.Dataset(variables, labels, motions[0].attrs)
+    return xr.Dataset(variables, labels)
 
 
 def _padded(values: Any, like: xr.DataArray, longest: dict[Any, int]) -> np.ndarray[Any, Any]:
@@ -217,6 +182,93 @@ def _padded(values: Any, like: xr.DataArray, longest: dict[Any, int]) -> np.ndar
     return row
 
 
+def result_of(columns: xr.Dataset, source: Source, coordinates: Mapping[str, Any], attributes: Mapping[str, Any]) -> xr.Dataset:
+    """What users get: words for numbers, coordinates, and the details beside.
+
+    `coordinates` are the values that vary, by name, with their attributes: (values, attributes)."""
+    columns = with_words(columns)
+    if not source.has_own_tuples and "point" in columns.dims:
+        columns["tuple"] = columns["tuples"].isel(point=0)
+        columns = columns.drop_vars("tuples")
+    elif "point" not in columns.dims:
+        columns = columns.rename(tuples="tuple")
+    if "tuple" in columns:
+        columns["tuple"].attrs.update(long_name="integer tuple j of each harmonic", units="1")
+    columns = columns.assign_coords({
+        name: (("point",) if "point" in columns.dims else (), values, dict(attrs)) for name, (values, attrs) in coordinates.items()
+    })  # fmt: skip
+    source = copy.copy(source)
+    source.n_points = columns.sizes.get("point")
+    return split(columns.assign_attrs(attributes), source)
+
+
+def with_words(columns: xr.Dataset) -> xr.Dataset:
+    """Columns whose numbers have names (flag_meanings) as these names."""
+    for name in [name for name in columns.data_vars if "flag_meanings" in columns[name].attrs]:
+        column = columns[name]
+        words = np.array(str(column.attrs["flag_meanings"]).split())
+        numbers = np.atleast_1d(column.attrs["flag_values"])
+        text = np.full(column.shape, "unknown", dtype=f"<U{max(7, *map(len, words))}")
+        for number, word in zip(numbers, words):
+            text[column.values == number] = word
+        columns = columns.assign({name: (column.dims, text, column.attrs)})
+    return columns.rename({old: new for old, new in _NAMES.items() if old in columns})
+
+
+def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
+    """A dataset of what users need, with the other columns and the input as its details."""
+    for name in _COORDINATES:
+        if name in columns.data_vars:
+            columns = columns.set_coords(name)
+    if "tuple" in columns.coords and columns["tuple"].dims == ("harmonic", "tone"):
+        columns = columns.assign_coords({
+            f"tuple_{m + 1}": ("harmonic", line, {"long_name": f"entry of the tuple for tone {m + 1}", "units": "1"})
+            for m, line in enumerate(columns["tuple"].values.T)
+        })  # fmt: skip
+    main = columns[[name for name in _MAIN if name in columns.data_vars]].assign_attrs(columns.attrs)
+    details = columns.drop_vars([name for name in columns.data_vars if name in _MAIN])
+    unused = [name for name in main.coords if name not in columns.coords]
+    main = main.drop_vars(unused).assign_coords({name: columns.coords[name] for name in columns.coords if name not in main.coords
+                                                 and set(columns[name].dims) <= set(main.dims)})  # fmt: skip
+    main.encoding[_DETAILS] = details, source
+    return main
+
+
+def record_of(session: Session) -> xr.Dataset:
+    """What time integration has found: a record, or the verdict on a motion."""
+    columns = {name: session.time_column(name) for name in session.time_columns()}
+    variables: dict[str, Any] = {}
+    lengths: dict[str, int] = {}
+    for name, column in columns.items():
+        lengths.update(zip(column.axes, column.values.shape))
+        variables[name] = (column.axes, column.values, column.attributes())
+    labels = _labels(session, {axis: n for axis, n in lengths.items() if axis != "time"})
+    found = xr.Dataset(variables, labels, {"amplitude_convention": AMPLITUDES} if "time" in variables else {})
+    return with_words(found)
+
+
+def number(session: Session, name: str) -> float:
+    """A column that is one number."""
+    values = session.column(name).values
+    return float("nan") if values is None else values.item()
+
+
+def status_of(session: Session) -> str:
+    """Status of the motion found last."""
+    return STATUSES[int(number(session, "status"))]
+
+
+def row_of(found: Any) -> dict[str, Any]:
+    """A number, or a mapping or named tuple of numbers, by their names."""
+    return dict(found._asdict() if hasattr(found, "_asdict") else found if isinstance(found, Mapping) else {"response": found})
+
+
+def table(rows: list[dict[str, Any]], coordinates: Mapping[str, Any]) -> xr.Dataset:
+    """Named numbers as the points of one dataset; NaN where a row lacks one."""
+    variables = {name: ("point", np.array([row.get(name, np.nan) for row in rows])) for name in rows[0]}
+    return xr.Dataset(variables, {name: ("point", np.asarray(values), dict(attrs)) for name, (values, attrs) in coordinates.items()})
+
+
 @xr.register_dataset_accessor("nhbm")  # type: ignore[no-untyped-call, unused-ignore]
 class Accessor:
     """Evaluation of motions: ``dataset.nhbm.amplitude("x1", 1)``."""
@@ -227,24 +279,73 @@ class Accessor:
     @property
     def is_converged(self) -> xr.DataArray:
         """Whether each motion satisfies its tolerances."""
-        return self._dataset["status"] == CONVERGED
+        return self._dataset["status"] == "converged"
 
     @property
-    def status(self) -> xr.DataArray:
-        """Status of each motion as a word: converged, truncated, ... (docs/user/schema.md)."""
-        words: xr.DataArray = xr.apply_ufunc(np.array(STATUSES).__getitem__, self._dataset["status"])
-        return words
-
-    @property
-    def kind(self) -> xr.DataArray:
-        """Kind of each point of a curve as a word: regular, fold, peak, ... (docs/user/curves.md)."""
-        words: xr.DataArray = xr.apply_ufunc(np.array(KINDS).__getitem__, self._dataset["curve_kind"])
-        return words
+    def is_stable(self) -> xr.DataArray:
+        """Whether each motion is known to be stable."""
+        return self._dataset["stability"] == "stable"
 
     @property
     def message(self) -> str:
         """Reason for a failure, or a note; for several points the first message."""
         return next((str(text) for text in np.ravel(self._dataset["message"].values) if str(text)), "")
+
+    @property
+    def details(self) -> xr.Dataset:
+        """The other columns of the result file: work of the solver, levels of a tolerance, energies, state of a curve."""
+        data, (details, _) = self._dataset, self._record()
+        if "point" in details.dims and "point" in data.coords:
+            return details.sel(point=data["point"].values)
+        return details
+
+    @property
+    def input(self) -> str:
+        """The complete input of these motions, with all keys and their values."""
+        return self._record()[1].text
+
+    def _record(self) -> tuple[xr.Dataset, Source]:
+        found = self._dataset.encoding.get(_DETAILS)
+        if found is None:
+            raise ModelError("this dataset was computed from a result and has no details; use the result itself, or a selection of it")
+        return found  # type: ignore[no-any-return]
+
+    def save(self, path: str | Path) -> None:
+        """Writes the result file that `nhbm-post`, `nhbm verify`, `nhbm why` and `nhbm.open_dataset` read.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; an existing one is replaced. A structure in memory is written beside it, as NAME.structure.h5.
+        """
+        from nhbm import files
+
+        files.save(self._dataset, self._record(), Path(path))
+
+    def events(self, *of: str) -> Any:
+        """The located points of a curve: folds, peaks, bifurcations, ends.
+
+        Parameters
+        ----------
+        *of : str
+            Responses, each of which adds a column: "max x1", "x1 (1)".
+
+        Returns
+        -------
+        pandas.DataFrame
+            Kind, value of the parameter, responses, status, stability and branch; the index is the point.
+        """
+        data = self._dataset
+        if "curve_kind" not in data:
+            raise ModelError("only curves have events; this dataset is not the result of `curve`")
+        found = data.isel(point=~np.isin(data["curve_kind"].values, ("none", "regular")))
+        columns: dict[str, Any] = {"kind": found["curve_kind"].values}
+        columns.update({name: found[name].values for name in data.attrs.get("varies", ())})
+        columns.update({one: found.nhbm.response(one)[0].values for one in of})
+        columns.update({name: found[name].values for name in ("status", "stability", "n_unstable", "curve_branch") if name in found})
+        import pandas
+
+        return pandas.DataFrame(columns, index=pandas.Index(found["point"].values, name="point"))
 
     def harmonic(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
         """Complex amplitude cos - i sin of a harmonic at a degree of freedom.
@@ -254,24 +355,28 @@ class Accessor:
         dof : str
             Label of a degree of freedom, or set of one node ("disk1.x"), or law, depending on the column.
         tuple_ : int or sequence of int
-            Its tuple; the result is zero if it is not in the set.
+            Its tuple, of whole numbers.
         of : str
             Column: "coefficients" [m], "force_coefficients" [N], "corrected_coefficients" [m].
 
         Returns
         -------
         xarray.DataArray
-            In the unit of the column, one value per point.
+            In the unit of the column, one value per point; NaN for points whose set does not have the tuple, which is an
+            error if no point has it.
         """
         data = self._dataset
         check_found(data, of)
-        wanted = np.atleast_1d(tuple_)
-        tuples = data["tuples"] if "tuples" in data else data["tuple"]
+        wanted = np.array(numbers_of("tuple_", tuple_, int))
+        tuples = self._tuples()
         if len(wanted) != data.sizes["tone"]:
-            raise KeyError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
+            raise ModelError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
         sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
-        held = self._row(of, dof).where((tuples == sign * wanted).all("tone") & self._in_use())
-        found = held.sum("harmonic")
+        has = (tuples == sign * wanted).all("tone") & self._in_use()
+        if not bool(has.any()):
+            raise ModelError(f"the set of harmonics does not have the tuple {tuple_}: its amplitude is not known; "
+                             f"the highest is {int(abs(tuples).max())}")  # fmt: skip
+        found = self._row(of, dof).where(has).sum("harmonic", min_count=1)
         return found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
 
     def amplitude(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
@@ -298,7 +403,7 @@ class Accessor:
         """
         data = self._dataset
         check_found(data, of)
-        tuples = data["tuples"] if "tuples" in data else data["tuple"]
+        tuples = self._tuples()
         times = xr.DataArray(np.asarray(times, dtype=float), dims="time" if np.ndim(times) else (), attrs={"units": "s"})
         phases = (tuples * data["frequency"]).sum("tone") * times
         column = self._row(of, dof).where(self._in_use(), 0.0)
@@ -336,14 +441,32 @@ class Accessor:
         Parameters
         ----------
         of : str
-            "x1", the largest |x1|, or "x1 (1)", the amplitude of a harmonic.
+            "x1", the root mean square of its oscillation, "x1 (1)", the amplitude of a harmonic, or "max x1", the largest |x1|.
         """
-        dof, tuple_ = parts_of(of)
         check_found(self._dataset, "coefficients")
-        unit = self._dataset["coefficients"].attrs.get("units", "m")
-        if tuple_ is None:
-            return self.largest(dof), f"Largest displacement |{dof}| [{unit}]"
-        return self.amplitude(dof, tuple_), f"{words_of(of)} [{unit}]"
+        name = largest_of(of)
+        dof, tuple_ = (name, None) if name is not None else parts_of(of)
+        label = f"{words_of(of)} [{self.unit_of(dof)}]"
+        if name is not None:
+            return self.largest(dof), label
+        if tuple_ is not None:
+            return self.amplitude(dof, tuple_), label
+        oscillates = self._tuples().any("tone") & self._in_use()
+        squares = (self._row("coefficients", dof).where(oscillates) ** 2).sum(["harmonic", "component"], min_count=1)
+        size: Any = np.sqrt(squares / 2)
+        return size.fillna(0.0).where(self._has_motion()), label
+
+    def unit_of(self, dof: str) -> str:
+        """Unit of the displacement of a degree of freedom."""
+        attrs = self._dataset["coefficients"].attrs
+        units = str(attrs.get("dof_units", "")).split()
+        known = [str(label) for label in self._dataset["dof"].values]
+        name = self._label(dof, known)
+        return units[known.index(name)] if name in known and len(units) == len(known) else str(attrs.get("units", "m"))
+
+    def _has_motion(self) -> xr.DataArray:
+        """Whether each point has a motion."""
+        return self._dataset["status"].isin(SOLVED)
 
     def gradient(self, of: str) -> xr.DataArray:
         """Derivatives of a response with respect to the values of the group &gradient, in their units.
@@ -353,21 +476,26 @@ class Accessor:
         Parameters
         ----------
         of : str
-            As for `response`: "x1", the largest |x1|, or "x1 (1)", the amplitude of a harmonic.
+            As for `response`: "x1", "x1 (1)", "max x1".
 
         Returns
         -------
         xarray.DataArray
             (..., gradient_value); NaN if the motion was not found or is not differentiable.
         """
-        dof, tuple_ = parts_of(of)
         check_found(self._dataset, "coefficients")
         if "gradient" not in self._dataset:
-            raise KeyError("there is no column 'gradient'; the group &gradient requests it: model.set('gradient', by=[...])")
+            raise ModelError("there is no column 'gradient'; the group &gradient requests it: model.set('gradient', by=[...])")
+        name = largest_of(of)
+        dof, tuple_ = (name, None) if name is not None else parts_of(of)
         if tuple_ is not None:
             weight = self.harmonic(dof, tuple_)
             slope: Any = (weight.conj() * self.harmonic(dof, tuple_, "gradient")).real / abs(weight)
             return slope  # type: ignore[no-any-return]
+        if name is None:
+            oscillates = self._tuples().any("tone") & self._in_use()
+            products = self._row("coefficients", dof) * self._row("gradient", dof)
+            return products.where(oscillates).sum(["harmonic", "component"]) / (2 * self.response(of)[0])
         if "point" in self._dataset.dims:
             points = range(self._dataset.sizes["point"])
             parts = [self._dataset.isel(point=[k]).squeeze("point").nhbm.gradient(of) for k in points]
@@ -377,7 +505,7 @@ class Accessor:
 
     def _slope_of_largest(self, dof: str) -> xr.DataArray:
         data = self._dataset
-        rates = ((data["tuples"] if "tuples" in data else data["tuple"]) * data["frequency"]).sum("tone")
+        rates = (self._tuples() * data["frequency"]).sum("tone")
         motion = self._row("coefficients", dof).where(self._in_use(), 0.0)
         cos, sin = (motion.sel(component=c, drop=True) for c in ("cos", "sin"))
         times = self._times()
@@ -399,7 +527,8 @@ class Accessor:
         Parameters
         ----------
         of : str, optional
-            "x1", the largest |x1| [m], or "x1 (1)", the amplitude of a harmonic; default: the first degree of freedom.
+            For a motion a degree of freedom; for points a response as in `response`: "x1", "x1 (1)", "max x1". Default: the
+            largest displacement of what moves most.
         ax : matplotlib.axes.Axes, optional
             Axes to plot into.
 
@@ -414,18 +543,32 @@ class Accessor:
 
     def _row(self, of: str, name: str) -> xr.DataArray:
         """What a column has of a degree of freedom, by its label or by its set, or of a law."""
-        check_found(self._dataset, of)
-        column = self._dataset[of]
+        column = self._column(of)
         axis = column.dims[-3]
         known = [str(label) for label in column[axis].values]
-        if axis == "dof" and name not in known and "dof_of_set" in column.coords:
-            words = [str(names).split() for names in column["dof_of_set"].values]
-            name = next((label for label, names in zip(known, words) if name in names), name)
-            known += sum(words, [])
-        if name not in column[axis].values:
-            raise KeyError(f"'{of}' has no {axis} '{name}'; known: {', '.join(known)}")
-        row: xr.DataArray = column.sel({axis: name})
+        label = self._label(name, known) if axis == "dof" else name
+        if label not in known:
+            sets = sum((str(names).split() for names in column["dof_of_set"].values), []) if "dof_of_set" in column.coords else []
+            raise KeyError(f"'{of}' has no {axis} '{name}'; known: {', '.join(known + sets)}")
+        row: xr.DataArray = column.sel({axis: label})
         return row
+
+    def _column(self, name: str) -> xr.DataArray:
+        """A column, of the dataset or its details."""
+        check_found(self._dataset, name)
+        if name in self._dataset:
+            return self._dataset[name]
+        return self.details[name]
+
+    def _label(self, name: str, known: list[str]) -> str:
+        """The label of a degree of freedom that its set names."""
+        if name in known or "dof_of_set" not in self._dataset.coords:
+            return name
+        words = [str(names).split() for names in self._dataset["dof_of_set"].values]
+        return next((label for label, names in zip(known, words) if name in names), name)
+
+    def _tuples(self) -> xr.DataArray:
+        return self._dataset["tuples" if "tuples" in self._dataset.coords else "tuple"]
 
     def _in_use(self) -> xr.DataArray:
         return self._dataset["harmonic"] < self._dataset["n_harmonics"]

@@ -13,7 +13,7 @@ _SHARED = {
 tolerance : float, optional
     Relative error of the motion; the harmonics are chosen accordingly. 1e-2 if neither this nor `order` is given.
 order : int, optional
-    Highest order of the harmonics, instead of a tolerance.""",
+    Highest order of the harmonics; instead of a tolerance, not in addition.""",
     "warm": """\
 warm : bool
     Start from the last motion.""",

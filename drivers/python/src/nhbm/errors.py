@@ -1,5 +1,6 @@
 """Errors of a model, each reported once and with the entry that is wrong."""
 
+import difflib
 import importlib
 from typing import Any
 
@@ -23,3 +24,10 @@ def imported(module: str, purpose: str, package: str = "") -> Any:
         extra = f", or in the folder of nhbm: pip install '.[{_EXTRAS[top]}]'" if top in _EXTRAS else ""
         name = package or top
         raise ModelError(f"{purpose} {name}, which is not installed: pip install {name}{extra}") from None
+
+
+def meant(name: str, known: list[str]) -> str:
+    """The end of a message on an unknown name: the known one that is like it, if there is one."""
+    lower = {other.lower(): other for other in reversed(known)}
+    close = difflib.get_close_matches(name.lower(), lower, 1, 0.7)
+    return f"; did you mean '{lower[close[0]]}'?" if close else ""

@@ -1,37 +1,53 @@
-"""Groups of an input as values of Python, and structures that the solver builds itself."""
+"""Groups of an input as objects: keys with values of Python, paths to single values, and structures that the solver builds."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, meant
+from nhbm.keys import check_keys, keys_of, missing_key
 
+REPEATED = "load", "law", "start", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several
 GROUPS = (
     "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode",
     "solver", "certificate", "stability",
     "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
+SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them
+_EXPECTED = "expected a real number, text, bool or list of them, not"
+
+
+def plain(value: Any) -> Any:
+    """A value as Python has it, hashable: numbers, texts, truths, tuples of them; objects that the input names stay as they are."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist() if value.ndim else value.item()
+    if isinstance(value, (list, tuple, range)):
+        return tuple(plain(one) for one in value)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int, float, str)) or hasattr(value, "input_name"):
+        return value
+    raise ModelError(f"{_EXPECTED} {value!r}")
 
 
 def as_input(value: Any) -> str:
     """A value, or a list of them, as an input has it."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist() if value.ndim else value.item()
-    if isinstance(value, (list, tuple, range)):
+    value = plain(value)
+    if isinstance(value, tuple):
         return ", ".join(map(as_input, value))
-    if isinstance(value, (bool, np.bool_)):
+    if isinstance(value, bool):
         return ".true." if value else ".false."
+    if hasattr(value, "input_name"):
+        value = value.input_name
     if isinstance(value, str):
         return "'" + value.replace("'", "''") + "'"
-    if isinstance(value, (int, np.integer)):
-        return repr(int(value))
-    if isinstance(value, (float, np.floating)):
-        return repr(float(value))
-    raise ModelError(f"{value!r} is no number, text, truth or list of them")
+    if value is None:
+        raise ModelError(f"{_EXPECTED} {value!r}")
+    return repr(value)
 
 
 def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
@@ -46,33 +62,51 @@ def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
     return numbers
 
 
-def group_text(name: str, keys: Mapping[str, Any]) -> str:
-    """A group of an input: keys whose value is None are left out."""
-    given = ", ".join(f"{key} = {as_input(value)}" for key, value in keys.items() if value is not None)
-    return f"&{name} {given} /\n"
+class InputPath(NamedTuple):
+    """Where a value of an input is: group, its number (from 1) or label if there are several, key, indices (from 1) if it is one
+    of several values."""
+
+    group: str
+    which: int | str | None
+    key: str
+    index: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        which = "" if self.which is None else f"({self.which})"
+        return f"{self.group}{which}%{self.keyed}"
+
+    @property
+    def keyed(self) -> str:
+        """The key with its indices."""
+        return self.key + (f"({', '.join(map(str, self.index))})" if self.index else "")
 
 
-def path_of(path: str) -> str:
-    """A path of the input: `tones[0]` is tones%frequency(1), `wall.gap` law(wall)%gap, `load[1].cos` load(2)%cos.
+_OF_INPUT = re.compile(r"\s*(\w+)\s*(?:\(\s*([^()]*?)\s*\))?\s*%\s*(\w+)\s*(?:\(\s*(\d+)\s*(?:,\s*(\d+)\s*)?\))?\s*")
+_OF_PYTHON = re.compile(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)\])?)?")
 
-    What names a group (`structure.length`) is a key of it; paths of the input itself stay as they are.
-    """
+
+def path_of(path: Any) -> InputPath:
+    """A path as it is written: `tones[0]`, `wall.gap`, `load[1].cos`, `structure.mass[2]`, or as in an input, `law(wall)%gap`."""
     if not isinstance(path, str):
         raise ModelError(f"a path is a text such as 'wall.gap' or 'tones[0]', not {path!r}")
-    if "%" in path:
-        return path
-    match = re.fullmatch(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)\])?)?", path)
+    match = _OF_INPUT.fullmatch(path)
+    if match:
+        group, which, key, *index = match.groups()
+        number = int(which) if which and which.isdigit() else which
+        return InputPath(group.lower(), number, key.lower(), tuple(int(i) for i in index if i))
+    match = _OF_PYTHON.fullmatch(path)
     if match is None:
         raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are")
     name, number, key, element = match.groups()
     if key is None:
         if name != "tones":
-            raise ModelError(f"'{path}' names no key; 'wall.gap' and 'load[1].cos' do")
+            hint = "; did you mean 'tones[0]'?" if name in ("frequency", "omega", "tone") else ""
+            raise ModelError(f"'{path}' names no key{hint or ', as the paths wall.gap and load[1].cos do'}")
         key, element, number = "frequency", number, None
-    group = f"{name}({int(number) + 1})" if number is not None else name
-    if name not in GROUPS:
-        group = f"law({name})"
-    return f"{group}%{key}" + (f"({int(element) + 1})" if element is not None else "")
+    index = () if element is None else (int(element) + 1,)
+    if number is None and name not in GROUPS:
+        return InputPath("law", name, key, index)
+    return InputPath(name, None if number is None else int(number) + 1, key, index)
 
 
 def identifier(path: str) -> str:
@@ -80,39 +114,149 @@ def identifier(path: str) -> str:
     return re.sub("[^a-z0-9]+", "_", path.lower()).strip("_")
 
 
-_PATH = re.compile(r"(\w+)(?:\(([^()]*)\))?%(\w+)(?:\((\d+)\))?")
+class Group:
+    """A group of the input: its name, and the values of its keys. A key with indices, `mass(2)`, has one of several values."""
+
+    def __init__(self, name: str, keys: Mapping[str, Any]) -> None:
+        self.name = name
+        self.keys = {key: plain(value) for key, value in keys.items() if value is not None}
+
+    def __repr__(self) -> str:
+        return f"<{self.name}: {', '.join(f'{key} = {value!r}' for key, value in self.keys.items())}>"
+
+    def put(self, key: str, value: Any) -> None:
+        """Sets a key; None removes it. Values of all indices replace those of single ones."""
+        if "(" not in key:
+            self.keys = {name: old for name, old in self.keys.items() if not name.startswith(f"{key}(")}
+        value = plain(value)
+        if value is None:
+            self.keys.pop(key, None)
+        else:
+            self.keys[key] = value
+
+    def get(self, key: str, index: tuple[int, ...] = ()) -> Any:
+        """The value that the group itself has for a key; None if it has none of its own."""
+        value = self.keys.get(key)
+        if any(name.startswith(f"{key}(") for name in self.keys):
+            return self.keys.get(InputPath(self.name, None, key, index).keyed)
+        if not index:
+            return value[0] if isinstance(value, tuple) and len(value) == 1 else value
+        if isinstance(value, tuple) and len(index) == 1 and 1 <= index[0] <= len(value):
+            return value[index[0] - 1]
+        return value if index == (1,) and not isinstance(value, tuple) else None
+
+    @property
+    def label(self) -> str:
+        """What names it in paths; empty if only its number does."""
+        return str(self.keys.get("label", ""))
+
+    def text(self) -> str:
+        """The group as an input has it."""
+        return f"&{self.name}\n" + "".join(f"   {key} = {as_input(value)}\n" for key, value in self.keys.items()) + "/\n"
+
+
+class Groups:
+    """The groups of a model, in their order."""
+
+    def __init__(self, groups: Iterable[Group] = ()) -> None:
+        self._all = list(groups)
+
+    def __iter__(self) -> Iterator[Group]:
+        return iter(self._all)
+
+    def named(self, name: str) -> list[Group]:
+        """All groups of a name."""
+        return [group for group in self._all if group.name == name]
+
+    def first(self, name: str) -> Group | None:
+        """The first group of a name."""
+        return next((group for group in self._all if group.name == name), None)
+
+    def single(self, name: str) -> Group:
+        """The group of a name that occurs once; it is added if there is none."""
+        found = self.first(name)
+        if found is None:
+            found = Group(name, {})
+            self._all.append(found)
+        return found
+
+    def add(self, group: Group) -> None:
+        """Adds a group after the others."""
+        self._all.append(group)
+
+    def remove(self, group: Group) -> None:
+        """Removes a group."""
+        self._all = [other for other in self._all if other is not group]
+
+    def find(self, path: InputPath) -> Group | None:
+        """The group at a path; None if there is none, or if several are possible."""
+        found = self.named(path.group)
+        if isinstance(path.which, int):
+            return found[path.which - 1] if 0 < path.which <= len(found) else None
+        if path.which:
+            found = [group for group in found if group.label == path.which]
+        return found[0] if len(found) == 1 else None
+
+    def resolved(self, path: str) -> InputPath:
+        """The one spelling of a path: groups by their label or, without one, their number; the only tone without an index."""
+        found = path_of(path)
+        if found.group == "law" and isinstance(found.which, str) and self.find(found) is None:  # a label of another group?
+            others = [group for group in self._all if group.label == found.which and group.name in REPEATED]
+            if len(others) == 1:
+                found = found._replace(group=others[0].name)
+        group = self.find(found)
+        if group is None:
+            return found
+        if group.name not in REPEATED:
+            found = found._replace(which=None)
+        else:
+            is_unique = sum(other.label == group.label for other in self.named(group.name)) == 1
+            found = found._replace(which=group.label if group.label and is_unique else self.number_of(group))
+        if group.name == "tones" and found.index == (1,) and isinstance(group.get(found.key), (bool, int, float)):
+            found = found._replace(index=())
+        return found
+
+    def copied(self) -> Groups:
+        """Groups of their own with the same values."""
+        return Groups(Group(group.name, group.keys) for group in self._all)
+
+    def number_of(self, group: Group) -> int:
+        """Number of a group among those of its name, from 1."""
+        return 1 + next(k for k, other in enumerate(self.named(group.name)) if other is group)
+
+    def with_settings(self, settings: Settings) -> Groups:
+        """These groups with those of an operation, which replace keys of the same name, or whole groups."""
+        groups = Groups(self._all)
+        for name, keys in settings.items:
+            own = groups.first(name)
+            groups._all = [group for group in groups._all if group is not own]
+            if keys is None:
+                continue
+            merged = Group(name, {} if own is None or name in _REPLACED else own.keys)
+            for key, value in keys:
+                merged.put(key, value)
+            if merged.keys or own is not None:
+                groups.add(merged)
+        return groups
+
+    def text(self) -> str:
+        """The groups as an input."""
+        return "".join(group.text() for group in self._all)
+
+    @classmethod
+    def of_text(cls, text: str) -> Groups:
+        """The groups of an input that the library has written: one key to a line, lists over several."""
+        groups = cls()
+        for name, body in re.findall(r"^&(\w+)\n(.*?)^/", text, re.DOTALL | re.MULTILINE):
+            keys = {}
+            for key, words in re.findall(r"^ {3}(\w+) = ((?:[^\n]*,\n)*[^\n]*)$", body, re.MULTILINE):
+                keys[key] = tuple(_value(word) for times, word in _WORD.findall(words) for _ in range(int(times or 1)))
+            groups.add(Group(name, {key: values[0] if len(values) == 1 else values for key, values in keys.items()}))
+        return groups
+
+
+_REPLACED = "curve", "gradient"  # groups that an operation gives complete
 _WORD = re.compile(r"(?:(\d+)\*)?('(?:[^']|'')*'|[^\s,']+)")
-
-
-def _bodies(text: str, group: str) -> list[str]:
-    """The groups of a name in a complete input, one key in a line."""
-    return [body for name, body in re.findall(r"^&(\w+)\n(.*?)^/", text, re.DOTALL | re.MULTILINE) if name == group]
-
-
-def value_of(path: str, text: str) -> Any:
-    """The value at a path in a complete input: a number, text, truth or list of them."""
-    match = _PATH.fullmatch(path)
-    group, which, key, element = match.groups() if match else ("", None, "", None)
-    bodies = _bodies(text, group)
-    if which is not None:
-        bodies = bodies[int(which) - 1 : int(which)] if which.isdigit() else [b for b in bodies if f"label = '{which}'\n" in b]
-    lines = [re.search(rf"^ *{key} = ((?:[^\n]*,\n)*[^\n]*)$", body, re.MULTILINE) for body in bodies]
-    if len(lines) != 1 or lines[0] is None:
-        if len(bodies) > 1:
-            raise ModelError(f"'{path}': there are several groups &{group}; a number, 'law[0].gap', or a label chooses one")
-        raise ModelError(f"'{path}': there is no such value; {_known(text, bodies)}")
-    values = [_value(word) for times, word in _WORD.findall(lines[0][1]) for _ in range(int(times or 1))]
-    if element is not None:
-        if not 1 <= int(element) <= len(values):
-            raise ModelError(f"'{path}': {key} has {len(values)} values")
-        return values[int(element) - 1]
-    return values[0] if len(values) == 1 else values
-
-
-def _known(text: str, bodies: list[str]) -> str:
-    if bodies:
-        return "known keys: " + ", ".join(re.findall(r"^ *(\w+) = ", bodies[0], re.MULTILINE))
-    return "known groups: " + ", ".join(dict.fromkeys(re.findall(r"^&(\w+)$", text, re.MULTILINE)))
 
 
 def _value(word: str) -> Any:
@@ -123,30 +267,69 @@ def _value(word: str) -> Any:
     return int(word) if re.fullmatch(r"[-+]?\d+", word) else float(word)
 
 
-def without_group(text: str, name: str) -> str:
-    """An input without a group; its lines stay, so that messages name the lines of the others."""
-    group = rf"""^[ \t]*&{name}\b(?:'[^']*'|"[^"]*"|![^\n]*|[^'"!/])*/"""
-    return re.sub(group, lambda match: "\n" * match[0].count("\n"), text, flags=re.IGNORECASE | re.MULTILINE)
+class Settings(NamedTuple):
+    """What an operation adds to the groups of a model; hashable. The keys of a group, or None to leave the group out."""
+
+    items: tuple[tuple[str, tuple[tuple[str, Any], ...] | None], ...] = ()
+
+    @classmethod
+    def of(cls, groups: Mapping[str, Mapping[str, Any] | None]) -> Settings:
+        """From keys by name of the group."""
+        return cls(tuple(
+            (name, None if keys is None else tuple((key, plain(value)) for key, value in keys.items()))
+            for name, keys in groups.items()
+        ))  # fmt: skip
+
+    def has(self, path: InputPath) -> bool:
+        """Whether the operation has the value at a path, which the model then does not change."""
+        keys = dict(self.items).get(path.group, ())
+        return keys is None or path.key in dict(keys)
 
 
-def described(path: str, text: str, keys: Iterable[Any]) -> dict[str, str]:
-    """Name and unit of a value by its path, for axes of pictures; `text` is the complete input and `keys` the table of keys."""
-    match = _PATH.fullmatch(path)
-    if match is None:
-        return {}
-    group, which, key, element = match.groups()
-    bodies = _bodies(text, group)
-    named = [body for body in bodies if f"label = '{which}'" in body]
-    if (group, key) == ("tones", "frequency"):
-        several = re.search(r"frequency = .*,", bodies[0])
-        number = chr(0x2080 + int(element)) if element and several else ""
+def request(tolerance: float | None = None, order: Any = None, **groups: Mapping[str, Any]) -> Settings:
+    """The settings of an operation: a tolerance chooses the harmonics, an order fixes them."""
+    if tolerance is not None and order is not None:
+        raise ModelError("give a tolerance, which chooses the harmonics, or an order, which fixes them; not both")
+    given: dict[str, Mapping[str, Any] | None] = dict(groups)
+    if order is not None:
+        given.update(harmonics={"order": order}, accuracy=None)
+    elif tolerance is not None:
+        given.update(accuracy={"tolerance": tolerance}, harmonics=dict.fromkeys(SETS))
+    return Settings.of(given)
+
+
+def value_at(path: InputPath, groups: Groups) -> Any:
+    """The value at a path in complete groups; ModelError, with what is known, if there is none."""
+    group = groups.find(path)
+    if group is None:
+        n = len(groups.named(path.group))
+        if n > 1 and path.which is None:
+            raise ModelError(f"'{path}': there are several groups &{path.group}; a number, 'law[0].gap', or a label chooses one")
+        known = dict.fromkeys(other.name for other in groups)
+        raise ModelError(f"'{path}': there is no such value; known groups: {', '.join(known)}")
+    value = group.get(path.key, path.index)
+    if value is None and path.key in group.keys:
+        whole = group.keys[path.key]
+        raise ModelError(f"'{path}': {path.key} has {len(whole) if isinstance(whole, tuple) else 1} values")
+    if value is None:
+        raise ModelError(f"'{path}': there is no such value; known keys: {', '.join(group.keys)}")
+    return list(value) if isinstance(value, tuple) else value
+
+
+def described(path: InputPath, groups: Groups) -> dict[str, str]:
+    """Name and unit of a value by its path, for axes of pictures."""
+    group = groups.find(path)
+    n_tones = len(np.atleast_1d(group.keys.get("frequency", ()))) if group is not None and path.group == "tones" else 0
+    if (path.group, path.key) == ("tones", "frequency"):
+        number = chr(0x2080 + path.index[0]) if path.index and n_tones > 1 else ""
         return {"long_name": f"Excitation frequency ω{number}", "units": "rad/s"}
-    body = (named or bodies[int(which) - 1 if (which or "").isdigit() else 0 :] or [""])[0]
-    kind = re.search(r"type = '(\w+)'", body)
-    sections = (f"{group} {kind[1]}" if kind else group, group)
-    unit = next((row.unit for row in keys if row.section in sections and row.name == key), "")
-    name = key.replace("_", " ").capitalize() + (f" of {which if named else f'{group} {which}'}" if which else "")
-    return {"long_name": name, "units": unit} if unit else {"long_name": name}
+    key = keys_of(path.group, "" if group is None else str(group.keys.get("type", "")).lower()).get(path.key)
+    name = path.key.replace("_", " ").capitalize()
+    if isinstance(path.which, str):
+        name += f" of {path.which}"
+    elif path.which is not None:
+        name += f" of {path.group} {path.which}"
+    return {"long_name": name, "units": key.unit if key is not None and key.unit else "1"}
 
 
 class Builder:
@@ -168,6 +351,10 @@ class Builder:
         if "type" in keys:
             raise ModelError(f"nhbm.{name} is &structure type = '{self.type}'; leave 'type' out")
         self.keys: dict[str, Any] = {"type": self.type, **keys}
+        check_keys("structure", self.keys, f"nhbm.{name}")
+        missing = missing_key("structure", self.keys)
+        if missing:
+            raise ModelError(f"nhbm.{name}: missing key '{missing}'")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.keys.items() if k != 'type')})"
@@ -205,14 +392,18 @@ class RotorStator(Builder):
 
 def _square(name: str, matrix: Any, n: int = 0) -> Any:
     """A full matrix of n rows, by default of as many as it has; ModelError for another shape."""
+    matrix = matrix.toarray() if hasattr(matrix, "toarray") else matrix
     try:
-        full = np.atleast_2d(np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=float))
+        if np.iscomplexobj(matrix):
+            raise ModelError(f"{name} must be real; viscous damping is a matrix of its own, `damping`")
+        full = np.atleast_2d(np.asarray(matrix, dtype=float))
     except (TypeError, ValueError):
         raise ModelError(f"{name} must be a square matrix of numbers, not {matrix!r}") from None
     n = n or len(full)
     if full.shape != (n, n):
         raise ModelError(
-            f"{name} has the shape {full.shape}, not {(n, n)}; [[1, 0], [0, 1]] has two degrees of freedom, as np.diag([1, 1])"
+            f"{name} has the shape {full.shape}, not {(n, n)}: matrices must be square and equal in size; "
+            "np.diag makes one of a list"
         )
     return full
 

@@ -26,6 +26,11 @@ _FATAL = -1
 _STEP = 1e-30  # of the complex step
 _DIFFERENCE = float(np.finfo(float).eps ** (1 / 3))  # of central differences, relative to the largest sample
 _NAMED = "phases", "frequencies", "states"  # arguments that a function has by name
+_ROLES = {  # names of arguments by what they are; the first argument may have any other name and is q
+    **dict.fromkeys("q z x u y displacement displacements".split(), "q"),
+    **dict.fromkeys("v dq dz dx qd xd q_dot qdot x_dot xdot rate rates velocity velocities".split(), "v"),
+    **dict.fromkeys("p par params parameter parameters".split(), "p"),
+}
 
 _COMPILED: Any = ctypes.CFUNCTYPE(None).__mro__[1]  # the base of all functions of ctypes
 
@@ -48,14 +53,15 @@ class Step(NamedTuple):
 
 
 class Law:
-    """A law for models in this process: ``model.law(law, "x1")``.
+    """What `nhbm.law` makes of a function: a law for models in this process, ``model.law(law, "x1")``.
 
     Parameters
     ----------
     function : function or pointer
-        A function of q, v and p, or of the first one or two of them: displacements [m], velocities [m/s] and the parameters
-        of the input, each an array of all samples, (n_samples) for one coordinate, (n_samples, n_coordinates) for several.
-        It returns the forces [N] of the same shape, positive if restoring, or a tuple of the forces and their derivatives
+        A function of the displacements q [m], and optionally of the velocities v [m/s] and the parameters p of the input,
+        which are recognised by these names (`v`, `velocity`, ...; `p`, `parameters`, ...). Displacements and velocities are
+        arrays of all samples, (n_samples) for one coordinate, (n_samples, n_coordinates) for several. It returns the forces
+        [N] of the same shape, positive if restoring, or a tuple of the forces and their derivatives
         with respect to q (and v), for several coordinates with a further axis. Missing derivatives are computed by complex
         steps if the function accepts complex samples, else by central differences.
 
@@ -64,6 +70,8 @@ class Law:
 
         A compiled function instead takes a pointer to LawSamples (nhbm_user_law.h): a ctypes pointer, a Numba cfunc, a
         scipy.LowLevelCallable.
+    arguments : str, optional
+        What the arguments of the function are if their names do not say so: "q p", "q v p".
     velocity, phases, frequencies : bool
         Whether a compiled function uses these.
     degree : int
@@ -83,41 +91,42 @@ class Law:
     Examples
     --------
     >>> import nhbm
-    >>> law = nhbm.Law(lambda q: 0.5 * q**3, odd=True)
+    >>> law = nhbm.law(lambda q: 0.5 * q**3, odd=True)
     >>> law(2.0)
     4.0
     """
 
     def __init__(
-        self, function: Any, *, velocity: bool | None = None, degree: int = 0, length_scale: float = 0.0, odd: bool = False,
-        phases: bool = False, frequencies: bool = False, states: int = 0, advance: Any = None,
+        self, function: Any, *, arguments: str | None = None, velocity: bool | None = None, degree: int = 0,
+        length_scale: float = 0.0, odd: bool = False, phases: bool = False, frequencies: bool = False, states: int = 0,
+        advance: Any = None,
     ) -> None:  # fmt: skip
         self.function, self.odd = function, odd
         self.__name__ = str(getattr(function, "__name__", type(function).__name__))
         self.__module__ = str(getattr(function, "__module__", __name__))
-        self._options = {"velocity": velocity, "degree": degree, "length_scale": length_scale, "odd": odd, "phases": phases,
+        self._options = {"arguments": arguments, "velocity": velocity, "degree": degree, "length_scale": length_scale, "odd": odd, "phases": phases,
                          "frequencies": frequencies, "states": states, "advance": advance}  # fmt: skip
         if (states > 0) != (advance is not None):
             raise ModelError(f"law '{self.__name__}': states, their number, and the function advance belong together")
         address = _address(function)
         self.steps_slowly = states > 0 and None in (address, _address(advance))  # in time: an evaluation takes 1 ms
         if address is None:
-            caller = _Force(function, velocity, states)
+            caller = _Force(function, self.__name__, arguments, velocity, states)
             needs_velocity, phases, frequencies = caller.needs_velocity, "phases" in caller.named, "frequencies" in caller.named
             self._pointer = EVALUATE(caller)
         else:
             needs_velocity = bool(velocity)
             self._pointer = EVALUATE(address)
-        self.name = f"{self.__name__}_{next(_numbers)}".replace("<lambda>", "law")
+        self.input_name = f"{self.__name__}_{next(_numbers)}".replace("<lambda>", "law")  # in inputs
         info = LawInfo(LAW_API, _ANY_NUMBER, _ANY_NUMBER, needs_velocity, degree, length_scale, None, phases, frequencies, states)
         if advance is not None:
             self._advance = ADVANCE(_address(advance) or _Advance(advance, self.__name__))
             info.advance = ctypes.cast(self._advance, ctypes.c_void_p).value
-        status = library().nhbm_register_law(self.name.encode(), ctypes.byref(info), self._pointer)
+        status = library().nhbm_register_law(self.input_name.encode(), ctypes.byref(info), self._pointer)
         if status:
             raise_error(status)
-        _registered[self.name] = self
-        weakref.finalize(self, _unregister, self.name)
+        _registered[self.input_name] = self
+        weakref.finalize(self, _unregister, self.input_name)
 
     def __call__(self, *arguments: Any) -> Any:
         return self.function(*arguments)
@@ -129,7 +138,20 @@ class Law:
 
 
 def law(function: Any = None, **options: Any) -> Any:
-    """Decorator that turns a function into a Law: ``@nhbm.law``, or ``@nhbm.law(odd=True)``; the options are those of Law.
+    """Turns a function into a law for ``model.law``: as a decorator, ``@nhbm.law`` or ``@nhbm.law(odd=True)``, or as a call,
+    ``nhbm.law(function, odd=True)``.
+
+    Parameters
+    ----------
+    function : function or pointer
+        A function of Python, or a compiled one: see `nhbm.laws.Law`.
+    **options
+        Those of `nhbm.laws.Law`: `odd`, `degree`, `length_scale`, `states` and `advance`, `arguments`, ...
+
+    Returns
+    -------
+    Law
+        The law, which can be called like the function.
 
     Examples
     --------
@@ -233,27 +255,48 @@ class _Caller:
         raise NotImplementedError
 
 
+def _roles_of(name: str, arguments: list[str], declared: str | None) -> list[str]:
+    """What each positional argument of a law is: q, v or p, by its name or as declared."""
+    if declared is not None:
+        roles = declared.split()
+        if "q" not in roles or not set(roles) <= {"q", "v", "p"} or len(set(roles)) < len(roles):
+            raise ModelError(f"law '{name}': arguments must be such as 'q p' or 'q v p', not {declared!r}")
+        if arguments and len(roles) != len(arguments):
+            raise ModelError(f"law '{name}': arguments='{declared}' has {len(roles)}, the function takes {len(arguments)}")
+        return roles
+    roles = [_ROLES.get(one.lower(), "") for one in arguments]
+    if roles and not roles[0]:
+        roles[0] = "q"
+    for k, (role, one) in enumerate(zip(roles, arguments)):
+        if not role or role in roles[:k]:
+            raise ModelError(
+                f"law '{name}': argument '{one}' is not known, or like an earlier one; name the displacements q, velocities v and parameters p, or declare "
+                "them: nhbm.law(f, arguments='q p')"
+            )
+    if "q" not in roles:
+        raise ModelError(f"law '{name}' takes no displacements: the arguments are q, and optionally v and p")
+    return roles
+
+
 class _Force(_Caller):
     """Forces and their derivatives by a function of Python."""
 
-    def __init__(self, function: Any, velocity: bool | None, n_states: int) -> None:
+    def __init__(self, function: Any, name: str, roles: str | None, velocity: bool | None, n_states: int) -> None:
         arguments = _arguments(function)
         self.function, self.n_states = function, n_states
         self.trust: dict[tuple[int, int], _Trust] = {}  # by argument and column
-        self.named = [name for name in _NAMED if name in arguments]
-        self.n_positional = len(arguments) - len(self.named)
-        self.needs_velocity = (self.n_positional > 1 if velocity is None else velocity) and n_states == 0
+        self.named = [named for named in _NAMED if named in arguments]
+        self.roles = _roles_of(name, [one for one in arguments if one not in self.named], roles)
+        self.needs_velocity = ("v" in self.roles if velocity is None else velocity) and n_states == 0
         if ("states" in self.named) != (n_states > 0):
-            raise ModelError(f"law '{function!r}' must take the argument 'states' if it has states, and only then")
-        if not 1 <= self.n_positional <= (2 if n_states else 3):
-            what = "1 or 2 arguments beside the states: displacements, parameters" if n_states else (
-                "1 to 3 arguments: displacements, velocities, parameters")  # fmt: skip
-            raise ModelError(f"law '{function!r}' must take {what}")
+            raise ModelError(f"law '{name}' must take the argument 'states' if it has states, and only then")
+        if n_states and "v" in self.roles:
+            raise ModelError(f"law '{name}' has states and therefore no velocities; it may take q, p and states")
 
     def work(self, block: Any) -> None:
         n = block.n_coordinates
         z = _columns(block.z, n, block)
-        v = _columns(block.v, n, block) if block.v else np.zeros_like(z) if self.n_positional > 1 and not self.n_states else z
+        v = _columns(block.v, n, block) if block.v else np.zeros_like(z)
         s = _columns(block.states, block.n_states, block) if self.n_states else z
         p = _list(block.parameters, block.n_parameters)
         named = {}
@@ -263,9 +306,10 @@ class _Force(_Caller):
             named["frequencies"] = _list(block.frequencies, block.n_tones)
 
         def call(z: Array, v: Array, s: Array) -> Any:
+            given = {"q": lambda: _narrow(z), "v": lambda: _narrow(v), "p": lambda: p}
             if self.n_states:
-                return self.function(*(_narrow(z), p)[: self.n_positional], states=_narrow(s), **named)
-            return self.function(*(_narrow(z), _narrow(v), p)[: self.n_positional], **named)
+                named["states"] = _narrow(s)
+            return self.function(*(given[role]() for role in self.roles), **named)
 
         answer = call(z, v, s)
         given = answer if isinstance(answer, tuple) else (answer,)

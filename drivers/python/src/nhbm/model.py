@@ -2,30 +2,50 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import re
 import threading
-import warnings
 from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import xarray as xr
 
-from nhbm import dataset, sweeps
+from nhbm import dataset, doubts, sweeps
+from nhbm._library import Motion, library
 from nhbm.docstrings import documented
-from nhbm.errors import ModelError, NotConverged
-from nhbm.groups import GROUPS, Builder, described, group_text, identifier, numbers_of, path_of, value_of, without_group
+from nhbm.errors import ModelError, meant
+from nhbm.groups import (
+    GROUPS,
+    REPEATED,
+    SETS,
+    Builder,
+    Group,
+    Groups,
+    InputPath,
+    Settings,
+    described,
+    identifier,
+    numbers_of,
+    path_of,
+    plain,
+    request,
+    value_at,
+)
+from nhbm.keys import check_keys
 from nhbm.laws import Law
-from nhbm.session import Session, input_keys
+from nhbm.responses import gradient_of, required_response_of, response_of
+from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
 
-_IN_MEMORY = "structure in memory"
-_REPLACED = "curve", "gradient"  # groups that an operation gives complete
 _Method = TypeVar("_Method", bound=Callable[..., Any])
-_CHECKED, _CHECKED_DOFS = ("load", "start"), 300  # groups that are checked when they are added; largest structure for it
+_CHECKED = "load", "start", "law", "bearing", "dynamic_stiffness"  # groups that are checked when they are added
+_CHECKED_DOFS = 100  # of the largest structure for it
+_SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
 
 def _exclusive(method: _Method) -> _Method:
@@ -94,28 +114,26 @@ class Model:
     >>> model
     <nhbm.Model: structure chain; frequency [0.9]; 1 load; 1 law (cubic_spring)>
     >>> motion = model.solve(order=7)
-    >>> print(f"{float(motion.nhbm.amplitude('x1', 1)):.6f} m, stable: {int(motion['is_stable'])}")
-    0.737765 m, stable: 1
+    >>> print(f"{float(motion.nhbm.amplitude('x1', 1)):.6f} m, {motion['stability'].item()}")
+    0.737765 m, stable
     """
 
     def __init__(self, structure: Builder | Structure | str | Path, tones: Any = (), **groups: Mapping[str, Any]) -> None:
         self._clear()
         if isinstance(structure, Builder):
-            self._groups["structure"] = dict(structure.keys)
-        elif isinstance(structure, Structure):
-            self._structure: Structure | None = structure
-            self._groups["structure"] = {"type": "model", "file": _IN_MEMORY}
-        elif isinstance(structure, (str, Path)):
-            self._groups["structure"] = {"type": "model", "file": str(structure)}
+            self._groups.add(Group("structure", structure.keys))
+        elif isinstance(structure, (Structure, str, Path)):
+            file = structure if isinstance(structure, Structure) else str(structure)
+            self._groups.add(Group("structure", {"type": "model", "file": file}))
         else:
             raise ModelError(
-                f"{structure!r} is not a structure; use nhbm.Beam(...), nhbm.Structure(...) or the path of a model file"
+                f"expected a structure such as nhbm.Beam(...), nhbm.Structure(...) or the path of a model file, not {structure!r}"
             )
         if isinstance(tones, Mapping):
-            self._groups["tones"] = dict(tones)
-        elif len(list(np.atleast_1d(tones))) > 0:
+            self.set("tones", **tones)
+        elif np.size(tones) > 0:
             try:
-                self._groups["tones"] = {"frequency": [float(omega) for omega in np.atleast_1d(tones)]}
+                self.set("tones", frequency=[float(omega) for omega in np.atleast_1d(tones)])
             except (TypeError, ValueError):
                 raise ModelError(
                     "tones are frequencies [rad/s] or keys of &tones such as {'unknown': True} or {'hertz': 50.0}, "
@@ -125,30 +143,31 @@ class Model:
             self.set(name, **keys)
 
     def __repr__(self) -> str:
-        kinds = {name: [keys for other, keys in self._lists if other == name] for name, _ in self._lists}
-        parts = [f"structure {self._groups['structure']['type']}" if "structure" in self._groups else f"input {self._name}"]
-        parts += [f"{key} {value}" for key, value in self._groups.get("tones", {}).items()]
-        for name, entries in kinds.items():
-            types = [str(keys["type"]) for keys in entries if "type" in keys]
-            parts.append(f"{len(entries)} {name}{'s' if len(entries) > 1 else ''}" + (f" ({', '.join(types)})" if types else ""))
+        structure = self._groups.first("structure")
+        parts = [f"structure {structure.keys.get('type')}"] if structure else []
+        tones = self._groups.first("tones")
+        if tones:
+            parts += [f"{key} {list(value) if isinstance(value, tuple) else value}" for key, value in tones.keys.items()]
+        for name in REPEATED:
+            found = self._groups.named(name)
+            types = [str(group.keys["type"]) for group in found if "type" in group.keys]
+            if found:
+                parts.append(f"{len(found)} {name}{'s' if len(found) > 1 else ''}" + (f" ({', '.join(types)})" if types else ""))
         return f"<nhbm.Model: {'; '.join(parts)}>"
 
     def _clear(self) -> None:
         self._lock = threading.RLock()
-        self._base, self._folder, self._name = "", Path(), "model"
-        self._groups: dict[str, dict[str, Any]] = {}
-        self._lists: list[tuple[str, dict[str, Any]]] = []
-        self._laws: list[Law] = []
-        self._structure = None
-        self._values: dict[str, tuple[int, object]] = {}  # by path, with the number of the assignment
-        self._n_assignments = 0
-        self._sessions: dict[Any, _Live] = {}  # by tolerance, order and keys of further groups
-        self._used: Any = (None, None, repr(""))  # which of them was used last
-        self._solved: Any = None  # which has the motion found last
+        self._folder = Path()  # of files that the groups name
+        self._groups = Groups()
+        self._changes: dict[tuple[Group, str], int] = {}  # values that were set since groups were added, with their numbers
+        self._n_changes = 0
+        self._sessions: dict[Settings, _Live] = {}
+        self._used = Settings()  # which of them was used last
+        self._solved: Settings | None = None  # which has the motion found last
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
-        """Creates a model from the text of an input, without groups &sweep.
+        """Creates a model from the text of an input, without groups &sweep and &curve.
 
         Parameters
         ----------
@@ -161,9 +180,13 @@ class Model:
         """
         model = cls.__new__(cls)
         model._clear()
-        model._base, model._folder = text if text.endswith("\n") else text + "\n", Path(folder)
-        model._name = str(model._folder / name)
-        model._live()
+        model._folder = Path(folder)
+        session = Session(model._find_structure)
+        session.read(text, str(model._folder / name))
+        model._groups = Groups(group for group in Groups.of_text(session.input(given=True)) if group.name in GROUPS and group.name != "curve")
+        for group in model._groups:
+            if group.keys.get("type") == "user" and not group.keys.get("library"):
+                group.put("name", next((law for law in session.laws if law.input_name == group.keys["name"]), group.keys["name"]))
         return model
 
     @classmethod
@@ -180,7 +203,7 @@ class Model:
         str
             An input for `from_namelist` and the command.
         """
-        return self._live(*self._used[:2]).session.input()
+        return self._live(Settings()).session.input()
 
     # What it is made of
 
@@ -195,15 +218,21 @@ class Model:
         **keys
             Its keys, such as ``set("harmonics", order=9)``; None restores the default.
         """
-        if group in ("load", "law", "start", "tie", "bearing", "dynamic_stiffness"):
+        if group in REPEATED:
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group not in GROUPS:
-            raise ModelError(f"unknown group '{group}'; known: {', '.join(GROUPS)}")
-        self._groups.setdefault(group, {}).update(keys)
+            raise ModelError(f"unknown group '{group}'{meant(group, list(GROUPS))}; known: {', '.join(GROUPS)}")
+        own = self._groups.first(group)
+        kind = own.keys["type"] if own is not None and "type" in own.keys and "type" not in keys else None
+        check_keys(group, {**keys, "type": kind} if kind else keys)
+        keys = {key: plain(value) for key, value in keys.items()}
+        for key, value in keys.items():
+            self._groups.single(group).put(key, value)
         self._sessions = {}
 
     @_exclusive
-    def load(self, dof: str | None = None, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
+    def load(self, dof: str | None = None, tuple_: Any = 1, cos: float | None = None, sin: float | None = None,
+             **keys: Any) -> None:  # fmt: skip
         """Adds the force ``cos cos(j.omega t) + sin sin(j.omega t)``.
 
         Parameters
@@ -213,12 +242,17 @@ class Model:
         tuple_ : int or sequence of int
             j, one entry per tone.
         cos, sin : float
-            Amplitudes [N] ([N m] for rotations), multiplied by those of the vector.
+            Amplitudes [N] ([N m] for rotations), multiplied by those of the vector. One of them must be given; the other is
+            zero by default.
         **keys
             Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m] or
             ``kind="base_acceleration"`` for a base motion [m/s2].
         """
-        self._add("load", {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys})
+        keys = {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys}
+        check_keys("load", keys)
+        if cos is None and sin is None:
+            raise ModelError("a load needs an amplitude: cos= or sin= [N]")
+        self._add("load", keys)
 
     @_exclusive
     def law(self, kind: str | Law | Callable[..., Any], dof: str | Iterable[str] | None = None, **keys: Any) -> None:
@@ -226,8 +260,8 @@ class Model:
 
         Parameters
         ----------
-        kind : str, Law or function
-            A built-in type ("cubic_spring", "jenkins", ...), a Python law, or a function, which is converted to one.
+        kind : str or function
+            A law: a type of the catalogue ("cubic_spring", "jenkins", ...), a function, or what `nhbm.law` makes of one.
         dof : str or iterable of str, optional
             Where it acts; several degrees of freedom correspond to the key `dofs`.
         **keys
@@ -238,8 +272,7 @@ class Model:
             self._add("law", {"type": kind, **where, **keys})
             return
         law = kind if isinstance(kind, Law) else Law(kind)
-        self._laws.append(law)
-        self._add("law", {"type": "user", "library": "", "name": law.name, "odd": law.odd, **where, **keys})
+        self._add("law", {"type": "user", "library": "", "name": law, "odd": law.odd, **where, **keys})
 
     @_exclusive
     def start(self, dof: str, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
@@ -303,7 +336,7 @@ class Model:
         factor, offset : float
             In the units of both.
         """
-        paths = path_of(path), path_of(to)
+        paths = str(path_of(path)), str(path_of(to))
         self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
     @_exclusive
@@ -327,12 +360,16 @@ class Model:
             ...
         nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones
         """
-        path, live = path_of(path), self._live(*self._used[:2])
-        live.set(path, value)
-        self._n_assignments += 1
-        self._values.pop(path, None)
-        self._values[path] = (self._n_assignments, value)
-        live.n_assignments = self._n_assignments
+        at = self._groups.resolved(path)
+        value, live = plain(value), self._live(self._used)
+        if not live.settings.has(at):
+            live.set(str(at), value)  # raises what is wrong with the path
+        group = self._groups.find(at) or self._groups.single(at.group)
+        group.put(at.keyed, value)
+        self._n_changes += 1
+        self._changes.pop((group, at.keyed), None)
+        self._changes[group, at.keyed] = self._n_changes
+        live.n_changes = self._n_changes
 
     @_exclusive
     def __getitem__(self, path: str) -> Any:
@@ -341,12 +378,12 @@ class Model:
         Parameters
         ----------
         path : str
-            As for assignments: "wall.gap", "tones[0]", "law(wall)%gap".
+            As for setting it; without an index, lists are returned whole.
 
         Returns
         -------
-        float, int, bool, str or list
-            In the unit of the input.
+        object
+            Number, text, truth or list of them, in the unit of the input; defaults are included.
 
         Examples
         --------
@@ -355,7 +392,12 @@ class Model:
         >>> model["tones[0]"], model["structure.n_masses"], model["stability.method"]
         (0.9, 2, 'auto')
         """
-        return value_of(path_of(path), self.to_namelist())
+        at = self._groups.resolved(path)
+        group = self._groups.find(at)
+        value = None if group is None else group.get(at.key, at.index)
+        if isinstance(value, (bool, int, float, str)):
+            return value
+        return value_at(at, Groups.of_text(self.to_namelist()))
 
     @_exclusive
     def __delitem__(self, entry: str) -> None:
@@ -376,28 +418,15 @@ class Model:
         <nhbm.Model: structure chain; frequency [0.9]>
         """
         match = re.fullmatch(r"(\w+)\[(\d+)\]", entry)
-        group, wanted = (match[1], int(match[2])) if match else ("", -1)
         if match:
-            found = [k for k, (name, _) in enumerate(self._lists) if name == group][wanted : wanted + 1]
+            found = self._groups.named(match[1])[int(match[2]) :][:1] if match[1] in REPEATED else []
         else:
-            found = [k for k, (_, keys) in enumerate(self._lists) if keys.get("label") == entry]
+            found = [group for group in self._groups if group.label == entry]
         if not found:
             hint = "use its label, or a number as in 'load[0]'"
             raise ModelError(f"'{entry}' names no load, law or other group in this model; {hint}")
-        k, group = found[0], self._lists[found[0]][0]
-        number = 1 + sum(name == group for name, _ in self._lists[:k])
-        if self._is_in_base(group) and any(re.match(rf"{group}\(\d", path) for path in self._values):
-            raise ModelError(f"a value of &{group} was set by its number, which would change; use labels")
-        label = self._lists.pop(k)[1].get("label")
-        values = {}
-        for path, value in self._values.items():
-            at = re.match(rf"{group}\(([^()]*)\)", path)
-            if at and at[1] in (str(number), label):
-                continue
-            if at and at[1].isdigit() and int(at[1]) > number:
-                path = f"{group}({int(at[1]) - 1}){path[at.end() :]}"
-            values[path] = value
-        self._values, self._sessions = values, {}
+        self._groups.remove(found[0])
+        self._sessions = {}
 
     # What it does
 
@@ -423,12 +452,11 @@ class Model:
             The motion was not found, or does not satisfy its tolerance; its `status` is not 1, and `dataset.nhbm.message`
             gives the reason.
         """
-        session = self._live(tolerance, order).session
+        session = self._live(request(tolerance, order)).session
         self._solved = self._used
         session.solve(warm, points=self._sharing(1))
-        motion = dataset.motion_of(session)
-        if int(motion["status"]) != dataset.CONVERGED:
-            warnings.warn(session.message or f"the motion is {motion.nhbm.status.item()}", NotConverged, stacklevel=3)
+        motion = dataset.result_of(dataset.motion_of(session), self._source(session), {}, self._attributes())
+        doubts.warn_of(session)
         return motion
 
     @_exclusive
@@ -449,12 +477,10 @@ class Model:
         float
             In the unit of the degree of freedom [m or rad]; NaN, with the warning NotConverged, if no motion was found.
         """
-        session = self._live(tolerance, order).session
+        session = self._live(request(tolerance, order)).session
         session.solve(warm, points=0)
-        if dataset.number(session, "status") in dataset.SOLVED:
-            return dataset.response_of(session, of)
-        warnings.warn(session.message, NotConverged, stacklevel=3)
-        return float("nan")
+        doubts.warn_of(session)
+        return required_response_of(session, of) if dataset.status_of(session) in dataset.SOLVED else float("nan")
 
     @_exclusive
     @documented
@@ -493,20 +519,19 @@ class Model:
         >>> bool(abs((further - value) / 1e-6 - slopes[0]) < 1e-4 * abs(slopes[0]))
         True
         """
-        paths = [path_of(path) for path in ([by] if isinstance(by, str) else by)]
-        session = self._live(tolerance, order, {"gradient": {"by": paths}}).session
+        paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
+        session = self._live(request(tolerance, order, gradient={"by": paths})).session
         session.solve(warm, points=0)
-        if dataset.number(session, "status") in dataset.SOLVED:
-            value = dataset.response_of(session, of)
-            if not value:
-                raise ModelError(f"'{of}' is zero, where an amplitude has no derivative; does the set of harmonics have it?")
-            slopes = dataset.gradient_of(session, of)
-            if np.isnan(slopes).any():
-                reason = session.message or "it is not differentiable"
-                warnings.warn(f"no derivatives of this motion: {reason}", NotConverged, stacklevel=3)
-            return Gradient(value, slopes)
-        warnings.warn(session.message, NotConverged, stacklevel=3)
-        return Gradient(float("nan"), np.full(len(paths), np.nan))
+        doubts.warn_of(session)
+        if dataset.status_of(session) not in dataset.SOLVED:
+            return Gradient(float("nan"), np.full(len(paths), np.nan))
+        value = required_response_of(session, of)
+        if not value:
+            raise ModelError(f"'{of}' is zero, where an amplitude has no derivative")
+        slopes = gradient_of(session, of)
+        if np.isnan(slopes).any():
+            doubts.warn(f"no derivatives of this motion: {session.message or 'it is not differentiable'}")
+        return Gradient(value, slopes)
 
     @_exclusive
     @documented
@@ -576,12 +601,12 @@ class Model:
         >>> bool(abs((further.at - found.at) / 1e-5 - found.at_slopes[0]) < 1e-3 * found.at_slopes[0])
         True
         """
-        paths = [path_of(one) for one in ([by] if isinstance(by, str) else by)]
+        paths = [self._resolved(one) for one in ([by] if isinstance(by, str) else by)]
         none = np.full(len(paths), np.nan)
 
         def here(session: Session, value: float, at: float) -> PeakGradient:
             moves = session.column("position_gradient").values
-            return PeakGradient(value, at, dataset.gradient_of(session, of), none if moves is None else moves.copy())
+            return PeakGradient(value, at, gradient_of(session, of), none if moves is None else moves.copy())
 
         groups, keys = {"gradient": {"by": paths}}, {**_range(start, stop), **keys}
         return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
@@ -590,21 +615,26 @@ class Model:
                  groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
         """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
         warning, if the curve ends before its range does."""
-        path = path_of(path)
+        path = self._resolved(path)
         groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
         if order is not None:
             groups["certificate"] = {"is_on": False}  # what is not returned is not made
-        session = self._live(tolerance, order, groups).session
-        best, found = -1.0, None
+        session = self._live(request(tolerance, order, **groups)).session
+        best, found, doubt = -1.0, None, ""
         session.begin_curve()
         while session.next():
-            if dataset.number(session, "status") not in dataset.SOLVED:
+            if dataset.status_of(session) not in dataset.SOLVED:
                 continue
-            value = dataset.response_of(session, of)
+            value = response_of(session, of)
             if value > best:
                 best = value
                 found = evaluate(session, value, float(session.column(identifier(path)).values))
-        return None if _warns_of_end(session, 5) else found
+                doubt = doubts.doubt_of(session)
+        if doubts.warn_of_end(session):
+            return None
+        if doubt:
+            doubts.warn(doubt)
+        return found
 
     @_exclusive
     @documented
@@ -629,7 +659,8 @@ class Model:
         Returns
         -------
         xarray.Dataset
-            As for `solve`, with the dimension `point`; `dataset.nhbm.kind` names folds, peaks and bifurcations. The warning
+            As for `solve`, with the dimension `point`; `curve_kind` names folds, peaks and bifurcations, and
+            `dataset.nhbm.events()` lists them. The warning
             NotConverged is issued if it ends before its range does.
 
         Examples
@@ -640,33 +671,41 @@ class Model:
         >>> model.load("x1", 1, cos=0.18)
         >>> model.law("cubic_spring", "x1", stiffness=0.1)
         >>> curve = model.curve("tones[0]", 0.5, 2.0, order=15)
-        >>> print([f"{float(omega):.6f}" for omega in curve["tones_frequency_1"][curve.nhbm.kind == "fold"]])
+        >>> print([f"{float(omega):.6f}" for omega in curve["tones_frequency"][curve["curve_kind"] == "fold"]])
         ['1.269602', '1.115700']
         """
-        path = path_of(path)
+        path = self._resolved(path)
         if "over" in keys:
-            keys["over"] = path_of(keys["over"])
-        session = self._live(
-            tolerance, order, {"curve": {"parameter": path, **_range(start, stop), **keys}}
-        ).session
-        points = []
+            keys["over"] = self._resolved(keys["over"])
+        check_keys("curve", keys)
+        session = self._live(request(tolerance, order, curve={"parameter": path, **_range(start, stop), **keys})).session
+        points: list[xr.Dataset] = []
+        doubtful: list[tuple[str, str]] = []
+        has_warned = False
         session.begin_curve()
         with Progress(progress, "curve") as bar:
             while session.next():
                 points.append(dataset.motion_of(session))
+                doubtful += [(dataset.status_of(session), text) for text in [doubts.doubt_of(session)] if text]
                 bar.update()
-                if on_point is not None and on_point(points[-1]):
+                if on_point is not None and on_point(self._on_curve(points[-1:], path, self._source(session)).isel(point=0)):
                     break
             else:
-                _warns_of_end(session)
+                has_warned = doubts.warn_of_end(session)
         if not points:
             raise ModelError(session.message or "the curve has no points")
-        found = dataset.joined(points, {})
-        if identifier(path) not in found:
-            dataset.check_found(found, identifier(path))
-            raise ModelError(found.nhbm.message or "the curve has no points")
-        found[identifier(path)].attrs.update(self._described(path))
-        return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
+        found = self._on_curve(points, path, self._source(session))
+        doubts.warn_of_points(doubtful[: -1 if has_warned and doubtful and doubtful[-1][0] not in dataset.SOLVED else None], len(points))
+        return found
+
+    def _on_curve(self, points: list[xr.Dataset], path: str, source: dataset.Source) -> xr.Dataset:
+        """Points of a curve as users get them."""
+        name, columns = identifier(path), dataset.joined(points)
+        if name not in columns:
+            text = next((str(text) for text in columns["message"].values if text), "")
+            raise ModelError(f"no motion was found (status {dataset.STATUSES[int(columns['status'][0])]}). {text}".rstrip())
+        values = {name: (columns[name].values, {**columns[name].attrs, **self._described(path), "moves_along": "curve"})}
+        return dataset.result_of(columns.drop_vars(name), source, values, {"varies": [name], **self._attributes()})
 
     @_exclusive
     def integrate(self, duration: float | None = None, *, order: int | None = None, **keys: Any) -> xr.Dataset:
@@ -687,19 +726,21 @@ class Model:
             The record, as written by `nhbm integrate`.
         """
         given = {"duration": None if duration is None else numbers_of("duration", duration)[0], **keys}
+        check_keys("integration", keys)
         given = {key: value for key, value in given.items() if value is not None}
-        session = self._live(None, order, {"integration": given}).session
+        session = self._live(request(None, order, integration=given)).session
         session.integrate()
         return dataset.record_of(session)
 
     @_exclusive
     def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
-        """Integrates in time from the last motion, and from a perturbed state, to verify the motion and its stability.
+        """Integrates in time from a motion, and from a perturbed state, to verify the motion and its stability.
 
         Parameters
         ----------
         motion : xarray.Dataset, optional
-            The last motion; others are refused.
+            A motion of this model: of `solve`, or a point of a curve, sweep or file, ``curve.isel(point=3)``, at whose values it
+            is verified. Default: the motion that `solve` has found last.
         periods : int
             Largest number of periods of the slowest tone; 0: from the decay rate.
 
@@ -712,120 +753,211 @@ class Model:
         """
         if isinstance(periods, bool) or not isinstance(periods, (int, np.integer)) or not 0 <= periods < 2**31:
             raise ModelError(f"periods must be a whole number, 0 for as many as the decay requires, not {periods!r}")
-        live = self._sessions.get(self._solved)
+        if motion is not None:
+            return self._verify_motion(motion, int(periods))
+        live = None if self._solved is None else self._sessions.get(self._solved)
         if live is None:
             raise ModelError("there is no motion of `solve` that can be verified")
-        session = live.session
-        if motion is not None:
-            dataset.check_found(motion, "coefficients")
-        if motion is not None and not np.array_equal(motion["coefficients"].values, session.column("coefficients").values):
-            raise ModelError("only the motion that this model has found last can be verified")
-        session.verify(int(periods))
-        found = dataset.record_of(session)
-        return found.assign(integration_verdict=dataset.VERDICTS[int(found["integration_verdict"])])
+        live.session.verify(int(periods))
+        return dataset.record_of(live.session)
+
+    def _verify_motion(self, motion: xr.Dataset, periods: int) -> xr.Dataset:
+        """The verdict on a motion, at the values for which it was found."""
+        dataset.check_found(motion, "coefficients")
+        if "point" in motion.dims:
+            raise ModelError("give one motion, such as curve.isel(point=3)")
+        here = copy.copy(self)
+        for name, value in motion.coords.items():
+            if "parameter" in value.attrs:
+                here[value.attrs["parameter"]] = value.item()
+        n = int(motion["n_harmonics"])
+        tuples = motion["tuples" if "tuples" in motion.coords else "tuple"]
+        parts = {
+            "frequency": np.ascontiguousarray(motion["frequency"].values, float),
+            "tuples": np.ascontiguousarray(tuples.values[:n], np.int32),
+            "coefficients": np.ascontiguousarray(motion["coefficients"].values[:, :n], float),
+            "frequency_estimate": np.ascontiguousarray(motion.get("frequency_estimate", motion["frequency"] * np.nan).values, float),
+        }
+        numbers = {name: float(motion.get(name, np.nan)) for name in ("truncation_estimate", "aliasing_estimate")}
+        session = here._live(Settings()).session
+        session.verify_motion(
+            Motion(len(parts["frequency"]), n, len(parts["coefficients"]), **{k: part.ctypes.data for k, part in parts.items()}, **numbers,
+                   status=dataset.STATUSES.index(motion["status"].item()), n_unstable=int(motion["n_unstable"])), periods)  # fmt: skip
+        return dataset.record_of(session)
+
+    @_exclusive
+    def check(self) -> list[str]:
+        """Checks the model without solving it.
+
+        Returns
+        -------
+        list of str
+            Warnings: tones with a common period, no load. An invalid value raises ModelError. Derivatives of laws are compared
+            with differences by the first solution.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
+        >>> model.check()
+        ['no load acts and no tone is unknown: only laws can cause a motion']
+        """
+        return self._live(Settings()).session.warnings()
+
+    @_exclusive
+    def natural_frequencies(self, n: int = 10) -> Any:
+        """Natural frequencies of the structure, without damping and laws.
+
+        Parameters
+        ----------
+        n : int
+            Number of the lowest ones.
+
+        Returns
+        -------
+        numpy.ndarray
+            [rad/s], ascending; with gyroscopic terms for structures of up to 200 degrees of freedom.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=2.0), tones=[0.9])
+        >>> model.natural_frequencies()
+        array([2.])
+        """
+        found = self._live(Settings()).session.natural_frequencies()
+        group = self._groups.first("structure")
+        structure = None if group is None else group.keys.get("file")
+        if not len(found) and isinstance(structure, str):
+            structure = self._find_structure(structure)
+        if not len(found) and isinstance(structure, Structure):
+            from nhbm.checks import lowest_frequencies
+
+            return lowest_frequencies(structure, n)
+        return found[:n]
 
     sweep = sweeps.sweep
 
-    # Input text and sessions
+    # Sessions
 
     def _sharing(self, n: int) -> int:
         """Points that share the time for stability: none where its work, counted as that of compiled laws, would take minutes."""
-        return 0 if any(law.steps_slowly for law in self._laws) else n
+        laws = [group.keys.get("name") for group in self._groups.named("law")]
+        return 0 if any(isinstance(law, Law) and law.steps_slowly for law in laws) else n
 
-    def _ending(self) -> tuple[int, str]:
-        """Status and message of the last solution; converged if there was none."""
+    def _source(self, session: Session, grid: Mapping[str, Any] | None = None, paired: bool = False,
+                warm: bool = False) -> dataset.Source:  # fmt: skip
+        """What the motions of a session belong to, with the values of a sweep by path."""
+        has_own_tuples = not any(key in group.keys for group in self._groups.with_settings(self._used).named("harmonics") for key in SETS)
+        structure = self._groups.first("structure")
+        file = None if structure is None else structure.keys.get("file")
+        text = session.input()
+        if grid:  # what the word means for a sweep of the command depends on the number of points
+            text = text.replace("first_guess = 'auto'", f"first_guess = '{'neighbour' if warm else 'linear'}'")
+        for axis, (path, values) in enumerate((grid or {}).items(), start=1):
+            key = "texts" if isinstance(plain(values[0]), str) else "values"
+            text += Group("sweep", {"axis": 1 if paired else axis, "parameter": path, key: values}).text()
+        source = dataset.Source(text, has_own_tuples, session.libraries(), self._folder, file if isinstance(file, Structure) else None)
+        if session.has_motion:
+            source.absent = dataset.absent_from(session)
+        return source
+
+    def _attributes(self) -> dict[str, Any]:
+        """Attributes of a result, as in a file."""
+        output = self._groups.first("output")
+        return {
+            "schema_version": np.int32(1),
+            "program_version": library().nhbm_get_version().decode(),
+            "git_commit": library().nhbm_get_commit().decode(),
+            "created_utc": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            "title": "" if output is None else str(output.keys.get("title", "")),
+            "amplitude_convention": dataset.AMPLITUDES,
+            "n_ranks": np.int32(1),
+        }
+
+    def _described(self, path: str) -> dict[str, str]:
+        """Attributes of a value that varies: path, name and unit."""
+        return {"parameter": path, **described(path_of(path), self._groups)}
+
+    def _ending(self) -> tuple[str, str, str]:
+        """Status, message and doubt of the last solution; converged if there was none."""
         live = self._sessions.get(self._used)
-        if live is None:
-            return dataset.CONVERGED, ""
-        return int(dataset.number(live.session, "status")) or dataset.CONVERGED, live.session.message
+        if live is None or not live.session.has_motion:
+            return "converged", "", ""
+        return dataset.status_of(live.session), live.session.message, doubts.doubt_of(live.session)
 
     def _add(self, name: str, keys: dict[str, Any]) -> None:
-        if name in _CHECKED:
-            self._check(name, keys)
-        self._lists.append((name, keys))
+        check_keys(name, keys)
+        group = Group(name, keys)
+        if group.label and any(other.label == group.label for other in self._groups.named(name)):
+            raise ModelError(f"&{name}: there is another group with the label '{group.label}'; labels name one each")
+        self._check(group)
+        self._groups.add(group)
         self._sessions = {}
 
-    def _check(self, name: str, keys: dict[str, Any]) -> None:
+    def _check(self, group: Group) -> None:
         """Raises what is wrong with a new group by itself, on the structure and the tones; not for large structures, which are
         read once."""
-        if "structure" not in self._groups or len(self._structure.labels if self._structure else ()) > _CHECKED_DOFS:
+        structure = self._groups.first("structure")
+        if group.name not in _CHECKED or structure is None:
             return
-        groups = [(group, self._groups.get(group, {})) for group in ("structure", "tones")]
+        file = structure.keys.get("file")
+        if file is not None and not (isinstance(file, Structure) and file.n_dofs <= _CHECKED_DOFS):
+            return
+        if not isinstance(file, Structure) and _size_of(structure) > _CHECKED_DOFS:
+            return
+        few = Groups(other for other in self._groups if other.name in ("structure", "tones"))
+        few.add(group)
         try:
-            Session(self._find_structure).read("".join(group_text(*group) for group in [*groups, (name, keys)]), self._name)
+            Session(self._find_structure).read(few.text(), "")
         except ModelError as error:
-            wrong = [line for line in str(error).splitlines() if f": &{name}: " in line]
+            wrong = [line for line in str(error).splitlines() if line.startswith(f"&{group.name}")]
             if wrong:
                 raise ModelError("\n".join(wrong)) from None
 
-    def _given(self, tolerance: float | None, order: int | None, more: Any) -> dict[str, dict[str, Any]]:
-        """The groups that occur once, with what the operation adds."""
-        groups = {**self._groups, **{name: {**self._groups.get(name, {}), **keys} for name, keys in (more or {}).items()}}
-        if order is not None:
-            groups.pop("accuracy", None)
-        for name, key, value in (("accuracy", "tolerance", tolerance), ("harmonics", "order", order)):
-            if value is not None:
-                groups[name] = {**groups.get(name, {}), key: value}
-        return groups
+    def _resolved(self, path: Any) -> str:
+        """The one spelling of a path."""
+        return str(self._groups.resolved(path))
 
-    def _text(self, groups: dict[str, dict[str, Any]]) -> str:
-        """The input: &curve and &gradient replace those of a text that was read, keys of other groups are set in it."""
-        base = self._base
-        for name in set(groups) & set(_REPLACED):
-            base = without_group(base, name)
-        texts = [group_text(name, keys) for name, keys in groups.items() if name in _REPLACED or not self._is_in_base(name)]
-        return base + "".join(texts + [group_text(name, keys) for name, keys in self._lists])
-
-    def _described(self, path: str) -> dict[str, str]:
-        return {"parameter": path, **described(path, self._live(*self._used[:2]).session.input(), input_keys())}
-
-    def _is_in_base(self, group: str) -> bool:
-        return re.search(rf"^\s*&{group}\b", self._base, re.IGNORECASE | re.MULTILINE) is not None
-
-    def _live(self, tolerance: float | None = None, order: int | None = None,
-              more: dict[str, dict[str, Any]] | None = None) -> _Live:  # fmt: skip
-        """The session with that tolerance or order and keys of further groups, made once, with the present values."""
-        used = tolerance, order, repr(more or "")
-        if used not in self._sessions:
-            session = Session(self._find_structure)
-            groups = self._given(tolerance, order, more)
-            session.read(self._text(groups), self._name)
-            for name in groups:
-                if name not in _REPLACED and self._is_in_base(name):
-                    for key, value in groups[name].items():
-                        session.set(f"{name}%{key}", value)
-            if more is not None:  # one of them is cached
-                self._sessions = {key: live for key, live in self._sessions.items() if key[2] == repr("")}
-            self._sessions[used] = _Live(session)
-        self._used, live = used, self._sessions[used]
-        live.update(self._values)
+    def _live(self, settings: Settings) -> _Live:
+        """The session with these settings, made once, with the present values."""
+        live = self._sessions.get(settings)
+        if live is None:
+            live = _Live(self, settings)
+            if any(name not in ("accuracy", "harmonics") for name, _ in settings.items):  # one of them is cached
+                self._sessions = {key: other for key, other in self._sessions.items() if not other.is_special}
+                live.is_special = True
+            self._sessions[settings] = live
+        self._used = settings
+        for (group, key), number in self._changes.items():
+            if number > live.n_changes:
+                self._forward(live, group, key)
+        live.n_changes = self._n_changes
         return live
 
+    def _forward(self, live: _Live, group: Group, key: str) -> None:
+        """Sets a value of a group in a session."""
+        which = self._groups.number_of(group) if group.name in REPEATED else None
+        path = path_of(str(InputPath(group.name, which, key)))
+        if not live.settings.has(path):
+            live.set(str(path), group.keys[key])
+
     def _find_structure(self, name: str) -> Structure:
-        if name == _IN_MEMORY and self._structure is not None:
-            return self._structure
+        group = self._groups.first("structure")
+        file = None if group is None else group.keys.get("file")
+        if isinstance(file, Structure):
+            return file
         path = self._folder / name
         return Structure.read(path if path.is_file() else name)
 
     @_exclusive
     def __getstate__(self) -> dict[str, Any]:
         state = {name: value for name, value in self.__dict__.items() if name != "_lock"}
-        return {
-            **state,
-            "_sessions": {},
-            "_values": {**self._values},
-            "_lists": [*self._lists],
-            "_law_names": [law.name for law in self._laws],
-        }
+        return {**state, "_groups": self._groups.copied(), "_changes": {}, "_n_changes": 0, "_sessions": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        names = state.pop("_law_names")
         self.__dict__.update(state)
         self._lock = threading.RLock()
-        new = {old: law.name for old, law in zip(names, self._laws)}  # laws have names of their own in each process
-        self._lists = [
-            (g, {**keys, "name": new.get(keys["name"], keys["name"])} if "name" in keys else keys) for g, keys in self._lists
-        ]
 
 
 def _dofs(dof: str | Iterable[str]) -> dict[str, Any]:
@@ -842,38 +974,27 @@ def _range(start: Any, stop: Any) -> dict[str, Any]:
     return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0]}
 
 
-def _warns_of_end(session: Session, stacklevel: int = 4) -> bool:
-    """Whether a curve has ended before its range does, with a warning if so."""
-    reason = int(dataset.number(session, "reason"))
-    if reason == dataset.CUT_SHORT:
-        what = "the curve continues: it has reached the limit of its points, 'points' of &curve"
-    elif reason == dataset.GRAZED:
-        what = "the curve ended where a wall is grazed: no motion was found beyond"
-    elif int(dataset.number(session, "status")) not in (*dataset.SOLVED, dataset.COLLAPSED):  # there the motion ends
-        what = session.message
-    else:
-        return False
-    warnings.warn(what, NotConverged, stacklevel=stacklevel)
-    return True
+def _size_of(structure: Group) -> int:
+    """A measure of the size of a structure that the solver builds."""
+    return max([int(value) for key, value in structure.keys.items() if key in _SIZES and isinstance(value, int)], default=0)
 
 
 class _Live:
-    """A session with handles of numbers, and how many of the assignments to its model it has followed."""
+    """A session with the groups of a model and the settings of operations, and how many of the changes of the model it has
+    followed."""
 
-    def __init__(self, session: Session) -> None:
-        self.session, self.n_assignments = session, 0
+    is_special = False  # for one operation, with groups of its own
+
+    def __init__(self, model: Model, settings: Settings) -> None:
+        self.settings, self.n_changes = settings, model._n_changes
+        self.session = Session(model._find_structure)
         self._handles: dict[str, int] = {}
+        self.session.read(model._groups.with_settings(settings).text(), "" if model._folder == Path() else f"{model._folder}/")
 
     def set(self, path: str, value: Any) -> None:
-        if isinstance(value, (float, np.floating)):
+        if isinstance(value, float):
             if path not in self._handles:
                 self._handles[path] = self.session.parameter(path)
-            self.session.set_parameter(self._handles[path], float(value))
+            self.session.set_parameter(self._handles[path], value)
         else:
             self.session.set(path, value)
-
-    def update(self, values: Mapping[str, tuple[int, object]]) -> None:
-        for path, (number, value) in values.items():
-            if number > self.n_assignments:
-                self.set(path, value)
-        self.n_assignments = max([self.n_assignments, *(number for number, _ in values.values())])

@@ -10,23 +10,23 @@ import xarray as xr
 from nhbm.errors import imported
 
 # The same shapes as in the pictures of nhbm-post.
-_MARKS = {3: ("fold", "o"), 4: ("peak", "^"), 7: ("branch point", "D"), 8: ("period doubling", "s"),
-          9: ("Neimark-Sacker point", "h"), 10: ("change of stability", "p"), 11: ("graze", "v"),
-          12: ("minimum", "<"), 13: ("given amplitude", ">"), 14: ("phase resonance", "8")}  # fmt: skip
-_VERDICTS = (1, "-", "stable"), (-1, "--", "unstable"), (0, ":", "stability not known")
+_MARKS = {"fold": ("fold", "o"), "peak": ("peak", "^"), "branch": ("branch point", "D"), "flip": ("period doubling", "s"),
+          "torus": ("Neimark-Sacker point", "h"), "split": ("change of stability", "p"), "graze": ("graze", "v"),
+          "minimum": ("minimum", "<"), "amplitude": ("given amplitude", ">"), "resonance": ("phase resonance", "8")}  # fmt: skip
+_VERDICTS = ("stable", "-", "stable"), ("unstable", "--", "unstable"), ("unknown", ":", "stability not known")
 _MOST_LINES = 10  # of one picture with a legend
 
 
 def plot(data: xr.Dataset, of: str | None = None, ax: Any = None) -> Any:
-    """The motion of a degree of freedom over time, or a response over the points: "x1" the largest |x1|, "x1 (1)" the amplitude of
-    a harmonic. Without `of` that which moves most. Returns the axes."""
+    """The motion of a degree of freedom over time, or a response over the points: "max x1" the largest |x1|, "x1" the root mean
+    square, "x1 (1)" the amplitude of a harmonic. Without `of` the largest of that which moves most. Returns the axes."""
     plt = imported("matplotlib.pyplot", "plots are drawn with")
     if ax is None:
         _, ax = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     if "coefficients" not in data:
         _numbers(ax, data, of)
     elif "point" in data.dims:
-        _over_points(ax, data, of or _most(data))
+        _over_points(ax, data, of or f"max {_most(data)}")
     else:
         _over_time(ax, data, of or _most(data))
     ax.grid(color="0.9")
@@ -52,7 +52,7 @@ def _over_time(ax: Any, data: xr.Dataset, dof: str) -> None:
     length = 2 * np.pi / frequency.min() * (2 if len(frequency) == 1 else 8)
     times = np.linspace(0.0, length, 2000)
     ax.plot(times, data.nhbm.time(dof, times), color="C0", lw=1.2)
-    ax.set(xlabel="Time $t$ [s]", ylabel=f"Displacement {dof} [{data['coefficients'].attrs.get('units', 'm')}]", xlim=(0.0, length))
+    ax.set(xlabel="Time $t$ [s]", ylabel=f"Displacement {dof} [{data.nhbm.unit_of(dof)}]", xlim=(0.0, length))
 
 
 def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
@@ -72,15 +72,15 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
         if is_curve:
             points = points[np.argsort(data["curve_length"].values[points], kind="stable")]
         color = "C0" if is_curve else f"C{k % 10}"
-        stable = data["is_stable"].values[points]
+        stable = data["stability"].values[points]
         if is_curve:  # at a bifurcation itself a multiplier is on the unit circle
-            located = (stable == 0) & (data["curve_kind"].values[points] >= min(_MARKS))
+            located = (stable == "unknown") & np.isin(data["curve_kind"].values[points], list(_MARKS))
             stable = np.where(located, np.roll(stable, 1), stable)
         for verdict, style, word in _VERDICTS:
             held = stable == verdict
             if not held.any():
                 continue
-            held[:-1] |= held[1:] & (stable[:-1] != 1)  # from the point where it changes
+            held[:-1] |= held[1:] & (stable[:-1] != "stable")  # from the point where it changes
             text = word if word not in drawn and (is_curve or len(groups) == 1) else None
             if title and not is_curve and len(groups) <= _MOST_LINES and title not in drawn:
                 text = title

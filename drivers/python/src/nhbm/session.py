@@ -4,13 +4,14 @@ again."""
 from __future__ import annotations
 
 import ctypes
+import functools
 import math
 import signal
 import threading
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +19,9 @@ from nhbm import laws
 from nhbm._library import (
     INTERRUPT_CALLBACK,
     INVALID_ARGUMENT,
-    KEY_ROW_SIZE,
     STRUCTURE_CALLBACK,
+    ColumnDescription,
+    Motion,
     last_error,
     library,
     raise_error,
@@ -38,42 +40,6 @@ except ImportError:
 
 _MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
-
-
-class Key(NamedTuple):
-    """A key of the input as the table of the program has it (docs/user/input.md)."""
-
-    section: str  # a group, or a group and its type: "law", "law jenkins"
-    name: str
-    type: str
-    unit: str
-    default: str
-    range: str
-    meaning: str
-
-
-def input_keys() -> list[Key]:
-    """The table of input keys, in the order of the documentation.
-
-    Returns
-    -------
-    list of Key
-        With section, name, type, unit, default, range and meaning, as texts.
-
-    Examples
-    --------
-    >>> import nhbm
-    >>> next(key.unit for key in nhbm.input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
-    'm'
-    """
-    keys: list[Key] = []
-    row = ctypes.create_string_buffer(KEY_ROW_SIZE)
-    for k in range(library().nhbm_get_key_count()):
-        status = library().nhbm_get_key_row(k, row, len(row))
-        if status:
-            raise_error(status)
-        keys.append(Key(*row.value.decode().split(" | ")))
-    return keys
 
 
 class _Interrupts:
@@ -115,6 +81,11 @@ class Column:
     values: Any  # np.ndarray or None
     unit: str
     axes: tuple[str, ...]
+    describe: Callable[[], dict[str, Any]] = dict
+
+    def attributes(self) -> dict[str, Any]:
+        """Attributes as in a file: units, long_name, the words of numbers."""
+        return {"units": self.unit or "1", **self.describe()}
 
 
 class Session:
@@ -129,7 +100,8 @@ class Session:
         self._check(self._library.nhbm_create(ctypes.byref(self._handle)))
         self._interrupts = interrupts = _Interrupts()
         self._n_points = 1
-        self._laws: list[laws.Law] = []  # that the library may call
+        self.has_motion = False  # of the present input
+        self.laws: list[laws.Law] = []  # that the library may call
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
@@ -146,8 +118,9 @@ class Session:
     def read(self, text: str, name: str = "model") -> None:
         """Reads the text of an input, replacing the previous one; `name` is used in messages."""
         named = laws.laws_in(text)
+        self.has_motion = False
         self._call("read_input", text.encode(), name.encode())
-        self._laws = named
+        self.laws = named
 
     def set(self, path: str, value: Any) -> None:
         """Sets a key like --set of the command: numbers, texts, lists."""
@@ -175,6 +148,7 @@ class Session:
             self._n_points = points
         with self._interrupts:
             self._check(self._library.nhbm_solve(self._handle, int(bool(warm))))
+        self.has_motion = True
 
     def begin_curve(self) -> None:
         """Starts the curve of the group &curve."""
@@ -185,6 +159,7 @@ class Session:
         has_point = ctypes.c_int()
         with self._interrupts:
             self._call("curve_next", ctypes.byref(has_point))
+        self.has_motion = self.has_motion or bool(has_point.value)
         return bool(has_point.value)
 
     def integrate(self) -> None:
@@ -196,6 +171,21 @@ class Session:
         """Verifies the last motion by time integration; `time_column` returns the verdict."""
         with self._interrupts:
             self._call("verify", n_periods)
+
+    def verify_motion(self, motion: Motion, n_periods: int = 0) -> None:
+        """Verifies a motion of the model with its present values, which need not be the last one."""
+        with self._interrupts:
+            self._call("verify_motion", ctypes.byref(motion), n_periods)
+
+    def warnings(self) -> list[str]:
+        """Warnings about the model with its present values."""
+        return self._text("get_warnings").splitlines()
+
+    def natural_frequencies(self) -> Any:
+        """Natural frequencies of the structure [rad/s]; none for large or sparse ones."""
+        n, address = ctypes.c_size_t(), ctypes.c_void_p()
+        self._call("get_natural_frequencies", ctypes.byref(n), ctypes.byref(address))
+        return np.frombuffer(ctypes.string_at(address, 8 * n.value)).copy() if n.value else np.zeros(0)
 
     def time_columns(self) -> list[str]:
         """Names of the results of the last `integrate` or `verify`."""
@@ -211,21 +201,30 @@ class Session:
 
     def labels(self, axis: str) -> list[str]:
         """Labels along the axes `dof`, `law_dof` and `law`."""
-        return self._text("get_labels", axis.encode()).split()
+        text = self._text("get_labels", axis.encode())
+        return text.split("\n") if text else []
+
+    def doubt(self) -> str:
+        """What is doubtful about the last motion, with numbers and what to do; empty if nothing is."""
+        return self._text("get_doubt")
 
     @property
     def message(self) -> str:
         """Reason for a failure of the last motion, or a note."""
         return self._text("get_message")
 
-    def input(self) -> str:
-        """The complete input with all keys and their values."""
-        return self._text("get_input")
+    def input(self, given: bool = False) -> str:
+        """The complete input with all keys and their values, or the keys that are given alone."""
+        return self._text("get_given_input" if given else "get_input")
+
+    def libraries(self) -> str:
+        """Files on which the model depends, with checksums, one per line."""
+        return self._text("get_libraries")
 
     def column(self, name: str) -> Column:
         """A column of the last motion, by a name of the result file. Raises KeyError for an unknown name."""
         if name == "message":
-            return Column(np.array(self.message), "", ())
+            return Column(np.array(self.message), "1", (), lambda: {"long_name": "reason for a failure, and advice"})
         return self._column("get_column", name)
 
     def _text(self, function: str, *arguments: Any) -> str:
@@ -241,12 +240,31 @@ class Session:
         if status:
             raise_error(status)
         unit, axes = column.unit.decode(), tuple(column.axes.decode().split())
+        described = functools.partial(self._describe_column, function.replace("get", "describe"), name)
         if column.kind not in _KINDS:
-            return Column(None, unit, axes)
+            return Column(None, unit, axes, described)
         kind, shape = _KINDS[column.kind], tuple(column.shape[: column.n_axes])
         size = math.prod(shape) * kind.itemsize
         values = np.frombuffer(ctypes.string_at(column.data, size), kind).reshape(shape) if size else np.zeros(shape, kind)
-        return Column(values, unit, axes)
+        return Column(values, unit, axes, described)
+
+    def kind_of(self, name: str) -> Any:
+        """The type of a column of motions, also if its values are not known."""
+        found = ColumnDescription()
+        self._call("describe_column", name.encode(), ctypes.byref(found))
+        return _KINDS[found.kind]
+
+    def _describe_column(self, function: str, name: str) -> dict[str, Any]:
+        found = ColumnDescription()
+        self._call(function, name.encode(), ctypes.byref(found))
+        attributes: dict[str, Any] = {"long_name": found.long_name.decode()}
+        if found.dof_units:
+            attributes["dof_units"] = found.dof_units.decode()
+        if found.flag_meanings:
+            attributes["flag_meanings"] = found.flag_meanings.decode()
+            n = len(attributes["flag_meanings"].split())
+            attributes["flag_values"] = np.arange(found.lowest_flag, found.lowest_flag + n, dtype=np.int32)
+        return attributes
 
     def _describe(self, name: str, builder: Any) -> int:
         """Hands a structure over to the library; what goes wrong in Python is raised again when the library has returned."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.child_process import atomic_write
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, meant
 from nhbm.hdf5_file import open_hdf5
 
 FORMAT = "nhbm model"
@@ -23,6 +22,7 @@ BY_SPEED = (
 )  # fmt: skip
 MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural", *BY_SPEED)
 MAX_LABEL = 16
+MOST_ENTRIES = int(np.iinfo(np.int32).max)  # of a matrix in the library
 
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
 
@@ -39,6 +39,8 @@ class Recovery:
 @dataclass
 class Structure:
     """M x'' + (D + G + sum W_s G_s) x' + (K + i H + sum W_s K_s + W_s**2 L_s) x = forces, with up to two speeds W_s [rad/s]."""
+
+    input_name = "structure in memory"  # as the file of an input
 
     mass: sp.csr_matrix
     stiffness: sp.csr_matrix
@@ -72,8 +74,12 @@ class Structure:
             matrix = getattr(self, name)
             if matrix is None:
                 continue
+            if np.iscomplexobj(matrix.data if sp.issparse(matrix) else matrix):
+                raise ModelError(f"matrix '{name}' is complex; the imaginary part of a stiffness is the matrix `structural`")
             matrix = sp.csr_matrix(matrix, dtype=float)
             matrix.sum_duplicates()
+            if matrix.nnz > MOST_ENTRIES:
+                raise ModelError(f"matrix '{name}' has {matrix.nnz} entries; at most {MOST_ENTRIES} are possible: reduce the model")
             setattr(self, name, matrix)
         if self.labels is None:
             self.labels = [f"x{i + 1}" for i in range(self.mass.shape[0])]
@@ -260,13 +266,6 @@ class Structure:
             **matrices,
             **more,
         )
-
-
-def meant(name: str, known: list[str]) -> str:
-    """The end of a message on an unknown name: the known one that is like it, if there is one."""
-    lower = {other.lower(): other for other in reversed(known)}
-    close = difflib.get_close_matches(name.lower(), lower, 1, 0.7)
-    return f"; did you mean '{lower[close[0]]}'?" if close else ""
 
 
 def check_labels(labels: list[str]) -> None:

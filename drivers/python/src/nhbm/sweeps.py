@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from nhbm import dataset
+from nhbm import dataset, doubts
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError, NotConverged
-from nhbm.groups import identifier, path_of
+from nhbm.groups import Settings, identifier, request
+from nhbm.responses import absence_of, parts_of, response_of, words_of
 
 if TYPE_CHECKING:
     from nhbm.model import Model
@@ -60,14 +61,17 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         the function returns, NaN where it failed, and `status` and `message` of the last solution of each point. An
         exception in the function is raised at the first point; later points then have the status `failed`.
     """
-    grid = {path_of(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
+    grid = {self._resolved(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
     if not grid or not all(grid.values()):
         raise ModelError("a sweep needs at least one path, and values for each")
+    if len(grid) < len(values):
+        raise ModelError(f"two paths of a sweep name the same value: {', '.join(values)}")
     if paired and len(set(map(len, grid.values()))) > 1:
         raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
     points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
     model = copy.copy(self)  # keeps its values
-    model._live(tolerance, order)
+    settings = request(tolerance, order)
+    model._live(settings)
     for path, value in zip(grid, points[0]):
         model[path] = value  # what is wrong is raised here, not by a worker
     length = len(points) if paired else len(list(grid.values())[-1])
@@ -76,61 +80,80 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     elif not warm:
         length = 1
     lines = [points[k : k + length] for k in range(0, len(points), length)]
-    work = _Line(model, list(grid), of, tolerance, order, warm, points)
+    work = _Line(model, list(grid), of, settings, warm, points)
     with Progress(progress, "sweep", len(points)) as bar:
-        rows = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
+        done = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
+    rows, doubtful = [row for row, _ in done], [doubt for _, doubt in done if doubt is not None]
     names = [identifier(path) for path in grid]
-    coordinates = {name: [point[k] for point in points] for k, name in enumerate(names)}
-    found = dataset.joined(rows, coordinates) if of is None else dataset.table(rows, coordinates)
-    found = found.assign_attrs(varies=names)
+    coordinates = {
+        name: ([point[k] for point in points], model._described(path)) for k, (name, path) in enumerate(zip(names, grid))
+    }
+    if of is None:
+        for path, value in zip(grid, points[0]):
+            model[path] = value
+        source = model._source(model._live(settings).session, grid, paired, warm)
+        found = dataset.result_of(dataset.joined(rows), source, coordinates, {"varies": names, **model._attributes()})
+    else:
+        found = dataset.table(rows, coordinates).assign_attrs(varies=names)
     if isinstance(of, str):
-        found["response"].attrs["long_name"] = dataset.words_of(of)
-    for name, path in zip(names, grid):
-        found[name].attrs.update(model._described(path))
-    if "status" in found and not bool(found.nhbm.is_converged.all()):
-        words, counts = np.unique(found.nhbm.status[~found.nhbm.is_converged], return_counts=True)
-        what = ", ".join(f"{count} {word}" for word, count in zip(words, counts))
-        warnings.warn(f"of {len(points)} points {what}. {found.nhbm.message}".rstrip(), NotConverged, stacklevel=2)
+        found["response"].attrs.update(long_name=words_of(of), units=_unit_of(model._live(settings).session, of))
+    doubts.warn_of_points(doubtful, len(points))
     return found
+
+
+def _unit_of(session: Any, of: str) -> str:
+    """Unit of a response."""
+    column = session.column("coefficients")
+    units = str(column.attributes().get("dof_units", "")).split() if column.values is not None else []
+    labels = session.labels("dof")
+    dof = session.dofs_of_sets.get(parts_of(of)[0], parts_of(of)[0])
+    return units[labels.index(dof)] if dof in labels and len(units) == len(labels) else "m"
 
 
 class _Line:
     """Solves a line of points; a value that processes can be sent."""
 
-    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool,
-                 points: list[Any]) -> None:  # fmt: skip
-        self.model, self.paths, self.of, self.tolerance, self.order, self.warm = model, paths, of, tolerance, order, warm
+    def __init__(self, model: Model, paths: list[str], of: Any, settings: Settings, warm: bool, points: list[Any]) -> None:
+        self.model, self.paths, self.of, self.settings, self.warm = model, paths, of, settings, warm
         self.n, self.first = len(points), points[0]
         self.thread = threading.get_ident()
 
     def __call__(self, points: list[Any]) -> list[Any]:
+        """The results of the points, each with its status and what is doubtful about it, or None."""
         model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
         return [self._point(model, point, k) for k, point in enumerate(points)]
 
     def _point(self, model: Model, point: Any, k: int) -> Any:
-        wanted: dict[str, Any] = {"tolerance": self.tolerance, "order": self.order}
         for path, value in zip(self.paths, point):
             model[path] = value
         if callable(self.of):
             return self._evaluated(model, point)
-        session = model._live(**wanted).session
+        session = model._live(self.settings).session
         session.solve(self.warm and k > 0, points=model._sharing(self.n) if self.of is None else 0)
+        text, status = doubts.doubt_of(session), dataset.status_of(session)
+        doubt = (status, text) if text else None
         if self.of is None:
-            return dataset.motion_of(session)
-        status = int(dataset.number(session, "status"))
-        response = dataset.response_of(session, self.of) if status in dataset.SOLVED else float("nan")
-        return {"response": response, "status": status, "message": session.message}
+            return dataset.motion_of(session), doubt
+        if status not in dataset.SOLVED:
+            return {"response": float("nan"), "status": status, "message": session.message}, doubt
+        response = response_of(session, self.of)
+        if response != response:
+            doubt = status, absence_of(session, self.of)
+        return {"response": response, "status": status, "message": session.message}, doubt
 
-    def _evaluated(self, model: Model, point: Any) -> dict[str, Any]:
+    def _evaluated(self, model: Model, point: Any) -> Any:
         """What the function returns, with the status of its last solution; 'failed' where it raises an exception."""
         try:
-            row = dataset.row_of(self.of(model))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", NotConverged)  # one warning for all points
+                row = dataset.row_of(self.of(model))
         except Exception as fault:
             if point == self.first:
                 raise
-            return {"status": dataset.FAILED, "message": f"{type(fault).__name__}: {fault}"}
-        status, message = model._ending()
-        return {**row, "status": status, "message": message}
+            text = f"{type(fault).__name__}: {fault}"
+            return {"status": "failed", "message": text}, ("failed", text)
+        status, message, text = model._ending()
+        return {**row, "status": status, "message": message}, (status, text) if text else None
 
 
 def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[list[Any]]:
@@ -181,7 +204,7 @@ def _script_left_out(work: _Line) -> Iterator[None]:
 
 
 class Progress:
-    """A bar of tqdm if one is requested and tqdm is installed, or a function that gets the number of points done."""
+    """A bar of tqdm, with a warning if it is not installed, or a function that gets the number of points done."""
 
     def __init__(self, wanted: Any, what: str, total: int | None = None) -> None:
         self._wanted, self._what, self._total, self._n = wanted, what, total, 0
@@ -194,7 +217,7 @@ class Progress:
 
                 self._bar = tqdm(total=self._total, desc=self._what, unit="point")
             except ImportError:
-                pass
+                warnings.warn("progress=True draws a bar of tqdm, which is not installed: pip install tqdm", stacklevel=5)
         return self
 
     def update(self, n: int = 1) -> None:

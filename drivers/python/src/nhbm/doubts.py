@@ -1,0 +1,62 @@
+"""Warnings about motions: one way for solve, response, gradient, curve and sweep, with the sentences of the library."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from nhbm import dataset
+from nhbm.errors import NotConverged
+
+if TYPE_CHECKING:
+    from nhbm.session import Session
+
+
+def doubt_of(session: Session) -> str:
+    """What is doubtful about the motion found last, with numbers and what to do; empty if nothing is."""
+    return session.doubt()
+
+
+def warn(text: str) -> None:
+    """Issues the warning NotConverged at the caller of the package."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] == "nhbm":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, NotConverged, stacklevel=level)
+
+
+def warn_of(session: Session) -> None:
+    """Warns of what is doubtful about the motion found last."""
+    text = doubt_of(session)
+    if text:
+        warn(text)
+
+
+def warn_of_points(doubts: Iterable[tuple[str, str]], n_points: int) -> None:
+    """One warning for many motions, from the status and the doubt of each that has one: their numbers, and the first of each kind."""
+    kinds: dict[str, list[str]] = {}
+    for status, text in doubts:
+        kinds.setdefault(status, []).append(text)
+    if not kinds:
+        return
+    words = {"converged": "with a doubt"}
+    counts = ", ".join(f"{len(texts)} {words.get(status, status)}" for status, texts in kinds.items())
+    firsts = "\n".join(f"The first: {texts[0]}" if len(texts) > 1 else texts[0] for texts in kinds.values())
+    warn(f"of {n_points} points {counts}. {firsts}")
+
+
+def warn_of_end(session: Session) -> bool:
+    """Whether a curve has ended before its range does, with a warning if so."""
+    reason = int(dataset.number(session, "reason"))
+    if reason == dataset.CUT_SHORT:
+        text = "the curve continues: it has reached the limit of its points, 'points' of &curve"
+    elif reason == dataset.GRAZED:
+        text = "the curve ended where a wall is grazed: no motion was found beyond"
+    elif dataset.status_of(session) not in (*dataset.SOLVED, "collapsed"):  # there the motion ends
+        text = f"the curve ended before the end of its range: {doubt_of(session)}"
+    else:
+        return False
+    warn(text)
+    return True

@@ -1,0 +1,92 @@
+"""Names of responses, "x1", "x1 (1)", "max x1", and their values for the motion that a session has found last."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from nhbm.errors import ModelError
+
+if TYPE_CHECKING:
+    from nhbm.session import Session
+
+_LARGEST = "max "
+
+
+def response_of(session: Session, of: str) -> float:
+    """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a
+    harmonic; NaN if its set does not have this harmonic."""
+    dof, wanted = parts_of(of)
+    motion, tuples = session.column("coefficients").values[_index(session, of, dof)], session.column("tuples").values
+    if wanted is None:
+        return float(np.sqrt((motion[tuples.any(axis=1)] ** 2).sum() / 2))
+    if len(wanted) != tuples.shape[1]:
+        raise ModelError(f"'{of}' has a tuple of {len(wanted)} entries, there are {tuples.shape[1]} tones")
+    found = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
+    return float(np.sqrt((motion[found] ** 2).sum())) if found.any() else float("nan")
+
+
+def required_response_of(session: Session, of: str) -> float:
+    """That response; ModelError for a harmonic that is not in the set."""
+    value = response_of(session, of)
+    if np.isnan(value):
+        raise ModelError(absence_of(session, of))
+    return value
+
+
+def absence_of(session: Session, of: str) -> str:
+    """Why a motion has no such response."""
+    highest = int(np.abs(session.column("tuples").values).max())
+    return f"'{of}': the set of harmonics does not have this tuple; the highest entry is {highest}"
+
+
+def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
+    """Derivatives of that response by the values of the group &gradient; NaN where they are not known."""
+    dof, wanted = parts_of(of)
+    i_dof, by = _index(session, of, dof), session.column("gradient").values
+    if by is None:
+        return np.full(len(session.labels("gradient_value")), np.nan)
+    motion, tuples = session.column("coefficients").values[i_dof], session.column("tuples").values
+    size = response_of(session, of)
+    if wanted is None:
+        counts, size = tuples.any(axis=1), 2 * size
+    else:
+        counts = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
+    slopes: np.ndarray[Any, Any] = (by[:, i_dof] * motion)[:, counts].sum(axis=(1, 2)) / (size or np.nan)
+    return slopes
+
+
+def _index(session: Session, of: str, dof: str) -> int:
+    """Position of a degree of freedom, by its label or by its set."""
+    labels = session.labels("dof")
+    label = session.dofs_of_sets.get(dof, dof)
+    if label not in labels:
+        known = ", ".join([*labels, *session.dofs_of_sets])
+        raise ModelError(f"'{of}' is no response: there is no degree of freedom '{dof}'; known: {known}")
+    return labels.index(label)
+
+
+def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
+    """Degree of freedom and tuple of a response: "x1", "x1 (1)", "v3 (1,0)"."""
+    parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", of)
+    if parts is None:
+        raise ModelError(f"'{of}' is no response; 'x1', 'x1 (1)' and 'x1 (1,0)' are")
+    return parts[1], tuple(map(int, parts[2].split(","))) if parts[2] else None
+
+
+def largest_of(of: str) -> str | None:
+    """The degree of freedom of "max x1", its largest displacement, which is not a response of the input; None for others."""
+    return of.strip()[len(_LARGEST) :].strip() if of.strip().startswith(_LARGEST) else None
+
+
+def words_of(of: str) -> str:
+    """A response of a motion in words, as axes have it."""
+    dof = largest_of(of)
+    if dof is not None:
+        return f"Largest displacement |{dof}|"
+    dof, tuple_ = parts_of(of)
+    if tuple_ is None:
+        return f"Root mean square of {dof}"
+    return f"Amplitude of {dof}, " + (f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})")

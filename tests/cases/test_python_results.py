@@ -1,0 +1,191 @@
+"""One result everywhere: datasets of models, files of the command, and files that datasets are saved as."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from in_process import DUFFING, STOP, duffing
+from program import ALL_CONVERGED, run
+
+import nhbm
+from nhbm import Model, ModelError
+
+INTERNALS = {"curve_unknowns", "curve_direction", "curve_step", "iterations", "residual", "setup_seconds", "rank", "fallback"}
+
+
+def stop(**groups):
+    model = Model.from_namelist(STOP)
+    for name, keys in groups.items():
+        model.set(name, **keys)
+    return model
+
+
+def results():
+    return {
+        "motion": duffing().solve(order=5),
+        "by tolerance": stop().solve(tolerance=1e-2),
+        "curve": duffing().curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1 (1)"),
+        "curve by tolerance": duffing().curve("tones[0]", 0.8, 1.2, tolerance=1e-2),
+        "sweep": duffing().sweep({"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.4, 0.5, 0.6]}, order=5),
+        "long sweep": duffing().sweep({"tones[0]": np.linspace(0.5, 0.7, 60)}, order=5),
+        "samples": duffing().sweep({"load[0].cos": [0.1, 0.2], "tones[0]": [0.8, 0.9]}, order=5, paired=True),
+    }
+
+
+def test_users_get_what_they_need_and_internals_stand_apart():
+    for name, data in results().items():
+        assert not INTERNALS & set(data.variables), name
+        assert len(data.data_vars) <= 20, name
+        details = data.nhbm.details
+        assert {"iterations", "residual", "n_unknowns"} <= set(details.data_vars) and not set(details.data_vars) & set(data.data_vars)
+        assert all(data[column].attrs.get("units") and data[column].attrs.get("long_name") for column in data.data_vars), name
+        assert bool(data.nhbm.is_converged.all()) and set(np.unique(data["stability"])) <= {"stable", "unstable", "unknown"}, name
+        assert data.attrs["program_version"] == nhbm.__version__ and data.attrs["git_commit"]
+        assert data.nhbm.input.startswith("&structure")
+    curve = results()["curve"]
+    assert "curve_step" in curve.nhbm.details and curve.isel(point=[2, 5]).nhbm.details["curve_step"].sizes["point"] == 2
+
+
+def test_a_saved_result_is_read_back_unchanged(tmp_path):
+    for name, data in results().items():
+        path = tmp_path / f"{name.replace(' ', '_')}.h5"
+        data.nhbm.save(path)
+        again = nhbm.open_dataset(path)
+        xr.testing.assert_identical(again.load(), data)
+        for column, values in data.nhbm.details.data_vars.items():
+            np.testing.assert_array_equal(again.nhbm.details[column].values, values.values, err_msg=f"{name}: {column}")
+        again.close()
+
+
+def test_a_saved_result_is_that_of_the_command(tmp_path):
+    """The same datasets with the same attributes, and the same numbers."""
+    sweep = "&sweep parameter = 'law(spring)%stiffness', values = 0.4, 0.5 /\n"
+    curve = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5 /\n"
+    cases = {
+        "sweep": (DUFFING + "&harmonics order = 5 /\n" + sweep, lambda m: m.sweep({"spring.stiffness": [0.4, 0.5]}, order=5)),
+        "curve": (DUFFING + "&harmonics order = 5 /\n" + curve, lambda m: m.curve("tones[0]", 0.5, 2.5, order=5)),
+        "tolerance": (DUFFING, lambda m: m.solve()),
+    }
+    for name, (text, solve) in cases.items():
+        (tmp_path / f"{name}.nml").write_text(text)
+        assert run("solve", f"{name}.nml", "-o", "ours.h5", "--overwrite", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+        solve(Model.from_namelist(DUFFING)).nhbm.save(tmp_path / "python.h5")
+        with h5py.File(tmp_path / "ours.h5") as ours, h5py.File(tmp_path / "python.h5") as python:
+            assert set(ours) == set(python), name
+            for column in ours:
+                a, b = ours[column], python[column]
+                assert a.dtype == b.dtype and a.ndim == b.ndim, (name, column)
+                for attribute in ("units", "long_name", "dof_units", "flag_meanings", "parameter"):
+                    assert a.attrs.get(attribute) == b.attrs.get(attribute), (name, column, attribute)
+            assert set(ours.attrs) == set(python.attrs)
+            n, k = python["coefficients"].shape[0], python["coefficients"].shape[2]
+            np.testing.assert_array_equal(ours["coefficients"][:n, :, :k], python["coefficients"][()])
+            assert set(ours["checksum"].attrs["of"].split()) == set(python["checksum"].attrs["of"].split())
+            assert len(python["curve_unknown"]) == len(ours["curve_unknown"]) if name == "curve" else True
+        opened, saved = nhbm.open_dataset(tmp_path / "ours.h5"), nhbm.open_dataset(tmp_path / "python.h5")
+        assert set(opened.variables) == set(saved.variables) and opened.sizes == saved.sizes, name
+
+
+def test_the_command_reads_what_was_saved(tmp_path):
+    found = results()
+    for name in ("motion", "curve", "sweep", "long sweep"):
+        found[name].nhbm.save(tmp_path / f"{name}.h5")
+        assert run("info", f"{name}.h5", "--check", cwd=tmp_path).status == 0
+        assert "converged" in run("why", f"{name}.h5", cwd=tmp_path).stdout
+        assert run("resume", f"{name}.h5", cwd=tmp_path).status == ALL_CONVERGED
+    done = run("verify", "motion.h5", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done
+    assert nhbm.open_dataset(tmp_path / "motion.h5").nhbm.details["integration_verdict"] == "agrees"
+
+
+def test_a_structure_in_memory_is_saved_beside_the_result(tmp_path):
+    model = Model(nhbm.Structure(np.eye(2), np.array([[2.0, -1.0], [-1.0, 2.0]]), damping=0.1 * np.eye(2)), tones=[0.7])
+    model.load("x1", 1, cos=0.1)
+    model.law("cubic_spring", "x2", stiffness=0.5)
+    model.solve(order=3).nhbm.save(tmp_path / "chain.h5")
+    assert (tmp_path / "chain.structure.h5").is_file()
+    assert run("resume", "chain.h5", cwd=tmp_path).status == ALL_CONVERGED
+    assert run("verify", "chain.h5", cwd=tmp_path).status == ALL_CONVERGED
+
+
+def test_names_do_not_depend_on_spelling():
+    model = duffing()
+    for path in ("tones[0]", "tones", "tones.frequency", "tones%frequency", "tones%frequency(1)", "Tones%Frequency"):
+        assert model.sweep({path: [0.8, 0.9]}, order=3).attrs["varies"] == ["tones_frequency"]
+    for path in ("spring.stiffness", "law[0].stiffness", "law(spring)%stiffness", "law(1)%stiffness"):
+        assert model.sweep({path: [0.4, 0.5]}, order=3).attrs["varies"] == ["law_spring_stiffness"]
+    for path in ("load[0].cos", "load%cos", "load(1)%cos"):
+        assert model.sweep({path: [0.1, 0.2]}, order=3).attrs["varies"] == ["load_1_cos"]
+    with pytest.raises(ModelError, match="two paths of a sweep name the same value"):
+        model.sweep({"tones[0]": [0.8], "tones": [0.9]}, order=3)
+
+
+def test_events_of_a_curve_are_a_table():
+    curve = duffing().curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1 (1)")
+    events = curve.nhbm.events("x1 (1)", "max x1")
+    assert events["kind"].tolist() == curve["curve_kind"].values[np.isin(curve["curve_kind"], ["start", "peak", "fold", "end"])].tolist()
+    peak = events[events["kind"] == "peak"].iloc[0]
+    assert peak["x1 (1)"] == pytest.approx(events["x1 (1)"].max()) and peak["tones_frequency"] > 0.5 and peak["stability"] == "stable"
+    assert float(curve["tones_frequency"].sel(point=events.index[0])) == events["tones_frequency"].iloc[0] == 0.5
+    with pytest.raises(ModelError, match="only curves have events"):
+        duffing().solve(order=3).nhbm.events()
+
+
+def test_a_response_is_the_same_everywhere():
+    """'x1' is the root mean square for models, for datasets and for &curve; the largest displacement has a name of its own."""
+    model = duffing()
+    motion = model.solve(order=5)
+    for of in ("x1", "x1 (1)", "x1 (3)"):
+        assert float(motion.nhbm.response(of)[0]) == pytest.approx(model.response(of, order=5), rel=1e-12)
+    assert float(motion.nhbm.response("max x1")[0]) == float(motion.nhbm.largest("x1")) > 1.3 * float(motion.nhbm.response("x1")[0])
+    found = model.sweep({"tones[0]": [0.8, 0.9]}, of="x1", order=5)
+    points = model.sweep({"tones[0]": [0.8, 0.9]}, order=5)
+    np.testing.assert_allclose(points.nhbm.response("x1")[0], found["response"], rtol=1e-12)
+    assert found["response"].attrs["units"] == "m"
+    curve = model.curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1")
+    of_curve = curve.nhbm.response("x1")[0]
+    assert float(of_curve.max()) == float(of_curve[curve["curve_kind"].values == "peak"][0])
+
+
+def test_a_selection_is_not_saved_as_the_whole(tmp_path):
+    sweep = results()["sweep"]
+    with pytest.raises(ModelError, match="all points of its input"):
+        sweep.isel(point=[0, 1]).nhbm.save(tmp_path / "part.h5")
+    with pytest.raises(ModelError, match="computed from a result"):
+        sweep.where(sweep["truncation_estimate"] > 0).nhbm.details  # noqa: B018
+
+
+def test_units_are_those_of_the_degrees_of_freedom(tmp_path):
+    beam = nhbm.Beam(length=1.0, bending_stiffness=1750.0, mass_per_length=7.8, n_elements=2, damping_diagonal=1.0)
+    model = Model(beam, tones=[3.0])
+    model.load(nhbm.Model(beam, tones=[3.0]).solve(order=1)["dof"].values[1], 1, cos=1.0)
+    motion = model.solve(order=1)
+    assert motion["coefficients"].attrs["units"] == "see dof_units"
+    assert set(motion["coefficients"].attrs["dof_units"].split()) == {"m", "rad"}
+    assert motion.nhbm.unit_of(str(motion["dof"].values[0])) == "rad"
+    motion.nhbm.save(tmp_path / "beam.h5")
+    xr.testing.assert_identical(nhbm.open_dataset(tmp_path / "beam.h5").load(), motion)
+
+
+@pytest.mark.parametrize("points", ["curve", "sweep", "file"])
+def test_any_motion_is_verified(points, tmp_path):
+    """Not the last one alone: a point of a curve, a sweep or a file, with the numbers of the last motion of `solve`."""
+    model = duffing()
+    if points == "sweep":
+        data = model.sweep({"tones[0]": [0.7, 0.8]}, order=5)
+    else:
+        data = model.curve("tones[0]", 0.7, 0.8, order=5)
+    if points == "file":
+        data.nhbm.save(tmp_path / "curve.h5")
+        data = nhbm.open_dataset(tmp_path / "curve.h5")
+    verdict = model.verify(data.isel(point=0))
+    assert verdict["integration_verdict"] == "agrees"
+    wrong = data.isel(point=0).copy()
+    wrong["coefficients"] = 1.5 * wrong["coefficients"]
+    assert model.verify(wrong)["integration_verdict"] == "differs"
+    with pytest.raises(ModelError, match="give one motion, such as"):
+        model.verify(data)
+    assert model["tones[0]"] == 0.9  # its values are those before
