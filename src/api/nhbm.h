@@ -110,9 +110,9 @@ NHBM_EXPORT int nhbm_create(nhbm_model **model);
  * with one return NHBM_INVALID_ARGUMENT until a new model has the same address. NHBM_BUSY: the model remains. */
 NHBM_EXPORT int nhbm_destroy(nhbm_model **model);
 
-/* Reads the text of an input (docs/user/input.md); messages contain `name` and the line, unless it is empty or the
- * path of a folder, "models/". Files that the text names are relative to the folder of `name`. The text replaces the previous input,
- * its results, and its parameters. The group &sweep is ignored. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
+/* Reads the text of an input (docs/user/input.md), which replaces the previous input, its results, and its parameters. Messages
+ * contain `name` and the line, unless it is empty or the path of a folder, "models/"; files that the text names are relative to the
+ * folder of `name`. The group &sweep is ignored. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
 NHBM_EXPORT int nhbm_read_input(nhbm_model *model, const char *text, const char *name);
 
 /* Returns the input with all permitted keys and their values; an invalid value is replaced by the last valid one. */
@@ -303,14 +303,14 @@ NHBM_EXPORT int nhbm_describe_column(const nhbm_model *model, const char *name, 
 /* Returns the names of all columns, separated by blanks. */
 NHBM_EXPORT int nhbm_get_column_names(const nhbm_model *model, const char **names);
 
-/* As nhbm_get_column, nhbm_get_column_names and nhbm_describe_column, for the last call of nhbm_integrate or nhbm_verify. NHBM_INVALID_STATE: there was
- * none, or it was interrupted. */
+/* As nhbm_get_column, nhbm_get_column_names and nhbm_describe_column, for the last call of nhbm_integrate, nhbm_verify or
+ * nhbm_verify_motion. NHBM_INVALID_STATE: there was none, or it was interrupted. */
 NHBM_EXPORT int nhbm_get_time_column(const nhbm_model *model, const char *name, nhbm_column *column);
 NHBM_EXPORT int nhbm_get_time_column_names(const nhbm_model *model, const char **names);
 NHBM_EXPORT int nhbm_describe_time_column(const nhbm_model *model, const char *name, nhbm_column_description *description);
 
-/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", one per line; empty
- * for other axes. */
+/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", one per line;
+ * empty for other axes. */
 NHBM_EXPORT int nhbm_get_labels(const nhbm_model *model, const char *axis, const char **labels);
 
 /* Returns why the last motion was not found, or a remark about it; empty if there is none. */

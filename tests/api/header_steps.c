@@ -519,8 +519,9 @@ int doubt_step(void)
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 7 && (text = text_of(model, nhbm_get_doubt)));
    CHECK(strstr(text, "truncated") && strstr(text, "by truncation (limit 1.0E-12)") && strstr(text, "double it"));
    CHECK(!strstr(text, "derivative"));
-   CHECK(nhbm_set_key(model, "certificate%truncation", "1.0") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
-   CHECK(status_of(model) == 1 && (text = text_of(model, nhbm_get_doubt)) && !*text);
+   CHECK(nhbm_set_key(model, "certificate%truncation", "1.0") == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1);
+   CHECK((text = text_of(model, nhbm_get_doubt)) && !*text);
    factor = 1.0;
    CHECK(nhbm_read_input(model, input, "oscillator") == NHBM_SUCCESS && nhbm_set_key(model, "certificate%truncation", "1.0") == 0);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1 && (text = text_of(model, nhbm_get_doubt)));

@@ -85,8 +85,8 @@ static nhbm_column_description description;
 static size_t n_frequencies;
 static const double *frequencies;
 static const int32_t first_tuple[] = {1};
-static const double one[] = {0.9}, pair[] = {0.1, 0.0};
-static const nhbm_motion motion = {1, 1, 1, one, first_tuple, pair, 1e-3, 1e-3, NULL, 1, 0};
+static const double frequency[] = {0.9}, pair[] = {0.1, 0.0};
+static const nhbm_motion motion = {1, 1, 1, frequency, first_tuple, pair, 1e-3, 1e-3, NULL, 1, 0};
 
 static int read_input(nhbm_model *m) { return nhbm_read_input(m, duffing, "duffing"); }
 static int get_input(nhbm_model *m) { return nhbm_get_input(m, &text); }
@@ -125,9 +125,9 @@ static const struct {
    {get_input, true}, {set_key, true}, {find_parameter, true}, {set_parameter, true}, {set_structure_callback, false},
    {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false}, {curve_begin, true},
    {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
-   {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true}, {verify_motion, true},
-   {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true}, {describe_time_column, true}, {get_doubt, true},
-   {read_input, false}, {destroy, false},
+   {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
+   {verify_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
+   {describe_time_column, true}, {get_doubt, true}, {read_input, false}, {destroy, false},
 };
 enum { n_functions = sizeof functions/sizeof functions[0] };
 

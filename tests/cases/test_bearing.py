@@ -61,6 +61,5 @@ def test_mistakes_name_the_key(keys, message):
         nhbm.Matrices(mass=np.eye(2), damping=np.zeros((2, 2)), stiffness=np.eye(2), labels=["bx", "by"]), tones=[1.0]
     )
     model.load("bx", 1, cos=1.0)
-    model.bearing(**{"dofs": ["bx", "by"], "speeds": SPEEDS, "stiffness": STIFFNESS, "speed": 1.5, **keys})
     with pytest.raises(nhbm.ModelError, match=message):
-        model.solve(order=1)
+        model.bearing(**{"dofs": ["bx", "by"], "speeds": SPEEDS, "stiffness": STIFFNESS, "speed": 1.5, **keys})

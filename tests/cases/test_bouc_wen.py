@@ -45,4 +45,4 @@ def test_multipliers_are_those_of_the_period_map(exponent):
     found = (motion.multiplier_real + 1j * motion.multiplier_imag).values.ravel()
     assert abs(found[0]) == pytest.approx(abs(multipliers[-1]), rel=1e-4)
     assert found.sum().real == pytest.approx(sum(multipliers).real, abs=1e-4)
-    assert motion.is_stable.item() == 1
+    assert motion["stability"] == "stable"

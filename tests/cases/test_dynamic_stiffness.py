@@ -59,7 +59,7 @@ def test_maxwell_elements_are_those_with_coordinates_of_their_own():
     np.testing.assert_allclose(here, there[:3], atol=1e-12 * abs(there).max())
     for name in ("power_in", "power_damping", "truncation_estimate"):
         assert float(motions[0][name]) == pytest.approx(float(motions[1][name]), rel=1e-9)
-    assert int(motions[0]["is_stable"]) == 0
+    assert motions[0]["stability"] == "unknown"
 
 
 def test_sweeps_and_derivatives_move_the_values_of_parts():
@@ -100,9 +100,8 @@ def test_curves_have_the_peak_of_the_closed_form():
 ])  # fmt: skip
 def test_mistakes_name_the_key(keys, message):
     model = chain([1.3])
-    model.dynamic_stiffness(**keys)
     with pytest.raises(nhbm.ModelError, match=message):
-        model.solve(order=1)
+        model.dynamic_stiffness(**keys)
 
 
 def test_check_and_solve_say_what_they_leave_out(tmp_path):
@@ -122,9 +121,8 @@ def test_what_needs_time_is_refused():
     free = nhbm.Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0), tones=[1.0])
     free.set("tones", unknown=True)
     free.law("van_der_pol", "x1", strength=1.0, threshold=1.0)
-    free.dynamic_stiffness("loss_factor", "x1", stiffness=1.0, loss_factor=0.1)
     with pytest.raises(nhbm.ModelError, match="unknown tones"):
-        free.solve(order=3)
+        free.dynamic_stiffness("loss_factor", "x1", stiffness=1.0, loss_factor=0.1)
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,10 @@ def test_pull_in_at_a_third_of_the_gap():
     model = mass(voltage=0.1)
     model.set("harmonics", order=1)
     curve = model.curve("law(plate)%voltage", 0.1, 0.8)
-    (fold,) = np.flatnonzero(curve.curve_kind == 3)
+    (fold,) = np.flatnonzero(curve.curve_kind == "fold")
     assert curve.law_plate_voltage[fold].item() == pytest.approx(np.sqrt(4 * K * GAP**3 / (27 * C)), rel=1e-9)
     assert curve.coefficients[fold].values.ravel()[0] == pytest.approx(GAP / 3, rel=1e-6)
-    assert (curve.is_stable[1:fold] == 1).all() and (curve.is_stable[fold + 1 :] == -1).all()
+    assert (curve.stability[1:fold] == "stable").all() and (curve.stability[fold + 1 :] == "unstable").all()
 
 
 def test_small_motions_have_the_frequency_of_the_softened_spring():

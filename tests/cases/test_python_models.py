@@ -70,7 +70,7 @@ def test_what_is_wrong_is_said():
     with pytest.raises(ModelError, match=r"damping has the shape \(1, 1\), not \(2, 2\)"):
         nhbm.Matrices(np.eye(2), np.eye(2), 0.1)
     with pytest.raises(ModelError, match="keys of &tones such as {'unknown': True}"):
-        Model(nhbm.Chain(n_masses=1), tones=[None])
+        Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=1.0), tones=[None])
     model = Model.from_namelist(DUFFING)
     with pytest.raises(ModelError, match="'law.stop.%gap'.*spring"):
         model["stop.gap"] = 0.1

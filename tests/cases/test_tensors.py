@@ -36,6 +36,7 @@ def test_a_file_is_as_good_as_lists(tmp_path):
     other = oscillators(file=str(tmp_path / "terms.txt"))
     expected = lists.solve(order=9).coefficients.values
     np.testing.assert_array_equal(other.solve(order=9).coefficients.values, expected)
+    other.set("harmonics", order=9)
     (coefficients,) = read(solve(other.to_namelist(), tmp_path), "coefficients")
     np.testing.assert_array_equal(coefficients, expected)
 

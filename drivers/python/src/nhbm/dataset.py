@@ -29,11 +29,13 @@ AMPLITUDES = (
 )
 _MAIN = (
     "status message n_harmonics tuple tuples coefficients force_coefficients improved_coefficients truncation_estimate "
-    "aliasing_estimate frequency_estimate output_estimate penetration stability n_unstable exponent multiplier_real multiplier_imag "
-    "power_in power_damping power_laws curve_kind curve_branch curve_length gradient frequency_gradient gradient_estimate "
-    "gradient_defect position_gradient displacement_samples corrected_samples force_samples"
+    "aliasing_estimate frequency_estimate output_estimate penetration stability n_unstable exponent multiplier_real "
+    "multiplier_imag power_in power_damping power_laws curve_kind curve_branch curve_length gradient frequency_gradient "
+    "gradient_estimate gradient_defect position_gradient displacement_samples corrected_samples force_samples"
 ).split()
 _COORDINATES = "frequency", "tuple", "tuples"
+TUPLE = {"long_name": "integer tuple j of each harmonic", "units": "1"}
+Absent = Any  # type, axes and attributes of a column
 _DETAILS = "nhbm_details"  # in the encoding of a dataset, which selections keep
 _NAMES = {"is_stable": "stability"}  # columns that have another name as words
 
@@ -44,7 +46,7 @@ class Source:
     def __init__(self, text: str, has_own_tuples: bool, libraries: str = "", folder: Path = Path(), structure: Any = None) -> None:
         self.text, self.has_own_tuples, self.libraries = text, has_own_tuples, libraries
         self.folder, self.structure = folder, structure
-        self.absent: dict[str, tuple[Any, tuple[str, ...], dict[str, Any]]] = {}  # columns that are not known: type, axes, attributes
+        self.absent: dict[str, Absent] = {}  # columns of files that are not known
         self.n_points: int | None = None  # of a sweep or curve
 
 
@@ -66,6 +68,12 @@ def open_dataset(path: str | Path) -> xr.Dataset:
 
     imported("h5netcdf", "result files are opened with")
     return files.opened(path)
+
+
+def has_own_tuples(motion: xr.Dataset) -> bool:
+    """Whether the harmonics of a motion were chosen for its tolerance; assumed where its details were lost."""
+    found = motion.encoding.get(_DETAILS)
+    return found is None or bool(found[1].has_own_tuples)
 
 
 def check_found(data: xr.Dataset, name: str) -> None:
@@ -134,10 +142,11 @@ AXES = {
 }
 
 
-def absent_from(session: Session) -> dict[str, tuple[Any, tuple[str, ...], dict[str, Any]]]:
+def absent_from(session: Session) -> dict[str, Absent]:
     """Columns of files whose values are not known for the last motion of a session."""
     columns = {name: session.column(name) for name in session.columns()}
-    found = {name: (session.kind_of(name), column.axes, column.attributes()) for name, column in columns.items() if column.values is None}
+    absent = {name: column for name, column in columns.items() if column.values is None}
+    found = {name: (session.kind_of(name), column.axes, column.attributes()) for name, column in absent.items()}
     for name, unit, meaning in _OF_STABILITY:
         if name not in columns:
             found[name] = np.dtype(float), ("multiplier",), {"units": unit, "long_name": meaning}
@@ -193,7 +202,7 @@ def result_of(columns: xr.Dataset, source: Source, coordinates: Mapping[str, Any
     elif "point" not in columns.dims:
         columns = columns.rename(tuples="tuple")
     if "tuple" in columns:
-        columns["tuple"].attrs.update(long_name="integer tuple j of each harmonic", units="1")
+        columns["tuple"].attrs.update(TUPLE)
     columns = columns.assign_coords({
         name: (("point",) if "point" in columns.dims else (), values, dict(attrs)) for name, (values, attrs) in coordinates.items()
     })  # fmt: skip
@@ -266,7 +275,8 @@ def row_of(found: Any) -> dict[str, Any]:
 def table(rows: list[dict[str, Any]], coordinates: Mapping[str, Any]) -> xr.Dataset:
     """Named numbers as the points of one dataset; NaN where a row lacks one."""
     variables = {name: ("point", np.array([row.get(name, np.nan) for row in rows])) for name in rows[0]}
-    return xr.Dataset(variables, {name: ("point", np.asarray(values), dict(attrs)) for name, (values, attrs) in coordinates.items()})
+    along = {name: ("point", np.asarray(values), dict(attrs)) for name, (values, attrs) in coordinates.items()}
+    return xr.Dataset(variables, along)
 
 
 @xr.register_dataset_accessor("nhbm")  # type: ignore[no-untyped-call, unused-ignore]
@@ -307,7 +317,7 @@ class Accessor:
     def _record(self) -> tuple[xr.Dataset, Source]:
         found = self._dataset.encoding.get(_DETAILS)
         if found is None:
-            raise ModelError("this dataset was computed from a result and has no details; use the result itself, or a selection of it")
+            raise ModelError("this dataset was computed from a result and has no details; use the result, or a selection of it")
         return found  # type: ignore[no-any-return]
 
     def save(self, path: str | Path) -> None:
@@ -342,7 +352,8 @@ class Accessor:
         columns: dict[str, Any] = {"kind": found["curve_kind"].values}
         columns.update({name: found[name].values for name in data.attrs.get("varies", ())})
         columns.update({one: found.nhbm.response(one)[0].values for one in of})
-        columns.update({name: found[name].values for name in ("status", "stability", "n_unstable", "curve_branch") if name in found})
+        others = ("status", "stability", "n_unstable", "curve_branch")
+        columns.update({name: found[name].values for name in others if name in found})
         import pandas
 
         return pandas.DataFrame(columns, index=pandas.Index(found["point"].values, name="point"))

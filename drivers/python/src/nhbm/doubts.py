@@ -35,7 +35,7 @@ def warn_of(session: Session) -> None:
 
 
 def warn_of_points(doubts: Iterable[tuple[str, str]], n_points: int) -> None:
-    """One warning for many motions, from the status and the doubt of each that has one: their numbers, and the first of each kind."""
+    """One warning for many motions, from status and doubt of each that has one: their numbers, and the first of each kind."""
     kinds: dict[str, list[str]] = {}
     for status, text in doubts:
         kinds.setdefault(status, []).append(text)

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
-from nhbm.dataset import AXES, Source, split, with_words
+from nhbm.dataset import AXES, TUPLE, Source, split, with_words
 from nhbm.errors import ModelError
 from nhbm.groups import Groups, described, path_of
 from nhbm.session import Session
@@ -23,13 +23,14 @@ _MESSAGE_LENGTH = 400  # bytes
 _MULTIPLIERS = 16
 _OF_STABILITY = {"exponent", "multiplier_real", "multiplier_imag"}
 _TEXTS = "input_text", "input_overrides", "input_complete", "input_libraries"
-_STRUCTURE = "structure in memory"
+_STRUCTURE = Structure.input_name
+_TUPLES = "integer tuple j of each harmonic of the point; only the first n_harmonics are in use"
 # Columns that a file has and that motions in memory have not: type and axes besides the point, unit and meaning.
 _LATER: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
     "branch": (np.int32, (), "1", "segment of the response along the fastest swept parameter, from 1; 0: unknown"),
     "integration_verdict": (np.int32, (), "1", "verdict of nhbm verify"),
-    "integration_first_difference": (float, (), "1", "largest difference from time integration in the first period of the slowest tone, "
-                                     "relative to the motion of its coordinate"),
+    "integration_first_difference": (float, (), "1", "largest difference from time integration in the first period of the slowest "
+                                     "tone, relative to the motion of its coordinate"),
     "integration_difference": (float, (), "1", "difference from time integration in the last periods, for the coordinate with the "
                                "largest ratio to its limit, relative to its motion"),
     "integration_limit": (float, (), "1", "limit of that difference"),
@@ -90,6 +91,7 @@ def opened(path: str | Path) -> xr.Dataset:
     elif data.sizes["point"] == 1:
         data = data.isel(point=0, drop=True)
         data = data.rename(tuples="tuple") if "tuples" in data else data
+        data["tuple"].attrs.update(TUPLE)
     source.n_points = data.sizes.get("point")
     return split(data, source)
 
@@ -125,14 +127,15 @@ def _columns(data: xr.Dataset, details: xr.Dataset, has_own_tuples: bool) -> xr.
         details = details.assign_coords(point=data["point"])
     names = ("frequency", "tuple", "tuples")
     data = data.reset_coords([name for name in names if name in data.coords])
-    data = data.merge(details.reset_coords([name for name in names if name in details.coords]).drop_vars(
-        [name for name in (*names, *data.variables) if name in details.variables and name not in details.dims], errors="ignore"))  # fmt: skip
+    details = details.reset_coords([name for name in names if name in details.coords])
+    known = [name for name in (*names, *data.variables) if name in details.variables and name not in details.dims]
+    data = data.merge(details.drop_vars(known, errors="ignore"))
     if "point" not in data.dims:
         own = data["tuple"].variable
         data = data.drop_vars([name for name in data.coords if re.fullmatch(r"tuple_\d+", str(name))])
         data = data.drop_vars("tuple").expand_dims(point=1)
         data = data.assign_coords(point=("point", np.zeros(1, dtype=np.int32), {"long_name": AXES["point"], "units": "1"}))
-        whole = ("point", *own.dims), own.values[np.newaxis], own.attrs
+        whole = ("point", *own.dims), own.values[np.newaxis], {**own.attrs, "long_name": _TUPLES}
         data = data.assign(tuples=whole) if has_own_tuples else data.assign(tuple=own)
     for name in [name for name in data.coords if "parameter" in data[name].attrs]:
         path = data[name].attrs["parameter"]
@@ -314,7 +317,8 @@ def _add_checksums(file: h5py.File, axes: _Axes, n: int) -> None:
     names = [name for name, entry in file.items()
              if entry.ndim and entry.shape[0] == n and entry.dims[0] and entry.dims[0][0].name == "/point" and name != "point"
              and entry.dtype.kind != "O" and ("parameter" not in entry.attrs or "moves_along" in entry.attrs)
-             and name not in ("branch", "rank") and not name.startswith("integration_") and not name.endswith("_seconds")]  # fmt: skip
+             and name not in ("branch", "rank") and not name.startswith("integration_")
+             and not name.endswith("_seconds")]  # fmt: skip
     sums = np.zeros(n, dtype=np.uint32)
     for k in range(n):
         value = 0

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nhbm.errors import ModelError, meant
+from nhbm.errors import ModelError
 from nhbm.keys import check_keys, keys_of, missing_key
 
 REPEATED = "load", "law", "start", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several

@@ -104,8 +104,8 @@ class Law:
         self.function, self.odd = function, odd
         self.__name__ = str(getattr(function, "__name__", type(function).__name__))
         self.__module__ = str(getattr(function, "__module__", __name__))
-        self._options = {"arguments": arguments, "velocity": velocity, "degree": degree, "length_scale": length_scale, "odd": odd, "phases": phases,
-                         "frequencies": frequencies, "states": states, "advance": advance}  # fmt: skip
+        self._options = {"arguments": arguments, "velocity": velocity, "degree": degree, "length_scale": length_scale, "odd": odd,
+                         "phases": phases, "frequencies": frequencies, "states": states, "advance": advance}  # fmt: skip
         if (states > 0) != (advance is not None):
             raise ModelError(f"law '{self.__name__}': states, their number, and the function advance belong together")
         address = _address(function)
@@ -270,8 +270,8 @@ def _roles_of(name: str, arguments: list[str], declared: str | None) -> list[str
     for k, (role, one) in enumerate(zip(roles, arguments)):
         if not role or role in roles[:k]:
             raise ModelError(
-                f"law '{name}': argument '{one}' is not known, or like an earlier one; name the displacements q, velocities v and parameters p, or declare "
-                "them: nhbm.law(f, arguments='q p')"
+                f"law '{name}': argument '{one}' is not known, or like an earlier one; name the displacements q, velocities v and "
+                "parameters p, or declare them: nhbm.law(f, arguments='q p')"
             )
     if "q" not in roles:
         raise ModelError(f"law '{name}' takes no displacements: the arguments are q, and optionally v and p")

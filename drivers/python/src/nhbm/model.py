@@ -183,7 +183,8 @@ class Model:
         model._folder = Path(folder)
         session = Session(model._find_structure)
         session.read(text, str(model._folder / name))
-        model._groups = Groups(group for group in Groups.of_text(session.input(given=True)) if group.name in GROUPS and group.name != "curve")
+        given = Groups.of_text(session.input(given=True))
+        model._groups = Groups(group for group in given if group.name in GROUPS and group.name != "curve")
         for group in model._groups:
             if group.keys.get("type") == "user" and not group.keys.get("library"):
                 group.put("name", next((law for law in session.laws if law.input_name == group.keys["name"]), group.keys["name"]))
@@ -695,7 +696,9 @@ class Model:
         if not points:
             raise ModelError(session.message or "the curve has no points")
         found = self._on_curve(points, path, self._source(session))
-        doubts.warn_of_points(doubtful[: -1 if has_warned and doubtful and doubtful[-1][0] not in dataset.SOLVED else None], len(points))
+        if has_warned and doubtful and doubtful[-1][0] not in dataset.SOLVED:
+            doubtful.pop()  # that of the end
+        doubts.warn_of_points(doubtful, len(points))
         return found
 
     def _on_curve(self, points: list[xr.Dataset], path: str, source: dataset.Source) -> xr.Dataset:
@@ -776,13 +779,16 @@ class Model:
             "frequency": np.ascontiguousarray(motion["frequency"].values, float),
             "tuples": np.ascontiguousarray(tuples.values[:n], np.int32),
             "coefficients": np.ascontiguousarray(motion["coefficients"].values[:, :n], float),
-            "frequency_estimate": np.ascontiguousarray(motion.get("frequency_estimate", motion["frequency"] * np.nan).values, float),
+            "frequency_estimate": np.ascontiguousarray(motion.get("frequency_estimate", np.nan * motion["frequency"]), float),
         }
         numbers = {name: float(motion.get(name, np.nan)) for name in ("truncation_estimate", "aliasing_estimate")}
-        session = here._live(Settings()).session
-        session.verify_motion(
-            Motion(len(parts["frequency"]), n, len(parts["coefficients"]), **{k: part.ctypes.data for k, part in parts.items()}, **numbers,
-                   status=dataset.STATUSES.index(motion["status"].item()), n_unstable=int(motion["n_unstable"])), periods)  # fmt: skip
+        has_own_tuples = "tuples" in motion.coords or dataset.has_own_tuples(motion)
+        order = None if has_own_tuples else abs(parts["tuples"]).max(axis=0).tolist()
+        session = here._live(request(None, order)).session
+        sizes = {"n_tones": len(parts["frequency"]), "n_harmonics": n, "n_dofs": len(parts["coefficients"])}
+        words = {"status": dataset.STATUSES.index(motion["status"].item()), "n_unstable": int(motion["n_unstable"])}
+        addresses = {name: part.ctypes.data for name, part in parts.items()}
+        session.verify_motion(Motion(**sizes, **addresses, **numbers, **words), periods)
         return dataset.record_of(session)
 
     @_exclusive
@@ -848,7 +854,8 @@ class Model:
     def _source(self, session: Session, grid: Mapping[str, Any] | None = None, paired: bool = False,
                 warm: bool = False) -> dataset.Source:  # fmt: skip
         """What the motions of a session belong to, with the values of a sweep by path."""
-        has_own_tuples = not any(key in group.keys for group in self._groups.with_settings(self._used).named("harmonics") for key in SETS)
+        sets = self._groups.with_settings(self._used).named("harmonics")
+        has_own_tuples = not any(key in group.keys for group in sets for key in SETS)
         structure = self._groups.first("structure")
         file = None if structure is None else structure.keys.get("file")
         text = session.input()
@@ -857,7 +864,8 @@ class Model:
         for axis, (path, values) in enumerate((grid or {}).items(), start=1):
             key = "texts" if isinstance(plain(values[0]), str) else "values"
             text += Group("sweep", {"axis": 1 if paired else axis, "parameter": path, key: values}).text()
-        source = dataset.Source(text, has_own_tuples, session.libraries(), self._folder, file if isinstance(file, Structure) else None)
+        in_memory = file if isinstance(file, Structure) else None
+        source = dataset.Source(text, has_own_tuples, session.libraries(), self._folder, in_memory)
         if session.has_motion:
             source.absent = dataset.absent_from(session)
         return source
