@@ -24,7 +24,8 @@ def response_of(session: Session, of: str) -> float:
         return float(np.sqrt((motion[tuples.any(axis=1)] ** 2).sum() / 2))
     if len(wanted) != tuples.shape[1]:
         raise ModelError(f"'{of}' has a tuple of {len(wanted)} entries, there are {tuples.shape[1]} tones")
-    found = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
+    # not ==, in which NumPy takes a KeyboardInterrupt during the conversion of `wanted` for a comparison that is false
+    found = np.equal(tuples, wanted).all(axis=1) | np.equal(tuples, np.negative(wanted)).all(axis=1)
     return float(np.sqrt((motion[found] ** 2).sum())) if found.any() else float("nan")
 
 
@@ -53,7 +54,7 @@ def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
     if wanted is None:
         counts, size = tuples.any(axis=1), 2 * size
     else:
-        counts = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
+        counts = np.equal(tuples, wanted).all(axis=1) | np.equal(tuples, np.negative(wanted)).all(axis=1)
     slopes: np.ndarray[Any, Any] = (by[:, i_dof] * motion)[:, counts].sum(axis=(1, 2)) / (size or np.nan)
     return slopes
 
