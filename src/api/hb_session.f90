@@ -26,11 +26,12 @@ module hb_session
    use hb_model, only: callbacks_t, model_t
    use hb_model_files, only: list_model_files
    use hb_model_reader, only: group_names, read_model, update_model
-   use hb_model_tones, only: put_frequencies, read_tones
+   use hb_model_tones, only: read_tones
    use hb_model_warnings, only: describe_warnings
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_doubt, only: describe_doubt
    use hb_motion_result, only: motion_result_t
+   use hb_movement, only: follow_frequencies
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
@@ -459,7 +460,6 @@ contains
       type(document_t), target :: document
       type(model_t) :: model
       type(claim_t) :: claim
-      logical :: is_new
 
       call check_input(self, error)
       if (allocated(error)) return
@@ -481,8 +481,7 @@ contains
          return
       end if
       if (any(model%tones%is_unknown)) then                           ! values may follow unknown frequencies
-         call put_frequencies(document, model%tones, motion%frequency)
-         call update_model(model, document, is_new, error)
+         call follow_frequencies(model, motion%frequency, error)
          if (allocated(error)) return
       end if
       claim%omega = motion%frequency
