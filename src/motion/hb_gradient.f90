@@ -1,7 +1,8 @@
 !> Derivatives of a motion with respect to numbers of its model.
 !> The equations R(x, p) = 0 of a motion are differentiated with respect to a value p: dx/dp = -J**-1 dR/dp, with the
 !> tangent J of the solution and one linear solution for each value; unknown frequencies are part of x. The
-!> derivatives of interior degrees of freedom follow from a small step along dx/dp. The residual at this step is
+!> derivatives of interior degrees of freedom follow from those of the structure, or from a small step along dx/dp if the
+!> structure is constant. The residual at this step is
 !> checked: it is of second order in the step where the equations are smooth, and of first order where contact or
 !> friction begins or ends during a part of the period that the step changes. Source: docs/why/theory.md, section 6.8.
 module hb_gradient
@@ -19,13 +20,14 @@ module hb_gradient
    use hb_model_basis, only: coordinates_of
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number
-   use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
+   use hb_model_problem, only: model_problem_t, moves_structure, moving_value_t, new_model_problem
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_normal_mode, only: amplitude_functionals
    use hb_outcome, only: is_solved, outcome
    use hb_phase, only: coefficient_functional, shift_functional
    use hb_problem, only: problem_t
+   use hb_response_slope, only: find_motion_slopes
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: difference_step, minor, sharp
    use hb_tuple_choice, only: new_doubled_set
@@ -367,12 +369,13 @@ contains
       real(wp), intent(in) :: slope(:), by_value(:)                   !! derivatives of the unknowns, and of the equations
       integer, intent(in) :: k                                        !! number of the value
       type(gradient_t), intent(inout) :: gradient
-      complex(wp), allocatable :: c(:, :, :)
+      complex(wp), allocatable :: c(:, :, :), slopes(:, :)
       real(wp) :: at(2), omega(known%model%tones%n_tones, 2), r(known%n), x(size(slope))
       integer :: side
-      logical :: is_possible
+      logical :: has_slopes, is_possible
 
       allocate (c(known%model%structure%n_dofs, known%model%harmonics%n_harmonics, 2))
+      call find_slopes()
       associate (n => known%n)
          do side = 1, 2
             at(side) = (2*side - 3)*step
@@ -389,10 +392,26 @@ contains
          end do
          gradient%frequency(:, k) = (omega(:, 2) - omega(:, 1))/(at(2) - at(1))
          gradient%frequency(known%tones, k) = slope(n + 1:n + size(known%tones))
-         call keep_slope(gradient, known%model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1)))
+         if (.not. has_slopes) slopes = (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1))
+         call keep_slope(gradient, known%model%output%dofs, k, slopes)
       end associate
 
    contains
+
+      !> If the structure moves, differences of the motion of its interior would lose the digits that the condition number
+      !> of the interior costs.
+      subroutine find_slopes()
+         real(wp) :: typical
+         integer :: h
+
+         has_slopes = moves_structure(moved) .and. .not. moved%moves_coordinates()
+         if (.not. has_slopes) return
+         typical = step/difference_step
+         moved%which = [known%which, moved%own]
+         allocate (slopes(known%model%structure%n_dofs, known%model%harmonics%n_harmonics))
+         call find_motion_slopes(moved, [known%x, value], typical*[slope, 1.0_wp], [(h, h=1, size(slopes, 2))], slopes, has_slopes)
+         slopes = slopes/typical
+      end subroutine find_slopes
 
       subroutine go(is_possible)
          logical, intent(out) :: is_possible

@@ -26,7 +26,7 @@ module hb_model_problem
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: model_problem_t, moving_value_t, new_model_problem, refusal_t
+   public :: model_problem_t, moves_structure, moving_value_t, new_model_problem, refusal_t
 
    !> A number of a model that moves.
    type :: moving_value_t
@@ -553,8 +553,7 @@ contains
 
       step = typical*merge(0.5_wp, difference_step, movement%is_affine)
       do i = 1, 2
-         numbers = [model_number_t ::]
-         values = [real(wp) ::]
+         call begin_numbers(numbers, values)
          call add_linear_numbers(movement, value + (3 - 2*i)*step, numbers, values)
          call find_side(self, (3 - 2*i)*step, numbers, values, sides(i))
       end do
@@ -562,6 +561,14 @@ contains
       call self%reaction_derivative(x, reaction_slope(self, structure_slope, load_slopes, x), part, error)
       if (.not. allocated(error)) derivative = derivative + part
    end subroutine add_derivative_of_structure
+
+   !> Empty lists, to which numbers and values are added.
+   pure subroutine begin_numbers(numbers, values)
+      type(model_number_t), allocatable, intent(out) :: numbers(:)
+      real(wp), allocatable, intent(out) :: values(:)
+
+      allocate (numbers(0), values(0))
+   end subroutine begin_numbers
 
    !> Structure and loads beside the present point; those at the point at the end of the range of a number.
    subroutine find_side(self, position, numbers, values, side)
@@ -595,6 +602,13 @@ contains
       call loads%add_scaled(sides(2)%loads, -weight*once)
    end subroutine find_difference
 
+   !> Whether the matrices of the structure move with the value.
+   pure logical function moves_structure(self)
+      class(model_problem_t), intent(in) :: self
+
+      moves_structure = self%movement%structure
+   end function moves_structure
+
    !> Derivatives of structure and loads, at constant frequencies, along a direction of the parameters `which`.
    subroutine model_problem_find_linear_slopes(self, direction, structure, loads)
       class(model_problem_t), intent(inout) :: self                   !! unchanged
@@ -611,8 +625,7 @@ contains
       has_structure = .false.
       do i = 1, 2
          position = (3 - 2*i)*difference_step
-         numbers = [model_number_t ::]
-         values = [real(wp) ::]
+         call begin_numbers(numbers, values)
          do k = 1, size(self%which)
             if (self%which(k) == self%own .and. .not. self%moves_mode) then
                call add_linear_numbers(self%movement, self%value + position*direction(k), numbers, values)

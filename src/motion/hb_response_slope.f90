@@ -1,4 +1,4 @@
-!> Derivative of the amplitudes of a degree of freedom along a direction of a curve of motions.
+!> Derivatives of the motion along a direction of a curve of motions, of one degree of freedom or of all.
 !> Frequencies have exact derivatives, and so have the matrices and loads that are affine functions of the numbers that
 !> move (hb_model_problem); the interior follows by one condensation. If the coordinates of the laws move, it is a central
 !> difference. Source: docs/why/theory.md, section 6.7.
@@ -9,7 +9,7 @@ module hb_response_slope
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: find_series_slope
+   public :: find_motion_slopes, find_series_slope
 
 contains
 
@@ -21,25 +21,39 @@ contains
       real(wp), intent(in) :: x(:), direction(:)                      !! unknowns, then the parameters `which`
       integer, intent(in) :: harmonics(:)                             !! numbers of the requested ones
       complex(wp), allocatable, intent(out) :: slope(:)               !! (size(harmonics))
-      type(moving_parameters_t) :: moving
       complex(wp), allocatable :: all_slopes(:, :)
-      logical :: is_singular
+      logical :: is_found
 
       if (problem%moves_coordinates()) then
          call find_difference(problem, dof, x, direction, harmonics, slope)
          return
       end if
+      allocate (all_slopes(problem%model%structure%n_dofs, size(harmonics)))
+      call find_motion_slopes(problem, x, direction, harmonics, all_slopes, is_found)
+      if (is_found) slope = all_slopes(dof, :)
+   end subroutine find_series_slope
+
+   !> Finds the derivatives of some harmonics of all degrees of freedom, as `find_series_slope` does; the coordinates of laws
+   !> must not move.
+   subroutine find_motion_slopes(problem, x, direction, harmonics, slopes, is_found)
+      type(model_problem_t), intent(inout) :: problem                 !! unchanged on return
+      real(wp), intent(in) :: x(:), direction(:)                      !! unknowns, then the parameters `which`
+      integer, intent(in) :: harmonics(:)                             !! numbers of the requested ones
+      complex(wp), intent(out) :: slopes(:, :)                        !! (n_dofs, size(harmonics))
+      logical, intent(out) :: is_found                                !! the structure is not singular
+      type(moving_parameters_t) :: moving
+      logical :: is_singular
+
       moving%frequencies = problem%frequencies
       moving%drives = problem%drives()
       moving%loads = problem%model%loads
       call add_frequency_slopes(problem, direction, moving)
       call problem%find_linear_slopes(direction(problem%n_unknowns + 1:), moving%structure_slope, moving%load_slopes)
       call moving%load_slopes%add_scaled(problem%model%load_slopes, moving%frequency_slopes)
-      allocate (all_slopes(problem%model%structure%n_dofs, size(harmonics)))
       call find_motion_slope(problem%model%structure, problem%stiffness%coordinates, moving, harmonics, motion_in(problem, x), &
-                             motion_in(problem, direction), all_slopes, is_singular)
-      if (.not. is_singular) slope = all_slopes(dof, :)
-   end subroutine find_series_slope
+                             motion_in(problem, direction), slopes, is_singular)
+      is_found = .not. is_singular
+   end subroutine find_motion_slopes
 
    !> Amplitudes of the coordinates of a vector along the curve, (n_coordinates, n_harmonics).
    function motion_in(problem, x) result(motion)
