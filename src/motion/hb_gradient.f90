@@ -20,7 +20,7 @@ module hb_gradient
    use hb_model_basis, only: coordinates_of
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number
-   use hb_model_problem, only: model_problem_t, moves_structure, moving_value_t, new_model_problem
+   use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_normal_mode, only: amplitude_functionals
@@ -363,7 +363,7 @@ contains
    !> Takes steps to both sides along the derivative: they give the derivatives of all degrees of freedom and the
    !> residual.
    subroutine take_steps(known, moved, value, step, slope, by_value, k, gradient)
-      type(known_t), intent(in) :: known
+      type(known_t), intent(inout) :: known                           !! unchanged
       type(model_problem_t), intent(inout) :: moved
       real(wp), intent(in) :: value, step
       real(wp), intent(in) :: slope(:), by_value(:)                   !! derivatives of the unknowns, and of the equations
@@ -401,10 +401,13 @@ contains
       !> If the structure moves, differences of the motion of its interior would lose the digits that the condition number
       !> of the interior costs.
       subroutine find_slopes()
+         type(error_t), allocatable :: error
+         type(movement_t) :: movement
          real(wp) :: typical
          integer :: h
 
-         has_slopes = moves_structure(moved) .and. .not. moved%moves_coordinates()
+         call new_movement(movement, known%model, known%model%gradient%by(k), .false., error)
+         has_slopes = movement%structure .and. .not. moved%moves_coordinates()
          if (.not. has_slopes) return
          typical = step/difference_step
          moved%which = [known%which, moved%own]

@@ -26,7 +26,7 @@ module hb_model_problem
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: model_problem_t, moves_structure, moving_value_t, new_model_problem, refusal_t
+   public :: model_problem_t, moving_value_t, new_model_problem, refusal_t
 
    !> A number of a model that moves.
    type :: moving_value_t
@@ -601,13 +601,6 @@ contains
       call loads%add_scaled(sides(1)%loads, weight*once)
       call loads%add_scaled(sides(2)%loads, -weight*once)
    end subroutine find_difference
-
-   !> Whether the matrices of the structure move with the value.
-   pure logical function moves_structure(self)
-      class(model_problem_t), intent(in) :: self
-
-      moves_structure = self%movement%structure
-   end function moves_structure
 
    !> Derivatives of structure and loads, at constant frequencies, along a direction of the parameters `which`.
    subroutine model_problem_find_linear_slopes(self, direction, structure, loads)
