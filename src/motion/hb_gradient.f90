@@ -384,7 +384,7 @@ contains
                at(side) = 0.0_wp
                call go(is_possible)
             end if
-            call moved%all_dofs(x(:n), c(:, :, side))
+            if (.not. has_slopes) call moved%all_dofs(x(:n), c(:, :, side))
             omega(:, side) = moved%omega
             call moved%residual(x(:n), r)
             gradient%defect(k) = max(gradient%defect(k), norm2((r - known%residual)/moved%r_scale)/ &
