@@ -65,7 +65,7 @@ def test_two_dashes_end_the_options(tmp_path):
         (("solve", "case.nml", "--set", "law%gap="), "--set law%gap= has no value; --unset law%gap removes the key"),
         (("solve", "case.nml", "--unset", "law%gap=1"), "--unset takes a path without a value, not 'law%gap=1'"),
         (("info", "case.h5", "--set", "a%b=1"), "info has no option --set; it has --check, --quiet"),
-        (("verify", "case.h5", "--overwrite"), "verify has no option --overwrite; it has --workers, --quiet"),
+        (("verify", "case.h5", "--overwrite"), "verify has no option --overwrite; it has --time-limit, --workers"),
         (("integrate", "case.nml", "--points=1"), "integrate has no option --points; it has --output, -o, --overwrite"),
     ],
 )
