@@ -31,3 +31,8 @@ def meant(name: str, known: list[str]) -> str:
     lower = {other.lower(): other for other in reversed(known)}
     close = difflib.get_close_matches(name.lower(), lower, 1, 0.7)
     return f"; did you mean '{lower[close[0]]}'?" if close else ""
+
+
+def among(name: str, known: list[str]) -> str:
+    """The end of a message on an unknown name: the known one that is like it, or all known ones."""
+    return meant(name, known) or f"; known: {', '.join(known)}"

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from nhbm._library import KEY_ROW_SIZE, library, raise_error
-from nhbm.errors import ModelError, meant
+from nhbm.errors import ModelError, among
 
 _WORDS = re.compile(r"'[^']*'(, '[^']*')*")  # a range of nothing but words
 
@@ -74,7 +74,7 @@ def check_keys(group: str, given: Mapping[str, Any], subject: str = "") -> None:
     for name, value in given.items():
         stem = name.partition("(")[0]
         if stem.lower() not in known:
-            raise ModelError(f"{subject}: unknown key '{name}'{meant(stem, list(known))}; known: {', '.join(known)}")
+            raise ModelError(f"{subject}: unknown key '{name}'{among(stem, list(known))}")
         if isinstance(value, str):
             _check_word(subject, known[stem.lower()], value)
 
@@ -91,4 +91,4 @@ def _check_word(subject: str, key: Key, value: str) -> None:
         return
     known = re.findall(r"'([^']*)'", key.range)
     if value.lower() not in known:
-        raise ModelError(f"{subject}: {key.name} = '{value}' is not known{meant(value, known)}; known: {', '.join(known)}")
+        raise ModelError(f"{subject}: {key.name} = '{value}' is not known{among(value, known)}")

@@ -17,7 +17,7 @@ import xarray as xr
 from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
 from nhbm.docstrings import documented
-from nhbm.errors import ModelError, meant
+from nhbm.errors import ModelError, among
 from nhbm.groups import (
     GROUPS,
     REPEATED,
@@ -222,7 +222,7 @@ class Model:
         if group in REPEATED:
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group not in GROUPS:
-            raise ModelError(f"unknown group '{group}'{meant(group, list(GROUPS))}; known: {', '.join(GROUPS)}")
+            raise ModelError(f"unknown group '{group}'{among(group, list(GROUPS))}")
         own = self._groups.first(group)
         kind = own.keys["type"] if own is not None and "type" in own.keys and "type" not in keys else None
         check_keys(group, {**keys, "type": kind} if kind else keys)
