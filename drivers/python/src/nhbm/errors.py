@@ -12,7 +12,7 @@ class ModelError(Exception):
 
 
 class NotConverged(UserWarning):
-    """A motion was not found, or does not satisfy its tolerance."""
+    """A motion was not found, or is doubtful: less accurate than requested, or with a law whose derivatives are wrong."""
 
 
 def imported(module: str, purpose: str, package: str = "") -> Any:

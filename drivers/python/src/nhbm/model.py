@@ -101,8 +101,8 @@ class Model:
     Raises
     ------
     ModelError
-        Invalid model, with group, key and a suggestion; loads are checked when they are added, other values by the operation
-        that first needs them.
+        Invalid model, with group, key and a suggestion: keys, words and, for structures that are not large, whole groups are
+        checked when they are added, other values by the operation that first needs them.
 
     Examples
     --------
@@ -444,14 +444,14 @@ class Model:
         Returns
         -------
         xarray.Dataset
-            The names, axes and units of the result file (docs/user/schema.md); `dataset.nhbm` has amplitudes, harmonics,
-            values over time and plots.
+            Motion, errors, stability and status, with the names, axes and units of the result file (docs/user/schema.md);
+            `dataset.nhbm` has amplitudes, values over time, plots, `details`, `save`.
 
         Warns
         -----
         NotConverged
-            The motion was not found, or does not satisfy its tolerance; its `status` is not 1, and `dataset.nhbm.message`
-            gives the reason.
+            The motion was not found, or is less accurate than requested, with the estimates, their limits and what to do; or a
+            derivative of a law is wrong.
         """
         session = self._live(request(tolerance, order)).session
         self._solved = self._used
