@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 import types
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -344,6 +345,17 @@ def test_curves_that_end_early_are_reported():
     assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3)).any()
     whole = model.curve("tones[0]", 0.5, 2.5, order=3)
     assert set(reasons(whole)) == {"none"}
+
+
+def test_a_curve_that_ends_where_the_motion_vanishes_is_complete():
+    """A van der Pol oscillator, whose limit cycle vanishes where the damping equals the strength."""
+    model = Model(nhbm.Chain(n_masses=1, mass=1.0, ends="fixed-free", coupling_stiffness=1.0, damping_mass=0.05),
+                  tones={"unknown": [True]})  # fmt: skip
+    model.law("van_der_pol", "x1", strength=0.3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", nhbm.NotConverged)
+        curve = model.curve("structure%damping_mass", 0.05, 0.4, order=5)
+    assert curve["status"][-1] == "collapsed"
 
 
 def test_a_curve_that_ends_at_a_graze_is_reported():

@@ -696,8 +696,8 @@ class Model:
         if not points:
             raise ModelError(session.message or "the curve has no points")
         found = self._on_curve(points, path, self._source(session))
-        if has_warned and doubtful and doubtful[-1][0] not in dataset.SOLVED:
-            doubtful.pop()  # that of the end
+        if doubtful and (doubtful[-1][0] == "collapsed" or (has_warned and doubtful[-1][0] not in dataset.SOLVED)):
+            doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
         doubts.warn_of_points(doubtful, len(points))
         return found
 
