@@ -248,7 +248,7 @@ class Groups:
         """The groups of an input that the library has written: one key to a line, lists over several."""
         groups = cls()
         for name, body in re.findall(r"^&(\w+)\n(.*?)^/", text, re.DOTALL | re.MULTILINE):
-            keys = {}
+            keys: dict[str, Any] = {}
             for key, words in re.findall(r"^ {3}(\w+) = ((?:[^\n]*,\n)*[^\n]*)$", body, re.MULTILINE):
                 keys[key] = tuple(_value(word) for times, word in _WORD.findall(words) for _ in range(int(times or 1)))
             groups.add(Group(name, {key: values[0] if len(values) == 1 else values for key, values in keys.items()}))
