@@ -338,7 +338,7 @@ contains
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
-      logical :: is_free, is_lost, is_stiff
+      logical :: is_free, is_lost
 
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
@@ -372,8 +372,7 @@ contains
       call tangent%solve(problem, alias, is_lost)
       if (is_lost) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
-      is_stiff = acts_rigidly(balance, wide, is_free)
-      call whole%find_two_steps(big, r, is_stiff .or. has_multipliers(balance), first, second, is_lost)
+      call whole%find_two_steps(big, r, has_multipliers(balance), first, second, is_lost)
       if (is_lost) return
       self%truncation = hypot(norm2(on_wide(first)), norm2(on_wide(second)))/size_of_motion
       if (norm2(on_wide(second)) < nearer*norm2(on_wide(first))) then
@@ -386,7 +385,7 @@ contains
       if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
       self%n_products = whole%n_products
       ! an error above `minor` is too large for one linear step
-      if (is_stiff .or. (is_free .and. self%truncation > minor)) &
+      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > minor)) &
          call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics

@@ -37,7 +37,6 @@ module hb_wide_problem
    ! Remaining residual of the equations of a step, relative. Near resonances a step is inaccurate by up to a hundred times as
    ! much; the second step corrects that of the first.
    real(wp), parameter :: of_first = 3.0e-3_wp, of_second = 0.1_wp
-   real(wp), parameter :: of_one_tone = 1.0e-9_wp                    ! products are cheap, and the preconditioner almost exact
    real(wp), parameter :: negligible = 1.0e-2_wp                      ! a second step in blocks, relative to the first
    real(wp), parameter :: largest_residual = 0.5_wp                   ! of a step that is one
    integer, parameter :: n_vectors = 40, most_products = 200
@@ -105,7 +104,7 @@ contains
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: r(:)                                    !! residual of the motion (n_unknowns)
-      logical, intent(in) :: is_rigid                                 !! a law is rigid, or acts as a rigid one
+      logical, intent(in) :: is_rigid                                 !! a law is rigid
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step was found
       real(wp) :: r_there(size(r))
@@ -127,14 +126,14 @@ contains
          end if
          self%is_lost = .false.
       end if
-      call self%find_step(motion, r, accuracy_of(of_first), first, is_found)
+      call self%find_step(motion, r, of_first, first, is_found)
       is_lost = .not. is_found
       if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
       is_lost = self%is_lost
       if (is_lost .or. norm2(second) <= negligible*norm2(first)) return
-      call self%find_step(moved(), r_there, accuracy_of(of_second), second, is_found)
+      call self%find_step(moved(), r_there, of_second, second, is_found)
       is_lost = .not. is_found
 
    contains
@@ -150,12 +149,6 @@ contains
          if (is_found) is_found = norm2(third) < nearer*norm2(second)
          if (is_found) second = second + third
       end subroutine add_third
-
-      real(wp) function accuracy_of(step)
-         real(wp), intent(in) :: step                                 !! of several tones
-
-         accuracy_of = merge(of_one_tone, step, size(self%wide%omega) == 1)
-      end function accuracy_of
 
       !> The motion after the first step.
       function moved()
@@ -241,38 +234,10 @@ contains
          self%krylov%patience = patience
       end if
       call self%krylov%solve(self, r, accuracy, step)
-      call leave_out_null_vector(self, accuracy, step)
+      call self%solver%remove_null_vector(step, self%positions)
       self%n_products = self%krylov%n_products
       is_found = all(ieee_is_finite(step)) .and. self%krylov%residual <= largest_residual
    end subroutine wide_problem_find_step
-
-   !> Removes from a step its component along the null vector of the wide tangent, if the narrow solver leaves out its own one:
-   !> the step has then no component along that. The vector is the result of an inverse iteration.
-   subroutine leave_out_null_vector(self, accuracy, step)
-      class(wide_problem_t), intent(inout) :: self
-      real(wp), intent(in) :: accuracy
-      real(wp), intent(inout) :: step(:)                              !! (n_unknowns)
-      real(wp), dimension(size(step)) :: along, narrow, null_vector
-      integer :: i
-
-      narrow = component_of(cos([(real(i, wp), i=1, size(step))])*self%x_scale)
-      if (.not. any(abs(narrow) > 0.0_wp)) return                     ! nothing is left out
-      call self%krylov%solve(self, narrow/self%x_scale*self%r_scale, accuracy, null_vector)
-      along = component_of(null_vector)
-      step = step - dot_product(component_of(step), narrow)/dot_product(along, narrow)*null_vector
-
-   contains
-
-      !> Component along the null vector of the narrow tangent.
-      function component_of(vector) result(component)
-         real(wp), intent(in) :: vector(:)
-         real(wp) :: component(size(vector))
-
-         component = vector
-         call self%solver%remove_null_vector(component, self%positions)
-         component = vector - component
-      end function component_of
-   end subroutine leave_out_null_vector
 
    !> The block step: of the retained unknowns and parameters alone, and of each added harmonic alone.
    subroutine wide_problem_step_in_blocks(self, r, step)
