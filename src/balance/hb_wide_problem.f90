@@ -36,7 +36,7 @@ module hb_wide_problem
    real(wp), parameter :: nearer = 0.5_wp                             !! a second step, relative to the first
    ! Remaining residual of the equations of a step, relative. Near resonances a step is inaccurate by up to a hundred times as
    ! much; the second step corrects that of the first.
-   real(wp), parameter :: of_first = 3.0e-3_wp, of_second = 0.1_wp
+   real(wp), parameter :: of_first = 1.0e-3_wp, of_second = 3.0e-2_wp
    real(wp), parameter :: negligible = 1.0e-2_wp                      ! a second step in blocks, relative to the first
    real(wp), parameter :: largest_residual = 0.5_wp                   ! of a step that is one
    integer, parameter :: n_vectors = 40, most_products = 200

@@ -29,7 +29,6 @@ module hb_level
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, or the orders of a box, from one level to the next
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that is too small for the motion
    real(wp), parameter :: smaller_tail = 0.2_wp
-   real(wp), parameter :: share_of_distant = 0.3_wp                   ! of the tail, in distant tuples that are left out
    integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
    real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
@@ -119,11 +118,10 @@ contains
       type(harmonics_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: around
-      real(wp), allocatable :: amplitudes(:), carried(:), neglected(:)
-      real(wp) :: amplification, distant, smallest, tail
+      real(wp), allocatable :: carried(:), neglected(:)
+      real(wp) :: amplification, smallest, tail
       integer :: capacity
       logical, allocatable :: is_needed(:)
-      integer, allocatable :: tuples(:, :)
       integer :: h
 
       if (as_box) then
@@ -145,58 +143,16 @@ contains
       amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by the tuples of the set
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
-      distant = share_of_distant*tail
       capacity = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
       smallest = next_to_none*tail
       do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
-         tuples = chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity)
-         amplitudes = [(amplitude_of(tuples(:, h)), h=1, size(tuples, 2))]
-         call new_harmonics(set, tuples(:, without_distant(tuples, amplitudes, distant)), error)
+         call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity), error)
          if (allocated(error)) return
          if (raised_by(result)*result%certificate%truncation <= goal .or. &
              set%n_harmonics > least_growth*top%set%n_harmonics) return
          tail = smaller_tail*tail
       end do
-
-   contains
-
-      !> Amplitude of a tuple of either set, relative; huge if it is needed.
-      real(wp) function amplitude_of(tuple)
-         integer, intent(in) :: tuple(:)
-         integer :: i
-
-         i = top%set%index_of(tuple)
-         if (i > 0) then
-            amplitude_of = merge(huge(1.0_wp), carried(i), is_needed(i))
-         else
-            amplitude_of = neglected(around%index_of(tuple))
-         end if
-      end function amplitude_of
    end subroutine choose_set
-
-   !> Positions of the tuples without the most distant ones, as many as together carry no more than `limit`. Grids must resolve the
-   !> most distant tuple: single ones next to a resonance may be four times as far as all others, and no motion needs them.
-   pure function without_distant(tuples, amplitudes, limit) result(positions)
-      integer, intent(in) :: tuples(:, :)                             !! (n_tones, any)
-      real(wp), intent(in) :: amplitudes(:)                           !! of each
-      real(wp), intent(in) :: limit                                   !! in the unit of the amplitudes
-      integer, allocatable :: positions(:)
-      real(wp) :: distance(size(amplitudes)), highest(size(tuples, 1)), left_out
-      logical :: is_left_out(size(amplitudes))
-      integer :: farthest, h
-
-      highest = max(1, maxval(abs(tuples), dim=2))
-      distance = [(maxval(abs(tuples(:, h))/highest), h=1, size(distance))]
-      is_left_out = .false.
-      left_out = 0.0_wp
-      do while (.not. all(is_left_out))
-         farthest = maxloc(distance, dim=1, mask=.not. is_left_out)
-         left_out = hypot(left_out, min(amplitudes(farthest), sqrt(huge(1.0_wp))))
-         if (left_out > limit) exit
-         is_left_out(farthest) = .true.
-      end do
-      positions = pack([(h, h=1, size(distance))], .not. is_left_out)
-   end function without_distant
 
    !> Whether two sets have the same tuples in the same order.
    pure logical function same_set(a, b)
