@@ -40,7 +40,6 @@ module hb_wide_problem
    real(wp), parameter :: negligible = 1.0e-2_wp                      ! a second step in blocks, relative to the first
    real(wp), parameter :: largest_residual = 0.5_wp                   ! of a step that is one
    integer, parameter :: n_vectors = 40, most_products = 200
-   integer, parameter :: largest_easy = 1000                          ! unknowns up to which the first preconditioner is weaker
    integer, parameter :: patience = 20 ! products before the preconditioner becomes stronger: they are dear, its factors are not
 
 contains
@@ -229,7 +228,7 @@ contains
          call self%krylov%forget()
       else
          allocate (self%krylov)
-         self%preconditioner_level = merge(1, 2, self%n_unknowns <= largest_easy)   ! of the set alone, not of the path to it
+         self%preconditioner_level = max(1, self%narrow%preconditioner_level)
          call new_tangent_krylov(self%krylov, self, n_vectors, most_products)
          self%krylov%patience = patience
       end if
