@@ -1,18 +1,19 @@
 !> Newton's step in a wider set than that of a solution, including the coupling of retained and added harmonics.
-!> Its first approximation is the block step: the exact tangent of the solution and, for each added harmonic, the tangent with
-!> the mean slopes of the laws. Where block steps do not add up to it, GMRES solves J s = r with the exact tangent J of the wider
-!> balance and the preconditioner of its own strongest couplings: added tuples may be next to a resonance, and are then coupled
-!> to the retained ones more strongly than these among each other. Unknown frequencies and the parameter of a curve remain
-!> unknowns. Source: docs/why/theory.md, section 7.
+!> No matrix of the size of the wider set is factorised. It is replaced by M, which consists of the exact tangent of
+!> the solution and, for each added harmonic, the tangent with the mean slopes of the laws. GMRES solves M**-1 J s =
+!> M**-1 r with the exact tangent J of the wider balance, so that the residual of the equations is measured as a step;
+!> M**-1 r itself is the block step. Unknown frequencies and the parameter of a curve remain unknowns. Source:
+!> docs/why/theory.md, section 7.
 module hb_wide_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
+   use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp
    use hb_phase, only: peak_functional, peak_rate_functional, phase_problem_t
    use hb_problem, only: problem_t
-   use hb_tangent_solver, only: new_tangent_krylov, tangent_krylov_t, tangent_solver_t
+   use hb_tangent_solver, only: tangent_solver_t
    implicit none
    private
    public :: nearer, new_wide_problem, wide_problem_t
@@ -24,23 +25,21 @@ module hb_wide_problem
       type(tangent_solver_t), pointer, private :: solver => null()    ! of `narrow`
       integer, allocatable :: positions(:)                            !! positions of the retained unknowns among all
       logical :: is_lost = .false.                                    !! the tangent of `narrow` gave no step
-      type(tangent_krylov_t), allocatable, private :: krylov          ! solves with the tangent of all unknowns
    contains
       procedure :: find_two_steps => wide_problem_find_two_steps
       procedure :: find_residual => wide_problem_find_residual
       procedure :: find_step => wide_problem_find_step
+      procedure :: apply_tangent => wide_problem_apply_tangent
+      procedure :: precondition => wide_problem_precondition
       procedure :: step_in_blocks => wide_problem_step_in_blocks
       procedure :: improve => wide_problem_improve
    end type wide_problem_t
 
+   real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step, and of the one after it in units of that
    real(wp), parameter :: nearer = 0.5_wp                             !! a second step, relative to the first
-   ! Remaining residual of the equations of a step, relative. Near resonances a step is inaccurate by up to a hundred times as
-   ! much; the second step corrects that of the first.
-   real(wp), parameter :: of_first = 1.0e-3_wp, of_second = 3.0e-2_wp
-   real(wp), parameter :: negligible = 1.0e-2_wp                      ! a second step in blocks, relative to the first
-   real(wp), parameter :: largest_residual = 0.5_wp                   ! of a step that is one
-   integer, parameter :: n_vectors = 40, most_products = 200
-   integer, parameter :: patience = 20 ! products before the preconditioner becomes stronger: they are dear, its factors are not
+   ! products for one step: with 16 and 30, points of stops under two tones were more expensive and their sets no
+   ! smaller
+   integer, parameter :: of_one_tone = 100, of_several = 8
 
 contains
 
@@ -53,7 +52,7 @@ contains
       class(problem_t), intent(inout), target :: narrow               !! on the narrow balance
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `narrow`, not singular
       real(wp), allocatable :: functionals(:, :), border(:, :)
-      integer :: n, n_retained
+      integer :: i, n, n_retained
 
       self%wide => wide
       self%narrow => narrow
@@ -77,7 +76,8 @@ contains
          call move_alloc(functionals, self%functionals)
          call move_alloc(border, self%border)
       end select
-      call self%rescale()
+      self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are scaled as steps
+      self%x_scale = self%r_scale
 
    contains
 
@@ -107,8 +107,10 @@ contains
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step was found
       real(wp) :: r_there(size(r))
+      integer :: most
       logical :: is_found
 
+      most = merge(of_one_tone, of_several, size(self%wide%omega) == 1)
       call self%step_in_blocks(r, first)
       is_lost = self%is_lost
       if (is_lost) return
@@ -125,14 +127,12 @@ contains
          end if
          self%is_lost = .false.
       end if
-      call self%find_step(motion, r, of_first, first, is_found)
+      call self%find_step(motion, r, most, 0.0_wp, first, is_found)
       is_lost = .not. is_found
       if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
-      is_lost = self%is_lost
-      if (is_lost .or. norm2(second) <= negligible*norm2(first)) return
-      call self%find_step(moved(), r_there, of_second, second, is_found)
+      call self%find_step(moved(), r_there, most, accuracy*norm2(first(:size(motion))), second, is_found)
       is_lost = .not. is_found
 
    contains
@@ -181,7 +181,7 @@ contains
             least = norm2(blocks)
             step = blocks
             if (i == n_steps .or. least <= 0.0_wp) return
-            call self%find_step(now, r, of_first, step, is_found)
+            call self%find_step(now, r, of_one_tone, 0.0_wp, step, is_found)
             if (.not. is_found) return
          else
             step = 0.5_wp*step
@@ -212,33 +212,58 @@ contains
       end associate
    end subroutine wide_problem_find_residual
 
-   !> Finds the step s of J s = r at a motion; `is_found` is false if there is none.
-   subroutine wide_problem_find_step(self, motion, r, accuracy, step, is_found)
+   !> Finds the step s of J s = r at a motion, starting from the block step; `is_found` is false if no step close to
+   !> it is found.
+   subroutine wide_problem_find_step(self, motion, r, most, least, step, is_found)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: r(:)                                    !! (n_unknowns)
-      real(wp), intent(in) :: accuracy                                !! remaining residual, relative
+      integer, intent(in) :: most                                     !! products
+      real(wp), intent(in) :: least                                   !! size of negligible steps
       real(wp), intent(inout) :: step(:)                              !! (n_unknowns)
       logical, intent(out) :: is_found
+      type(gmres_t) :: gmres
+      real(wp) :: blocks(size(step))
 
-      is_found = all(ieee_is_finite(r))
-      if (is_found) call self%wide%linearise(reshape(motion, [size(motion)]), is_found)
+      is_found = .false.
+      if (self%is_lost .or. .not. all(ieee_is_finite(step))) return
+      is_found = norm2(step) <= least
+      if (is_found) return
+      call self%wide%linearise(reshape(motion, [size(motion)]), is_found)
       if (.not. is_found) return
-      if (allocated(self%krylov)) then
-         call self%krylov%forget()
-      else
-         allocate (self%krylov)
-         self%preconditioner_level = max(1, self%narrow%preconditioner_level)
-         call new_tangent_krylov(self%krylov, self, n_vectors, most_products)
-         self%krylov%patience = patience
-      end if
-      call self%krylov%solve(self, r, accuracy, step)
-      call self%solver%remove_null_vector(step, self%positions)
-      self%n_products = self%krylov%n_products
-      is_found = all(ieee_is_finite(step)) .and. self%krylov%residual <= largest_residual
+      call new_gmres(gmres, self%n_unknowns, most)
+      blocks = step
+      call gmres%solve(self, blocks, max(accuracy, least/norm2(blocks)), most, step)
+      self%n_products = self%n_products + gmres%n_products
+      is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
    end subroutine wide_problem_find_step
 
-   !> The block step: of the retained unknowns and parameters alone, and of each added harmonic alone.
+   subroutine wide_problem_apply_tangent(self, x, product)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: product(:)
+      real(wp) :: r(size(x))
+
+      associate (n => self%wide%n_unknowns)
+         call self%wide%apply_tangent(x(:n), r(:n))
+         if (self%n_unknowns > n) then
+            r(:n) = r(:n) + matmul(self%border, x(n + 1:))
+            r(n + 1:) = matmul(x, self%functionals)
+         end if
+      end associate
+      call self%step_in_blocks(r, product)
+   end subroutine wide_problem_apply_tangent
+
+   !> The equations are preconditioned with M.
+   subroutine wide_problem_precondition(self, r, step)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)
+      real(wp), intent(out), contiguous :: step(:)
+
+      step = r(:self%n_unknowns)
+   end subroutine wide_problem_precondition
+
+   !> M**-1 r: the step of the retained unknowns and parameters alone, and of each added harmonic alone.
    subroutine wide_problem_step_in_blocks(self, r, step)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: r(:)

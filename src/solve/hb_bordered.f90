@@ -251,7 +251,7 @@ contains
          self%schur = transpose(self%functionals(n + 1:, :)) - matmul(transpose(self%functionals(:n, :)), self%eliminated)
       end associate
       self%schur_pivots = [(i, i=1, k)]
-      call dgetrf(k, k, self%schur, max(1, k), self%schur_pivots, info)
+      call dgetrf(k, k, self%schur, k, self%schur_pivots, info)
       self%has_schur = info == 0
    end subroutine bordered_update_preconditioner
 
@@ -266,7 +266,7 @@ contains
          call self%solve_block(r(:n), step(:n))
          step(n + 1:) = r(n + 1:) - matmul(step(:n), self%functionals(:n, :))
          if (self%has_schur) then
-            call dgetrs("N", k, 1, self%schur, max(1, k), self%schur_pivots, step(n + 1:), max(1, k), info)
+            call dgetrs("N", k, 1, self%schur, k, self%schur_pivots, step(n + 1:), k, info)
             step(:n) = step(:n) - matmul(self%eliminated, step(n + 1:))
          else
             step(n + 1:) = r(n + 1:)*self%x_scale(n + 1:)/self%r_scale(n + 1:)

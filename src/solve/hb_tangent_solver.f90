@@ -32,7 +32,6 @@ module hb_tangent_solver
       logical, private :: is_tired = .true.                           ! the last solution took many products
       logical, private :: is_strongest = .false.
    contains
-      procedure :: forget => tangent_krylov_forget
       procedure :: update => tangent_krylov_update
       procedure :: solve => tangent_krylov_solve
       procedure, private :: renew => tangent_krylov_renew
@@ -58,7 +57,6 @@ module hb_tangent_solver
       procedure :: determinant_sign => tangent_solver_determinant_sign
       procedure :: find_null_vector => tangent_solver_find_null_vector
       procedure :: leave_out_null_vector => tangent_solver_leave_out_null_vector
-      procedure :: remove_null_vector => tangent_solver_remove_null_vector
       procedure :: solve => tangent_solver_solve
    end type tangent_solver_t
 
@@ -118,31 +116,9 @@ contains
          is_singular = self%krylov%residual > sqrt(self%accuracy)
          r = s
       end if
-      call self%remove_null_vector(r)
+      if (allocated(self%null_vector)) &
+         r = r - dot_product(self%null_vector, r/self%units)*self%null_vector*self%units
    end subroutine tangent_solver_solve
-
-   !> Removes from a step its component along a null vector that is left out.
-   pure subroutine tangent_solver_remove_null_vector(self, step, positions)
-      class(tangent_solver_t), intent(in) :: self
-      real(wp), intent(inout) :: step(:)
-      integer, intent(in), optional :: positions(:)                   !! of the unknowns other than parameters in a longer step,
-                                                                      !! at the end of which the parameters are
-      real(wp) :: along
-      integer :: n, n_parameters
-
-      if (.not. allocated(self%null_vector)) return
-      if (.not. present(positions)) then
-         step = step - dot_product(self%null_vector, step/self%units)*self%null_vector*self%units
-         return
-      end if
-      n = size(positions)
-      n_parameters = size(self%null_vector) - n
-      associate (parameters => step(size(step) - n_parameters + 1:), vector => self%null_vector, units => self%units)
-         along = dot_product(vector, [step(positions), parameters]/units)
-         step(positions) = step(positions) - along*vector(:n)*units(:n)
-         parameters = parameters - along*vector(n + 1:)*units(n + 1:)
-      end associate
-   end subroutine tangent_solver_remove_null_vector
 
    !> Makes solutions with a tangent that is singular to rounding those without a component along its null vector.
    subroutine tangent_solver_leave_out_null_vector(self, problem, units)
@@ -280,17 +256,10 @@ contains
       logical, intent(out) :: is_ready
 
       call problem%linearise(x, is_ready)
-      call self%forget()
-   end subroutine tangent_krylov_update
-
-   !> Discards the products of the last tangent after the problem was linearised at another point.
-   pure subroutine tangent_krylov_forget(self)
-      class(tangent_krylov_t), intent(inout) :: self
-
       call self%gmres%forget()
       self%is_fresh = .false.
       self%residual = 1.0_wp
-   end subroutine tangent_krylov_forget
+   end subroutine tangent_krylov_update
 
    !> Computes s with |b - J s| <= accuracy |b|, or as near as `most_products` permit: see `residual`.
    subroutine tangent_krylov_solve(self, problem, b, accuracy, s)
