@@ -92,7 +92,7 @@ contains
 
       call study%read_point(point, model, error)
       if (allocated(error)) return
-      text = commensurate_text(model%tones, model%certificate%commensurability)
+      text = trim(commensurate_text(model%tones, model%certificate%commensurability))
       if (len(text) > 0) then
          if (doubts%n_commensurate == 0 .and. study%plan%n_points > 1) text = study%plan%describe(point)//": "//text
          if (doubts%n_commensurate == 0) doubts%first_commensurate = text

@@ -368,7 +368,7 @@ contains
 
       call study%read_point(point, model, error)
       text = ""
-      if (.not. allocated(error)) text = commensurate_text(model%tones, model%certificate%commensurability)
+      if (.not. allocated(error)) text = trim(commensurate_text(model%tones, model%certificate%commensurability))
       if (len(text) == 0) text = "such tones are nearly commensurate"
       if (len(study%plan%describe(point)) > 0) then
          text = "first at "//study%plan%describe(point)//": "//text

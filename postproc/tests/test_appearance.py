@@ -99,13 +99,11 @@ def test_marks_are_those_of_the_python_package_and_of_the_page():
     from importlib.resources import files
 
     from nhbm.pictures import _MARKS
-    from test_curve import KINDS
 
     from nhbm_post.draw.response import _SPECIAL, _WORDS
 
-    kinds = KINDS.split()
     ours = {kind: (_WORDS.get(kind, (kind,))[0], look["marker"]) for kind, look in _SPECIAL.items()}
-    assert {kinds[number]: what for number, what in _MARKS.items()} == ours
+    assert _MARKS == ours
     page = files("nhbm_post").joinpath("page.html").read_text(encoding="utf-8")
     shapes = {"o": "circle", "^": "up", "v": "down", "D": "diamond", "s": "square", "h": "hexagon", "p": "pentagon",
               "<": "left", ">": "right", "8": "octagon"}  # fmt: skip

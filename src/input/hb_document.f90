@@ -558,10 +558,9 @@ contains
    !> The file for messages, with a colon; empty for a text without a file, whose name is a folder or empty.
    pure function place_of(self) result(place)
       class(document_t), intent(in) :: self
-      character(:), allocatable :: place
+      character(merge(len(self%file_name) + 2, 0, index(self%file_name, "/", back=.true.) < len(self%file_name))) :: place
 
-      place = ""
-      if (index(self%file_name, "/", back=.true.) < len(self%file_name)) place = self%file_name//": "
+      if (len(place) > 0) place = self%file_name//": "
    end function place_of
 
    !> Fails with the closest name for a missing group: among the known names, otherwise among those of the file.

@@ -240,7 +240,7 @@ contains
       do a = 1, size(slope, 2)
          check%difference = max(check%difference, worst(a))
          if (worst(a) > derivative_tolerance) then
-            name%value = name_of(a, letters(kind_of_motion), b, size(slope, 2))
+            name%value = trim(name_of(a, letters(kind_of_motion), b, size(slope, 2)))
             check%wrong = [check%wrong, name]
          end if
       end do
@@ -264,7 +264,7 @@ contains
    pure function name_of(a, letter, b, n) result(name)
       integer, intent(in) :: a, b, n
       character(1), intent(in) :: letter
-      character(:), allocatable :: name
+      character(40) :: name
 
       name = "df/d"//letter
       if (n > 1) name = "df("//to_text(a)//")/d"//letter//"("//to_text(b)//")"

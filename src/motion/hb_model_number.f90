@@ -1,6 +1,7 @@
 !> A number of a model: the object that has it, its key and indices there, and its range; and ties, by which numbers
 !> follow others.
 module hb_model_number
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
    use hb_numbers, only: number_t
    use hb_text, only: to_text
@@ -59,11 +60,13 @@ contains
       character(120) :: text
 
       text = ""
-      if (.not. value >= self%minimum) then
+      if (.not. ieee_is_finite(value)) then
+         text = "must be finite"
+      else if (value < self%minimum) then
          text = "must be "//to_text(self%minimum)//" or greater"
-      else if (.not. value <= self%maximum) then
+      else if (value > self%maximum) then
          text = "must be "//to_text(self%maximum)//" or less"
-      else if (.not. value > self%above) then
+      else if (value <= self%above) then
          text = "must be above "//to_text(self%above)
       end if
       if (text /= "") text = trim(self%name)//" = "//to_text(value)//" "//trim(text)

@@ -9,6 +9,7 @@ module hb_model_warnings
    private
    public :: commensurate_text, describe_warnings, has_no_load, no_load_text
 
+   integer, parameter :: max_text = 1000                              ! length of a warning
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
    character(*), parameter :: no_load_text = "no load acts and no tone is unknown: only laws can cause a motion"
 
@@ -19,7 +20,7 @@ contains
       type(model_t), intent(in) :: model
       character(:), allocatable, intent(out) :: text
 
-      text = commensurate_text(model%tones, model%certificate%commensurability)
+      text = trim(commensurate_text(model%tones, model%certificate%commensurability))
       if (.not. has_no_load(model)) return
       if (len(text) > 0) text = text//new_line("a")
       text = text//no_load_text
@@ -40,7 +41,7 @@ contains
    function commensurate_text(tones, limit) result(text)
       type(tones_t), intent(in) :: tones
       real(wp), intent(in) :: limit                                   !! relative to the largest tone
-      character(:), allocatable :: text
+      character(max_text) :: text
       integer, allocatable :: k(:)
       real(wp) :: frequency
 
@@ -50,12 +51,12 @@ contains
       if (frequency > max(limit, rounding)*maxval(tones%omega)) return
       k = k/common_divisor(k)
       frequency = abs(dot_product(k, tones%omega))
-      text = "tones "//list_of(tones%in_unit(tones%omega))//" "//trim(tones%unit())//": their combination "//tuple_text(k)// &
-             " has the frequency "
+      text = "tones "//trim(list_of(tones%in_unit(tones%omega)))//" "//trim(tones%unit())//": their combination "// &
+             trim(tuple_text(k))//" has the frequency "
       if (frequency > rounding*maxval(tones%omega)) then
-         text = text//to_text(tones%in_unit(frequency))//" "//trim(tones%unit())//"; such tones are nearly commensurate"
+         text = trim(text)//" "//to_text(tones%in_unit(frequency))//" "//trim(tones%unit())//"; such tones are nearly commensurate"
       else
-         text = text//"0; "//model_of_fewer(tones, k)
+         text = trim(text)//" 0; "//model_of_fewer(tones, k)
       end if
    end function commensurate_text
 
@@ -63,7 +64,7 @@ contains
    function model_of_fewer(tones, k) result(text)
       type(tones_t), intent(in) :: tones
       integer, intent(in) :: k(:)
-      character(:), allocatable :: text
+      character(max_text) :: text
       integer, allocatable :: in_it(:)
       integer :: i, m
 
@@ -78,7 +79,7 @@ contains
       else if (m > 0) then
          m = in_it(m)
          text = "leave out tone "//to_text(m)//", and give its loads the tuple "// &
-            tuple_text(-k(m)*pack(k, [(i /= m, i=1, size(k))]))//" of the others"
+            trim(tuple_text(-k(m)*pack(k, [(i /= m, i=1, size(k))])))//" of the others"
       else
          text = "fewer tones, of which these are integer combinations, give the same motion"
       end if
@@ -104,7 +105,7 @@ contains
 
    function tuple_text(k) result(text)
       integer, intent(in) :: k(:)
-      character(:), allocatable :: text
+      character(13*size(k) + 2) :: text
       type(string_t) :: words(size(k))
       integer :: i
 
@@ -116,7 +117,7 @@ contains
 
    function list_of(omega) result(text)
       real(wp), intent(in) :: omega(:)
-      character(:), allocatable :: text
+      character(30*size(omega) + 5) :: text
       type(string_t) :: words(size(omega))
       integer :: i
 

@@ -311,10 +311,10 @@ contains
    !> A text with a unit after it, if there is one.
    pure function with_unit(text, units)
       character(*), intent(in) :: text, units
-      character(:), allocatable :: with_unit
+      character(len(text) + merge(len(units) + 1, 0, len(units) > 0 .and. units /= "1")) :: with_unit
 
       with_unit = text
-      if (len(units) > 0 .and. units /= "1") with_unit = text//" "//units
+      if (len(with_unit) > len(text)) with_unit = text//" "//units
    end function with_unit
 
    !> Path, number of values, first and last of them with the unit, for messages.
@@ -333,8 +333,8 @@ contains
             last = maxloc(self%values, dim=1)
          end if
       end if
-      text = self%path//": "//number_of(self%length(), "value")//", "//value_text(self, first)
-      if (last /= first) text = text//" to "//value_text(self, last)
+      text = self%path//": "//number_of(self%length(), "value")//", "//trim(value_text(self, first))
+      if (last /= first) text = text//" to "//trim(value_text(self, last))
       if (.not. self%is_text) text = with_unit(text, self%units)
    end function swept_describe
 
@@ -551,7 +551,7 @@ contains
       text = ""
       do i = 1, size(self%parameters)
          if (i > 1) text = text//", "
-         text = text//self%parameters(i)%path//" = "//value_text(self%parameters(i), self%index_on(i, point))
+         text = text//self%parameters(i)%path//" = "//trim(value_text(self%parameters(i), self%index_on(i, point)))
          if (.not. self%parameters(i)%is_text) text = with_unit(text, self%parameters(i)%units)
       end do
       if (.not. allocated(self%curve_values)) return
@@ -596,7 +596,7 @@ contains
    function value_text(self, i) result(text)
       type(swept_t), intent(in) :: self
       integer, intent(in) :: i
-      character(:), allocatable :: text
+      character(room_for(self, i)) :: text                            !! padded with blanks
 
       if (self%is_text) then
          text = quote(self%texts(i)%value)
@@ -607,6 +607,15 @@ contains
                                    self%value(merge(i + 1, max(1, i - 1), i < self%length()))))
       end if
    end function value_text
+
+   !> Length that a value needs at most.
+   pure integer function room_for(self, i) result(length)
+      type(swept_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      length = 40
+      if (self%is_text) length = 2*len(self%texts(i)%value) + 2
+   end function room_for
 
    !> A value with enough digits to distinguish it from its neighbours: the error is below a hundredth of the
    !> distance.

@@ -128,6 +128,7 @@ def _labels(session: Session, lengths: Mapping[str, int]) -> dict[str, Any]:
 
 
 AXES = {
+    "attempt": "number of the attempt, from 0",
     "point": "number of the sweep point, from 0",
     "tone": "number of the tone, from 1",
     "harmonic": "number of the harmonic, from 0",
