@@ -59,7 +59,7 @@ def test_curves_have_the_bits_of_the_command(tmp_path):
     with h5py.File(tmp_path / "curve.h5") as file:
         n = np.count_nonzero(file["curve_kind"][()])
         assert curve.sizes["point"] == n
-        for name in ("coefficients", "frequency", "multiplier_real", "curve_unknowns", "curve_step", "residual"):
+        for name in ("coefficients", "tones_frequency", "multiplier_real", "curve_unknowns", "curve_step", "residual"):
             column = (curve if name in curve.variables else curve.nhbm.details)[name].values
             same(column, file[name][:n][tuple(slice(k) for k in column.shape)], name)
     opened = nhbm.open_dataset(tmp_path / "curve.h5")
