@@ -132,6 +132,8 @@ contains
             unit = self%square_at(response, self%curve%x)
             if (response%kind == curve_kind%resonance) unit = sqrt(unit)
             if (.not. unit > 0.0_wp) cycle
+            ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
+            if (is_at_origin(self) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
             call find(self, search, response_event_t(response%kind, any(response%kind == [curve_kind%peak, curve_kind%minimum]), &
                                                      rounding_of(self), self, response, unit), values/unit, is_found)
             if (is_found) self%waiting(size(self%waiting))%response = i
