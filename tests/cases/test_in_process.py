@@ -188,6 +188,23 @@ def test_curves_leave_nothing_behind():
     assert (of_heap().in_use - before) / 20 < 16 * n_points
 
 
+def test_an_interrupt_as_a_call_begins_hides_no_later_one(monkeypatch):
+    """It left a call in progress for ever: later interrupts ended curves without an exception."""
+    interrupts = nhbm.session._Interrupts()
+
+    def come(number, handler):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(nhbm.session, "_signal", come)
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.__enter__()
+    with pytest.raises(KeyboardInterrupt):
+        with interrupts:
+            signal.raise_signal(signal.SIGINT)
+    assert not interrupts.is_noted
+
+
 def test_an_interrupt_of_a_curve_is_never_another_error():
     """NumPy lost one that came while it converted a tuple."""
     model = Model.from_namelist(DUFFING)

@@ -50,11 +50,20 @@ class _Interrupts:
         self._handlers: list[Any] = []  # before each call in progress; calls of the main thread alone have one
 
     def __enter__(self) -> None:
-        if threading.get_ident() == _MAIN_THREAD:
-            handler = _getsignal(_SIGINT)
+        if threading.get_ident() != _MAIN_THREAD:
+            return
+        handler, depth = _getsignal(_SIGINT), len(self._handlers)
+        try:
+            if depth == 0:
+                self.is_noted = False
             self._handlers.append(handler)
             if callable(handler):
                 _signal(_SIGINT, self._note)
+        except BaseException:  # the interrupt came before it could be noted: without __exit__ this call would stay in progress
+            del self._handlers[depth:]
+            if callable(handler):
+                _signal(_SIGINT, handler)
+            raise
 
     def _note(self, number: int, frame: Any) -> None:
         self.is_noted = True
