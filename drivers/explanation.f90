@@ -23,7 +23,7 @@ module explanation
    character(*), parameter :: command_mark = new_line("a")//"try: "
    character(*), parameter :: separator = "; least residuals: "       ! of hb_advice, before the residual of each attempt
    integer, parameter :: most_read = 200                              ! messages of a status that are examined for a summary
-   integer, parameter :: most_kinds = 3                               ! of a status that are reported there
+   integer, parameter :: max_kinds = 3                               ! of a status that are reported there
 
 contains
 
@@ -44,14 +44,14 @@ contains
          call kinds_of_status(i, status, names%result, most_read, kinds)
          if (size(kinds) == 0) cycle
          call add(to_text(count(status == i))//" "//outcome_text(i)//" (first: point "//to_text(kinds(1)%first - 1)//")")
-         do k = 1, min(size(kinds), most_kinds)
+         do k = 1, min(size(kinds), max_kinds)
             text = "point "//name_of(kinds(k)%first, plan)
             if (size(kinds) > 1) text = text//others_of(kinds(k))
             if (len(kinds(k)%message) > 0) call add("  "//text//": "//kinds(k)%message)
             text = command_to_try(kinds(k), names, plan, document)
             if (len(text) > 0 .and. is_new(text, said)) call add("  try: "//text)
          end do
-         if (size(kinds) > most_kinds) call add("  and "//number_of(size(kinds) - most_kinds, "other message")// &
+         if (size(kinds) > max_kinds) call add("  and "//number_of(size(kinds) - max_kinds, "other message")// &
             "; nhbm-post info "//shell_word(names%result)//" has a row for each point")
       end do
    contains
@@ -305,7 +305,7 @@ contains
 
          if (.not. ieee_is_finite(value)) return
          number = rounded(value)
-         most = rounded(limit("certificate", key))
+         most = rounded(limit("error_estimate", key))
          if (number == most) then
             write (digits, "(es9.2)") value
             number = trim(adjustl(digits))
@@ -335,7 +335,7 @@ contains
          if (has_tolerance()) call group%get("tolerance", tolerance)
          group => copy%optional_group(group_name)
          call group%get(key, value)
-         if (group_name == "certificate" .and. tolerance > 0.0_wp) value = tolerance
+         if (group_name == "error_estimate" .and. tolerance > 0.0_wp) value = tolerance
          if (group_name == "solver" .and. .not. group%given(key)) value = max(value, well_solved*tolerance)
       end function limit
    end function nearness_text

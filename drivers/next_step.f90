@@ -123,7 +123,7 @@ contains
       case (outcome%failed, outcome%crashed)
          text = "nhbm check "//shell_word(run%names%input)//"; when the cause is gone: nhbm resume "// &
                 shell_word(run%names%result)//" --retry"
-      case (outcome%time_domain)
+      case (outcome%integrated)
          text = "nhbm verify "//shell_word(run%names%result)//" --points "//to_text(run%kind%first - 1)// &
                 "  (is the motion stable?)"
       end select
@@ -206,7 +206,7 @@ contains
 
       text = ""
       if (is_by_tolerance(run%here) .or. is_swept(run, "harmonics=") .or. is_swept(run, "sampling=")) return
-      if (real_of(run, "certificate", "improvement_steps") > 0.0_wp .or. run%here%count("normal_mode") > 0) return
+      if (real_of(run, "error_estimate", "improvement_steps") > 0.0_wp .or. run%here%count("normal_mode") > 0) return
       allocate (sets(0))
       do i = 1, size(set_keys)
          if (.not. numbers_are_absent(run, "harmonics", trim(set_keys(i)))) &
@@ -216,8 +216,8 @@ contains
          if (.not. numbers_are_absent(run, "sampling", trim(grid_keys(i)))) &
             sets = [sets, string_t("sampling%"//trim(grid_keys(i))//"=")]
       end do
-      text = solve_with(run, "accuracy%tolerance="//to_text(min(real_of(run, "certificate", "truncation"), &
-                                                                real_of(run, "certificate", "aliasing"))), sets)
+      text = solve_with(run, "accuracy%tolerance="//to_text(min(real_of(run, "error_estimate", "truncation"), &
+                                                                real_of(run, "error_estimate", "aliasing"))), sets)
    end function by_tolerance
 
    !> More work for a tolerance, and a higher limit if one is given.

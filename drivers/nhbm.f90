@@ -8,7 +8,7 @@ program nhbm
    use console, only: print_error, finish_output, say
    use exit_status, only: bad_input, incomplete, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
-   use hb_closest_word, only: closest_word
+   use hb_similar_word, only: closest_word
    use hb_crash_handler, only: protect_outside_code
    use hb_error, only: error_t, fail
    use hb_hdf5, only: can_end_library

@@ -17,7 +17,7 @@ module run_texts
    public :: answers_text, curve_lines, find_gaps, found_frequency, max_line, stability_text, timing_lines
 
    integer, parameter :: max_line = 160                               !! length of the lines that are returned
-   integer, parameter :: most_points = 60                             ! of curves
+   integer, parameter :: max_points = 60                             ! of curves
 
 contains
 
@@ -66,13 +66,13 @@ contains
    function timing_lines(table) result(lines)
       real(wp), intent(in) :: table(:, :)                             !! (n_times, n_ranks), of hb_mpi%gather_rows
       character(max_line), allocatable :: lines(:)
-      integer, parameter :: most_lines = 32
+      integer, parameter :: max_lines = 32
       integer, allocatable :: shown(:)
       integer :: i, n_ranks
 
       n_ranks = size(table, 2)
       allocate (shown, source=[(i, i=1, n_ranks)])
-      if (n_ranks > most_lines) shown = [minloc(table(7, :)), maxloc(table(7, :))]
+      if (n_ranks > max_lines) shown = [minloc(table(7, :)), maxloc(table(7, :))]
       lines = [character(max_line) :: &
          "    rank    points     draws   reading   solving   writing   drawing      idle     total [s]  overhead/point [s]"]
       do i = 1, size(shown)
@@ -133,9 +133,9 @@ contains
          read (digits, *) rounded%curve_values(i)
          if (any(kind(i) == [curve_kind%none, curve_kind%regular])) cycle
          n = n + 1
-         if (n <= most_points) lines = [character(max_line) :: lines, line_of(i)]
+         if (n <= max_points) lines = [character(max_line) :: lines, line_of(i)]
       end do
-      if (n > most_points) lines = [character(max_line) :: lines, "and "//to_text(n - most_points)//" more (see 'curve_kind')"]
+      if (n > max_points) lines = [character(max_line) :: lines, "and "//to_text(n - max_points)//" more (see 'curve_kind')"]
       call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, lengths, merge(n_unstable, -1, is_stable /= 0), &
                      plan%n_fastest(), n, first_gap)
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
@@ -144,7 +144,7 @@ contains
       n = count(reasons == reason%points)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
          to_text(plan%n_fastest())//" points: increase 'points' of &curve"]
-      n = count(reasons == reason%graze)
+      n = count(reasons == reason%grazing)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
          "no motion was found beyond; try a sweep from there, or another start"]
       n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
@@ -179,8 +179,9 @@ contains
       integer, intent(out) :: n_gaps
       integer, intent(out) :: first                                   !! point at the end of the first such step; 0: none
       integer, parameter :: steps(2) = [curve_kind%regular, curve_kind%start]
-      integer, parameter :: reasons(6) = [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%torus, curve_kind%split, &
-                                          curve_kind%graze]
+      integer, parameter :: reasons(6) = [curve_kind%fold, curve_kind%branch, curve_kind%period_doubling, &
+                                          curve_kind%neimark_sacker, curve_kind%symmetry_breaking, &
+                                          curve_kind%grazing]
       integer, allocatable :: along(:), at(:), rows(:)
       integer :: b, i, k, last, row
 

@@ -1,4 +1,5 @@
-!> The input of motions that leave a curve: with the doubled period at a flip, or with an additional tone at a torus
+!> The input of motions that leave a curve: with the doubled period at a period doubling, or with an additional tone at
+!> a Neimark-Sacker point
 !> bifurcation or at a graze with a loss of stability.
 !> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and with the point as
 !> its origin: an ordinary input, whose run has its own result file. At a graze multipliers jump, and the motion there
@@ -45,7 +46,7 @@ contains
       integer :: i, k
       logical :: is_torus                                             ! otherwise the period doubles
 
-      is_torus = from%kind /= curve_kind%flip
+      is_torus = from%kind /= curve_kind%period_doubling
       document = study%document
       call plan%apply(from%point, document)
       call read_model(model, document, error, study%available_memory, run_callbacks(is_followed=allocated(plan%curve)))
@@ -68,7 +69,7 @@ contains
          call add(overrides, "tones%"//key, to_text(model%tones%omega(1)*model%tones%subharmonic/ &
                                                     merge(two_pi, 1.0_wp, key == "hertz"))//", 0.0")
          call add(overrides, "tones%unknown", to_text(model%tones%is_unknown(1))//", .true.")
-         call add(overrides, "certificate%improvement_steps", "0")
+         call add(overrides, "error_estimate%improvement_steps", "0")
       else
          call add(overrides, "tones%subharmonic", to_text(2*model%tones%subharmonic))
       end if
@@ -81,7 +82,7 @@ contains
             if (size(names) > 0) call add(overrides, "curve%"//trim(keys_of_responses(k)), responses_text(names, is_torus))
          end associate
       end do
-      if (from%kind == curve_kind%graze) then
+      if (from%kind == curve_kind%grazing) then
          call add(overrides, "solver%first_guess", "'integration'")
          call add(overrides, "curve%start", to_text(a_little_beyond(plan, from)))
       else

@@ -92,7 +92,7 @@ contains
 
       call study%read_point(point, model, error)
       if (allocated(error)) return
-      text = trim(commensurate_text(model%tones, model%certificate%commensurability))
+      text = trim(commensurate_text(model%tones, model%error_estimate%commensurability))
       if (len(text) > 0) then
          if (doubts%n_commensurate == 0 .and. study%plan%n_points > 1) text = study%plan%describe(point)//": "//text
          if (doubts%n_commensurate == 0) doubts%first_commensurate = text
@@ -202,7 +202,7 @@ contains
       write (number, "(es9.1)") seconds
       call say("cost        "//trim(adjustl(number))//" s for the first point ("//outcome_name(result%status)//", "// &
                number_of(result%n_harmonics, "harmonic")//")"//of_all(study, seconds))
-      if (result%status /= outcome%converged .and. result%status /= outcome%time_domain) &
+      if (result%status /= outcome%converged .and. result%status /= outcome%integrated) &
          call say("            the fallbacks of solve take longer; a small sweep and `nhbm plan --cost-from` tell more")
    end subroutine write_cost
 

@@ -218,7 +218,7 @@ contains
       end do
    end subroutine write_found
 
-   !> Writes the largest values of the certificates, each with its point.
+   !> Writes the largest values of the error estimates, each with its point.
    subroutine write_worst(record, plan)
       type(record_t), intent(in) :: record
       type(sweep_plan_t), intent(in) :: plan

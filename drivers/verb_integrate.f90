@@ -133,7 +133,7 @@ contains
          end if
       end if
       if (allocated(content%motion)) then
-         call report_motions(content%motion, [(outcome%time_domain, i=1, size(content%motion))], &
+         call report_motions(content%motion, [(outcome%integrated, i=1, size(content%motion))], &
                            [(amplitude_of(content, content%motion(i)), i=1, size(content%motion))], motions)
          call say(motions)
       end if

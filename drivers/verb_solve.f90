@@ -167,7 +167,7 @@ contains
             deallocate (error)
          else
             call run(switched, options, where, is_there, comm, its_status, error, n_rows)
-            if (allocated(error) .or. from%kind /= curve_kind%graze .or. its_status /= not_all_right .or. n_rows > 1) return
+            if (allocated(error) .or. from%kind /= curve_kind%grazing .or. its_status /= not_all_right .or. n_rows > 1) return
             its_status = success                                      ! the motion after the graze need not be a torus
             if (rank_of(comm) > 0) return
             call say("no torus was found beyond "//location//": "//where//" is removed")
@@ -306,7 +306,7 @@ contains
       do i = 1, study%model%tones%n_tones
          if (study%model%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i, study%model%tones))
       end do
-      if (summary%n_certified > 0) then
+      if (summary%n_estimated > 0) then
          write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
@@ -368,7 +368,7 @@ contains
 
       call study%read_point(point, model, error)
       text = ""
-      if (.not. allocated(error)) text = trim(commensurate_text(model%tones, model%certificate%commensurability))
+      if (.not. allocated(error)) text = trim(commensurate_text(model%tones, model%error_estimate%commensurability))
       if (len(text) == 0) text = "such tones are nearly commensurate"
       if (len(study%plan%describe(point)) > 0) then
          text = "first at "//study%plan%describe(point)//": "//text

@@ -40,7 +40,7 @@ def write_order_sequence(path, errors, status=None):
         file["n_unknowns"] = np.tile(N, 2).astype(np.int32)
         file["n_harmonics"] = np.tile(N // 2 + 1, 2).astype(np.int32)
         file["status"] = np.array([7, 1, 1, 1, 1, 1, 1, 3] if status is None else status, dtype=np.int32)
-        for part in ("total", "cpu", "setup", "solver", "certificate"):
+        for part in ("total", "cpu", "setup", "solver", "error_estimate"):
             seconds = np.concatenate([1e-6 * N**2.0, 1e-5 * N])
             for end, factor in (("", 1.0), ("_min", 0.9), ("_max", 1.2)):
                 file[f"bench_{part}_seconds{end}"] = factor * seconds

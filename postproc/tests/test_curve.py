@@ -94,7 +94,13 @@ def test_bifurcations_and_grazes_are_marked(tmp_path):
         file["curve_kind"][1:6] = [7, 8, 9, 10, 11]
     with Results(path) as results:
         fig = draw_response(results, measure=Measure("harmonic", (1,)))
-    for kind, position in (("branch", 2.0), ("flip", 3.0), ("torus", 2.5), ("split", 2.0), ("graze", 3.0)):
+    for kind, position in (
+        ("branch", 2.0),
+        ("period_doubling", 3.0),
+        ("neimark_sacker", 2.5),
+        ("symmetry_breaking", 2.0),
+        ("grazing", 3.0),
+    ):
         assert [x for mark in lines(fig, kind) for x in mark.get_xdata()] == [position], kind
     assert {"1 period doubling", "1 Neimark-Sacker point", "1 change of stability", "1 graze"} <= set(legend_of(fig))
 
@@ -146,7 +152,7 @@ def test_a_fold_beside_a_graze_has_its_jump():
     """The response of a stop turns back where it first touches: fold, graze and what is known lie in a row."""
     x = np.array([1.0, 2.0, 3.0, 2.5, 2.0, 2.01, 2.5, 3.5])
     y = np.array([3.0, 4.0, 6.0, 4.0, 2.1, 2.0, 1.0, 0.5])
-    kind = np.array(["start", "regular", "fold", "regular", "fold", "graze", "regular", "end"])
+    kind = np.array(["start", "regular", "fold", "regular", "fold", "grazing", "regular", "end"])
     found = jumps_at_folds(x, y, kind, np.array([1, 1, 0, -1, 0, 0, 1, 1]))
     assert found == [(3.0, 6.0, 0.75), (2.0, 2.1, 4.0)]
 

@@ -118,7 +118,7 @@ def test_time_difference_to_a_record_is_drawn(tmp_path):
         series = results.series(0)
     t = np.linspace(0.0, 50.0, 3001)
     fig = draw_time(
-        [("balance", series)], [Record("time_domain", t, series.evaluate(t) - 2e-6)], has_difference=True
+        [("balance", series)], [Record("integrated", t, series.evaluate(t) - 2e-6)], has_difference=True
     )
     np.testing.assert_allclose(fig.axes[1].lines[0].get_ydata(), 2.0, rtol=1e-9)
     assert fig.axes[1].get_ylabel() == "Difference [µm]"

@@ -208,7 +208,7 @@ def test_a_click_shows_the_point(tmp_path, chromium):
         number = chromium.run("state.point")
         assert data["points"][number]["kind"] == kind
         assert chromium.run("document.getElementById('chosen').textContent").startswith(f"Point {number} (")
-        assert chromium.run("document.getElementById('certificate').rows.length") >= 3
+        assert chromium.run("document.getElementById('error_estimate').rows.length") >= 3
     dashes = set(chromium.run("[...document.querySelectorAll('#response .curve')].map(e => e.getAttribute('stroke-dasharray'))"))
     assert "7 4" in dashes and "" in dashes
     n_jumps = sum(len(curve["falls"]) for curve in data["curves"])
@@ -239,7 +239,7 @@ def test_controls_have_their_effect(tmp_path, chromium):
     chromium.run("document.getElementById('logarithmic').click()")
     assert chromium.run("state.logarithmic") is True
     chromium.run(change("4", "number"))
-    assert "no motion" in chromium.run(text("time")) and "singular matrix" in chromium.run(text("certificate"))
+    assert "no motion" in chromium.run(text("time")) and "singular matrix" in chromium.run(text("error_estimate"))
     chromium.run(change("99", "number"))
     assert chromium.run("document.getElementById('number').value") == "4"
     # the shape moves, and stops

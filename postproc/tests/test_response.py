@@ -98,7 +98,7 @@ def test_motions_found_by_time_integration_are_answers(tmp_path, status):
     with Results(path) as results:
         fig = draw_response(results)
     n = status.count(18)
-    assert {f"{n} found by time integration"} <= set(legend_of(fig)) and marks_of(fig, "time_domain")[0].size == 0
+    assert {f"{n} found by time integration"} <= set(legend_of(fig)) and marks_of(fig, "integrated")[0].size == 0
     assert len(marks_of(fig, "found by time integration")[0]) == (n if n < 50 else 0)
     assert all(line.get_markersize() < 4.0 for line in fig.axes[0].lines if line.get_gid() == "found by time integration")
 

@@ -513,13 +513,13 @@ contains
          motion%frequency = real(frequency, wp)
          motion%harmonics%tuples = int(tuples)
          motion%coefficients = real(coefficients, wp)
-         motion%certificate%combination = 0*int(tuples(:, 1))         ! the estimates are known, or NaN
-         motion%certificate%truncation = real(given%truncation_estimate, wp)
-         motion%certificate%aliasing = real(given%aliasing_estimate, wp)
+         motion%error_estimate%combination = 0*int(tuples(:, 1))         ! the estimates are known, or NaN
+         motion%error_estimate%truncation = real(given%truncation_estimate, wp)
+         motion%error_estimate%aliasing = real(given%aliasing_estimate, wp)
          motion%stability%n_unstable = int(given%n_unstable)
          if (.not. c_associated(given%frequency_estimate)) return
          call c_f_pointer(given%frequency_estimate, frequency_estimate, [n(1)])
-         motion%certificate%frequency_error = real(frequency_estimate, wp)
+         motion%error_estimate%frequency_error = real(frequency_estimate, wp)
       end associate
    end subroutine take_motion
 

@@ -491,13 +491,14 @@ contains
       claim%estimate = ieee_value(1.0_wp, ieee_quiet_nan)
       claim%spread = claim%estimate
       claim%frequency_estimates = claim%estimate + 0.0_wp*motion%frequency
-      if (allocated(motion%certificate%combination)) then
-         claim%estimate = motion%certificate%truncation + motion%certificate%aliasing
-         claim%spread = motion%certificate%aliasing
+      if (allocated(motion%error_estimate%combination)) then
+         claim%estimate = motion%error_estimate%truncation + motion%error_estimate%aliasing
+         claim%spread = motion%error_estimate%aliasing
       end if
-      if (allocated(motion%certificate%frequency_error)) claim%frequency_estimates = motion%certificate%frequency_error
+      if (allocated(motion%error_estimate%frequency_error)) claim%frequency_estimates = motion%error_estimate%frequency_error
       claim%is_unstable = motion%stability%n_unstable > 0
-      claim%is_averaged = any(motion%status == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
+      claim%is_averaged = any(motion%status == [outcome%integrated, outcome%multiple_attractors]) &
+         .and. .not. model%accuracy%grows_set
       call begin_work(self, huge(1.0_wp))
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
@@ -557,7 +558,7 @@ contains
       call find_units(self)
       self%column%has_accuracy = self%model%accuracy%is_on
       self%column%has_own_tuples = .true.
-      self%column%has_improved = self%model%certificate%improvement_steps > 0
+      self%column%has_improved = self%model%error_estimate%improvement_steps > 0
       self%column%has_surfaces = size(self%model%output%samples) > 0
       self%column%has_gradient = size(self%model%gradient%by) > 0
       if (allocated(self%result%curve)) then

@@ -6,12 +6,12 @@
 module hb_amplitude_curve
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, most_steps, &
+   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, max_steps, &
       path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_functional
    use hb_text, only: to_text
-   use hb_thresholds, only: faint, most_bisections, rounding
+   use hb_thresholds, only: faint, max_bisections, rounding
    implicit none
    private
    public :: begin_curve, follow_curve, point_of, renew, step_along
@@ -44,7 +44,7 @@ contains
       self%is_driven = damping(1) < -rounding
       self%reached = point%amplitude(1)
       call begin_curve(self, point, curve)
-      do i = 1, most_steps
+      do i = 1, max_steps
          last = point
          call step_along(self, curve, point)
          if (curve%status /= outcome%pending) exit
@@ -82,7 +82,7 @@ contains
          if (is_found) self%message = "unstable limit cycle: motions below it decay, motions above it grow"
          if (is_found) return
       end if
-      call report_end(self, point, damping(1), i <= most_steps .and. curve%status == outcome%pending)
+      call report_end(self, point, damping(1), i <= max_steps .and. curve%status == outcome%pending)
    end subroutine follow_curve
 
    !> Describes where a curve without a motion has ended.
@@ -213,7 +213,7 @@ contains
 
       low = 0.0_wp
       high = curve%last_step
-      do i = 1, most_bisections
+      do i = 1, max_bisections
          call self%set_scales(from%amplitude(1))
          call curve%point_at(0.5_wp*(low + high), x, is_on_curve)
          middle = from

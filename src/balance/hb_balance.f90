@@ -36,13 +36,13 @@ module hb_balance
    integer, parameter :: with_kinks = 120                             ! inexact steps need one or two more
    integer, parameter :: with_memory = 250                            ! each product integrates along time
 
-   integer, parameter :: fewest_to_continue_in_order = 100 ! unknowns from which fewer harmonics first is the primary method
+   integer, parameter :: min_to_continue_in_order = 100 ! unknowns from which fewer harmonics first is the primary method
 
    !> Owner of external resources: call `destroy`.
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
       type(linear_part_t), allocatable :: stiffness
-      type(cached_linear_part_t), pointer :: cached_wide => null()    !! linear part of its certificate, if that is cached
+      type(cached_linear_part_t), pointer :: cached_wide => null()    !! linear part of its error estimate, if that is cached
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
@@ -305,7 +305,7 @@ contains
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
       self%can_be_damped = .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! with them it led to other motions
-      self%continues_in_order_first = self%n_unknowns >= fewest_to_continue_in_order .and. &
+      self%continues_in_order_first = self%n_unknowns >= min_to_continue_in_order .and. &
          any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)
       self%load_factor = 1.0_wp

@@ -12,7 +12,7 @@ module hb_base_motion
    use hb_outcome, only: outcome
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_structure, only: most_dense, structure_t
+   use hb_structure, only: max_dense, structure_t
    use hb_thresholds, only: agreement, rounding
    implicit none
    private
@@ -58,7 +58,7 @@ contains
          real(wp), allocatable :: damping(:, :), stiffness(:, :)
          complex(wp), allocatable :: at_laws(:, :)
 
-         call structure%check_matrices("the search for unknown frequencies", most_dense, error)
+         call structure%check_matrices("the search for unknown frequencies", max_dense, error)
          if (allocated(error)) return
          call balance%mean_slopes(u, df_dq, df_dv, error)
          if (allocated(error)) return

@@ -9,9 +9,9 @@ module hb_coarse_tangent
    use hb_lapack, only: dgbtrf, dgbtrs, dgetrf, dgetrs
    implicit none
    private
-   public :: coarse_tangent_t, factor_memory, factor_work, most_memory, new_coarse_tangent
+   public :: coarse_tangent_t, factor_memory, factor_work, max_memory, new_coarse_tangent
 
-   real(wp), parameter :: most_memory = 1.0e8_wp                      !! largest number of elements of the factors
+   real(wp), parameter :: max_memory = 1.0e8_wp                      !! largest number of elements of the factors
 
    type :: coarse_tangent_t
       type(harmonics_t) :: set                                        !! of the selected harmonics

@@ -9,7 +9,7 @@ module hb_hysteresis_tangent
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: two_pi, wp
-   use hb_slider_states, only: most_rounds, repeat_tolerance, slider_states_t
+   use hb_slider_states, only: max_rounds, repeat_tolerance, slider_states_t
    use hb_torus, only: torus_t
    implicit none
    private
@@ -197,7 +197,7 @@ contains
 
       self%before = self%first_slice(:, :, :, :, block, coordinate)
       if (allocated(self%closing)) call close_round(self, memory, characteristic, block, coordinate)
-      do round = 1, most_rounds
+      do round = 1, max_rounds
          call go_round(self, memory, characteristic, block, coordinate, df)
          change = maxval(abs(self%before - self%first_slice(:, :, :, :, block, coordinate)))
          if (change <= repeat_tolerance*max(1.0_wp, maxval(abs(self%before)))) return

@@ -17,12 +17,12 @@ module hb_limit_cycle_search
    use hb_thresholds, only: agreement, faint, nearby_steps, rounding
    implicit none
    private
-   public :: continue_in_order, first_amplitude, fundamental, last_amplitude, most_steps, new_search, path_point_t
+   public :: continue_in_order, first_amplitude, fundamental, last_amplitude, max_steps, new_search, path_point_t
    public :: search_t
 
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the model
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
-   integer, parameter :: most_steps = 600                             !! of a path of motions over the amplitude or the damping
+   integer, parameter :: max_steps = 600                             !! of a path of motions over the amplitude or the damping
 
    !> A motion with prescribed amplitudes of the unknown tones.
    type :: path_point_t

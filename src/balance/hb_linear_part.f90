@@ -59,7 +59,7 @@ module hb_linear_part
       procedure :: give_back => cached_linear_part_give_back
    end type cached_linear_part_t
 
-   !> Linear parts shared by the motions of a sweep, of the solution and of its certificate.
+   !> Linear parts shared by the motions of a sweep, of the solution and of its error estimate.
    type :: cached_linear_parts_t
       type(cached_linear_part_t) :: narrow, wide
    end type cached_linear_parts_t

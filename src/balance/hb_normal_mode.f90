@@ -11,7 +11,7 @@ module hb_normal_mode
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: continue_in_order, first_amplitude, fundamental, most_steps, &
+   use hb_limit_cycle_search, only: continue_in_order, first_amplitude, fundamental, max_steps, &
       path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_functional, new_phase_problem, peak_functional, peak_rate_functional, shift_functional
@@ -177,7 +177,7 @@ contains
             curve%functional = 0.0_wp*curve%x
             curve%functional(:size(u)) = sign(1.0_wp, goal%value)*goal%functionals(:, 2)
          end if
-         do i = 1, most_steps
+         do i = 1, max_steps
             call step_along(search, curve, point)
             if (curve%status /= outcome%pending) exit
             reached = max(reached, 1.0_wp + event%value(curve, curve%x))

@@ -4,7 +4,7 @@
 !> Source: docs/why/theory.md, section 6.6.
 module hb_preconditioner
    use hb_block_factors, only: block_factors_t, block_pattern_t, new_block_factors, new_block_pattern
-   use hb_coarse_tangent, only: coarse_tangent_t, factor_memory, factor_work, most_memory, new_coarse_tangent
+   use hb_coarse_tangent, only: coarse_tangent_t, factor_memory, factor_work, max_memory, new_coarse_tangent
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -162,7 +162,7 @@ contains
          return
       end if
       possible = size(coupling)
-      do while (factor_memory(2*possible, self%pattern%n, self%pattern%half_bandwidth) > most_memory .and. possible > 0)
+      do while (factor_memory(2*possible, self%pattern%n, self%pattern%half_bandwidth) > max_memory .and. possible > 0)
          possible = possible - max(1, possible/32)
       end do
       most = possible

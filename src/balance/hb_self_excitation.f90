@@ -7,7 +7,7 @@ module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: first_amplitude, last_amplitude, most_steps, path_point_t, search_t
+   use hb_limit_cycle_search, only: first_amplitude, last_amplitude, max_steps, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_text, only: to_text
    use hb_thresholds, only: minor, next_to_none, rounding
@@ -104,7 +104,7 @@ contains
       growth = longest_growth
       sign_before = sign(1.0_wp, self%damping(now))
       next_try = minor                                                ! |xi|/omega
-      do step = 1, most_steps
+      do step = 1, max_steps
          is_found = .false.
          if (work_is_over()) exit
          if (all(has_turned) .and. maxval(abs(self%damping(now))) <= next_try) then
@@ -152,14 +152,14 @@ contains
       real(wp), intent(in) :: goal(:)                                 !! [m], (unknown tones)
       type(path_point_t), intent(out) :: now
       logical, intent(out) :: is_solved
-      integer, parameter :: most_solutions = 24
+      integer, parameter :: max_solutions = 24
       type(path_point_t) :: trial
       real(wp) :: share
       integer :: i
 
       now = last
       share = 1.0_wp
-      do i = 1, most_solutions
+      do i = 1, max_solutions
          trial = now
          trial%amplitude = now%amplitude*(goal/now%amplitude)**share
          call scale_tones(self, now, trial)

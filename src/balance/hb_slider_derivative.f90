@@ -8,7 +8,7 @@ module hb_slider_derivative
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_slider, only: pushed_by
-   use hb_slider_states, only: most_rounds, repeat_tolerance, slider_states_t
+   use hb_slider_states, only: max_rounds, repeat_tolerance, slider_states_t
    implicit none
    private
    public :: new_slider_derivative, slider_derivative_t
@@ -17,7 +17,7 @@ module hb_slider_derivative
    type :: slider_derivative_t
       real(wp), allocatable :: path(:, :, :, :)                       !! (n_slice, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
-      logical :: repeats = .true.                                     !! false: not within `most_rounds`
+      logical :: repeats = .true.                                     !! false: not within `max_rounds`
       real(wp), allocatable, private :: start(:, :), first(:, :)      ! (n_slice, n_states)
       real(wp), allocatable, private :: low(:, :, :), high(:, :, :)   ! of those of clamped sliders, as states
    contains
@@ -87,7 +87,7 @@ contains
       !> With the steps of the last round of the states.
       subroutine repeat_rounds()
          self%repeats = .false.
-         do round = 1, most_rounds
+         do round = 1, max_rounds
             self%first = self%states(:, :, 1)
             call self%go_round(sliders, characteristic, weight_slope)
             change = maxval(abs(self%states(:, :, 1) - self%first))

@@ -20,9 +20,9 @@ module hb_slider_states
    use hb_thresholds, only: agreement
    implicit none
    private
-   public :: most_rounds, new_slider_states, repeat_tolerance, slider_states_t
+   public :: max_rounds, new_slider_states, repeat_tolerance, slider_states_t
 
-   integer, parameter :: most_rounds = 1000
+   integer, parameter :: max_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
@@ -32,7 +32,7 @@ module hb_slider_states
       real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
       real(wp), allocatable :: force(:, :)                            !! of one slice [N], (n_slice, n_coordinates)
       integer :: rounds = 0                                           !! until the states were periodic
-      logical :: repeats = .true.                                     !! false: not within `most_rounds`
+      logical :: repeats = .true.                                     !! false: not within `max_rounds`
       logical :: full_stick = .false.                                 !! no state moved in the last round
       integer :: levelled_at = 0                                      !! round after which sliders were put to their mean; 0: none
       logical :: has_jumped = .false.                                 !! a Newton step was made: rounds from rest do not lead there
@@ -109,7 +109,7 @@ contains
          rounding = repeat_tolerance*max(largest, maxval(abs(self%states)))
          self%repeats = change <= rounding
          self%full_stick = largest_move <= rounding
-         if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
+         if (self%repeats .or. self%rounds >= max_rounds .or. .not. ieee_is_finite(change)) exit
          if (modulo(self%rounds, between_jumps) == 0) then
             if (work_is_over()) exit
          end if

@@ -102,13 +102,13 @@ contains
       type(torus_t), intent(in) :: torus                              !! of the laws
       type(projected_laws_t), intent(in) :: laws
       type(error_t), allocatable :: error
-      integer, parameter :: least_samples = 2048 ! of one tone; with fewer a coarse grid costs more than it saves
+      integer, parameter :: min_samples = 2048 ! of one tone; with fewer a coarse grid costs more than it saves
       type(harmonics_t) :: band
       type(torus_t) :: thin
       integer :: m
 
       if (laws%has_memory .or. any(torus%n_samples < 4*harmonics%highest + 1)) return
-      if (harmonics%n_tones == 1 .and. torus%n_total*laws%n_dofs < least_samples) return
+      if (harmonics%n_tones == 1 .and. torus%n_total*laws%n_dofs < min_samples) return
       call new_torus(thin, [(min(torus%n_samples(m), cheap_size(4*harmonics%highest(m) + 1, harmonics%n_tones)), &
                              m=1, harmonics%n_tones)], harmonics, error)
       if (allocated(error)) return

@@ -3,7 +3,7 @@ module hb_thresholds
    use hb_kinds, only: wp
    implicit none
    private
-   public :: agreement, clearly, difference_step, faint, minor, most_bisections, nearby_steps, next_to_none, reliable, rounding
+   public :: agreement, clearly, difference_step, faint, minor, max_bisections, nearby_steps, next_to_none, reliable, rounding
    public :: safety, same_motion, sharp, well_solved
 
    real(wp), parameter :: rounding = 1.0e-9_wp                     !! smaller differences are rounding: equations solved to the
@@ -25,7 +25,7 @@ module hb_thresholds
                                                                    !! equations, or the steps in time, may leave of it
    real(wp), parameter :: reliable = 0.3_wp                        !! largest meaningful error estimate, relative to the motion
    real(wp), parameter :: next_to_none = 1.0e-4_wp                 !! of a step along a curve, or of a range: negligible
-   integer, parameter :: most_bisections = 60                      !! of an interval; 40 leave differences that a curve may
+   integer, parameter :: max_bisections = 60                      !! of an interval; 40 leave differences that a curve may
                                                                    !! show, more would be rounding
    integer, parameter :: nearby_steps = 20                         !! of Newton's method from a near solution: those that
                                                                    !! converge need fewer

@@ -11,7 +11,7 @@
 #define POLYNOMIAL 0xEDB88320u
 #define N_TABLES 8
 #define BUFFER_BYTES 1048576
-#define LEAST_ZEROS 256
+#define MIN_ZEROS 256
 
 static uint32_t table[N_TABLES][256];
 static pthread_once_t has_tables = PTHREAD_ONCE_INIT;
@@ -54,10 +54,10 @@ static uint32_t after_zeros(uint32_t crc, size_t n)
 /* Most elements of a row of results are unused. */
 static size_t count_zeros(const unsigned char *b, size_t n_bytes)
 {
-   static const unsigned char zeros[LEAST_ZEROS];
+   static const unsigned char zeros[MIN_ZEROS];
    size_t n = 0;
 
-   while (n_bytes - n >= LEAST_ZEROS && memcmp(b + n, zeros, LEAST_ZEROS) == 0) n += LEAST_ZEROS;
+   while (n_bytes - n >= MIN_ZEROS && memcmp(b + n, zeros, MIN_ZEROS) == 0) n += MIN_ZEROS;
    return n;
 }
 

@@ -361,7 +361,7 @@ contains
    subroutine check_stored(dataset, error)
       type(h5_dataset_t), intent(inout) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: most_compressed = 2.0_wp**26 ! bytes; a run reads a dozen columns at once
+      real(wp), parameter :: max_compressed = 2.0_wp**26 ! bytes; a run reads a dozen columns at once
       integer(hid_t) :: value_type
       integer(hsize_t) :: n_stored
       integer(size_t) :: n_bytes
@@ -376,7 +376,7 @@ contains
       call h5dget_storage_size_f(dataset%id, n_stored, status)
       if (status < 0) n_stored = 0                        ! also fails if nothing is stored
       associate (n_claimed => product(real(dataset%extents, wp))*real(n_bytes, wp))
-         if (n_claimed - real(n_stored, wp) > most_compressed) call fail(error, dataset%location//" claims "// &
+         if (n_claimed - real(n_stored, wp) > max_compressed) call fail(error, dataset%location//" claims "// &
             to_text(nint(n_claimed/1.0e6_wp))//" MB, and "//to_text(nint(n_stored/1.0e6_wp))// &
             " MB of it are in the file; if it is compressed: h5repack -f NONE")
       end associate

@@ -144,12 +144,12 @@ contains
    subroutine follow_links(path, file)
       character(*), intent(in) :: path
       character(:), allocatable, intent(out) :: file
-      integer, parameter :: most_links = 40
+      integer, parameter :: max_links = 40
       character(longest, c_char) :: words
       integer :: i, length
 
       file = path
-      do i = 1, most_links
+      do i = 1, max_links
          length = int(hb_read_link(c_path(file), words, int(longest, c_int)))
          if (length < 1) return
          if (words(1:1) == "/") then

@@ -1,7 +1,7 @@
 !> Model files (HDF5, docs/user/model.md): read whole, once, and refused with the name of the invalid entry.
 module hb_fe_model_file
    use hb_error, only: annotate, error_t, fail
-   use hb_fe_model, only: fe_model_source_t, fe_model_t, most_speeds
+   use hb_fe_model, only: fe_model_source_t, fe_model_t, max_speeds
    use hb_file_location, only: check_source
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
@@ -111,7 +111,7 @@ contains
       if (.not. allocated(error)) call read_matrix(file, "damping", .false., fe_model%n_dofs, fe_model%damping, error)
       if (.not. allocated(error)) call read_matrix(file, "gyroscopic", .false., fe_model%n_dofs, fe_model%gyroscopic, error)
       if (.not. allocated(error)) call read_matrix(file, "structural", .false., fe_model%n_dofs, fe_model%structural, error)
-      do i = 1, most_speeds
+      do i = 1, max_speeds
          suffix = ""
          if (i > 1) suffix = "_"//to_text(i)
          associate (terms => fe_model%speeds(i), n => fe_model%n_dofs)

@@ -75,16 +75,16 @@ contains
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
       integer :: n_samples(size(least))
       real(wp), parameter :: off = 0.02_wp                            ! of an offset, from a whole number of samples
-      real(wp), parameter :: most_more = 2.0_wp                       ! samples
+      real(wp), parameter :: max_more = 2.0_wp                       ! samples
       real(wp) :: fewest, ideal
       integer :: best(size(least)), lead, m, n, steps
 
       n_samples = least
       if (size(least) == 1) return
-      fewest = most_more*product(real(least, wp))
+      fewest = max_more*product(real(least, wp))
       do lead = 1, size(least)
          n = least(lead)
-         do while (n <= most_more*least(lead))
+         do while (n <= max_more*least(lead))
             best = huge(1)
             best(lead) = n
             do m = 1, size(least)

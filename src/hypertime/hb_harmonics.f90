@@ -12,7 +12,7 @@ module hb_harmonics
       tuple_text
 
    integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
-   integer, parameter :: most_harmonics = 4000000                     ! tuples of a set
+   integer, parameter :: max_harmonics = 4000000                     ! tuples of a set
 
    !> A set of harmonics. Coefficients of one degree of freedom are a vector (n_coefficients): harmonic by harmonic
    !> cosine then sine, without a sine for the zero tuple.
@@ -151,9 +151,9 @@ contains
             if (n_retained == 0) then
                call fail(error, "the set of harmonics is empty")
                return
-            else if (n_retained > most_harmonics) then
+            else if (n_retained > max_harmonics) then
                call fail(error, "the set of harmonics would have "//to_text(n_retained)//" tuples, more than "// &
-                         to_text(most_harmonics)//"; lower the order")
+                         to_text(max_harmonics)//"; lower the order")
                return
             end if
             allocate (self%tuples(self%n_tones, n_retained))

@@ -19,7 +19,7 @@ module hb_kinks
    private
    public :: kink_grid_t, kink_slopes_t, new_kink_grid
 
-   integer, parameter :: most_tones = 24                              ! of a grid of at least three samples each
+   integer, parameter :: max_tones = 24                              ! of a grid of at least three samples each
    integer, parameter :: before = 1, left = 2, right = 3, beyond = 4  ! samples around a cell, from left to right
 
    !> Derivatives of the corrections with respect to the sample itself and its neighbours.
@@ -201,7 +201,7 @@ contains
    pure subroutine kink_grid_place(self, sample, from)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
-      integer, intent(out) :: from(most_tones)                        !! (n_tones) of them
+      integer, intent(out) :: from(max_tones)                        !! (n_tones) of them
       integer :: left_over, m
 
       left_over = sample - 1
@@ -264,10 +264,10 @@ contains
       real(wp), intent(in), contiguous :: z(:)
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
-      real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(most_tones)
-      type(neighbour_t) :: around(before:beyond), beside(-1:1, most_tones)
+      real(wp) :: added(left:right), by_values(before:beyond, left:right), share, share_slopes(max_tones)
+      type(neighbour_t) :: around(before:beyond), beside(-1:1, max_tones)
       logical :: has_kink
-      integer :: at, from(most_tones), k, row, tone
+      integer :: at, from(max_tones), k, row, tone
 
       call correct_cell(values, jump, present(slopes), added, by_values, has_kink)
       if (.not. has_kink) return
@@ -323,12 +323,12 @@ contains
    pure subroutine kink_grid_find_share(self, m, sample, from, z, share, slopes, beside)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: m, sample
-      integer, intent(in) :: from(most_tones)                         !! see `position`
+      integer, intent(in) :: from(max_tones)                         !! see `position`
       real(wp), intent(in) :: z(:)
       real(wp), intent(out) :: share
-      real(wp), intent(out) :: slopes(most_tones)                     !! [1/m], (n_tones) of them
-      type(neighbour_t), intent(out) :: beside(-1:1, most_tones)      !! before and after the sample along each tone
-      real(wp) :: rates(most_tones), largest, total
+      real(wp), intent(out) :: slopes(max_tones)                     !! [1/m], (n_tones) of them
+      type(neighbour_t), intent(out) :: beside(-1:1, max_tones)      !! before and after the sample along each tone
+      real(wp) :: rates(max_tones), largest, total
       integer :: tone
 
       do tone = 1, size(self%n)
@@ -475,14 +475,14 @@ contains
    !> if these leave the bracket.
    pure real(wp) function root_between(cubic, from, to, at_from, at_to) result(s)
       real(wp), intent(in) :: cubic(0:3), from, to, at_from, at_to
-      integer, parameter :: most_steps = 100
+      integer, parameter :: max_steps = 100
       real(wp) :: high, low, next, slope, value
       integer :: i
 
       low = from
       high = to
       s = low + (high - low)*(at_from/(at_from - at_to))
-      do i = 1, most_steps
+      do i = 1, max_steps
          value = value_of(cubic, s)
          if ((value > 0.0_wp) .eqv. (at_from > 0.0_wp)) then
             low = s

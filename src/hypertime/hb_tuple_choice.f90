@@ -106,7 +106,7 @@ contains
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
       integer, intent(in), optional :: others(:, :)                   !! tuples to be included, (n_tones, any)
       integer, parameter :: steps_of_one_tone = 5
-      integer, parameter :: most_in_gaps = 8                          ! order, times the tuples of the set: with a single distant
+      integer, parameter :: max_in_gaps = 8                          ! order, times the tuples of the set: with a single distant
                                                                       ! one those up to it would cost more than the motion
       type(tuple_union_t) :: union
       integer :: h, j(set%n_tones), k, m, s
@@ -119,7 +119,7 @@ contains
             call union%add(set%tuples + k)
             call union%add(abs(set%tuples - k))
          end do
-         associate (last => 2*min(set%highest(1), most_in_gaps*set%n_harmonics))
+         associate (last => 2*min(set%highest(1), max_in_gaps*set%n_harmonics))
             call union%add(reshape([(k, k=0, last)], [1, last + 1]))
          end associate
       end if
@@ -159,11 +159,11 @@ contains
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: carried(:)                              !! amplitudes (set%n_harmonics)
       real(wp), parameter :: large = 0.1_wp ! of the largest amplitude: the cube of a smaller one is negligible
-      integer, parameter :: most_large = 8                            ! tuples
+      integer, parameter :: max_large = 8                            ! tuples
       integer :: i, j(set%n_tones), k, n, order(set%n_harmonics), s
 
       call sort_descending(carried, order)
-      n = min(most_large, count(carried > large*maxval(carried)))
+      n = min(max_large, count(carried > large*maxval(carried)))
       do i = 1, n
          do k = 1, n
             do s = 0, 3

@@ -21,7 +21,7 @@
 !> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are valid for the copy as
 !> well.
 module hb_document
-   use hb_closest_word, only: closest_word
+   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_input_keys, only: kind_of, max_unit
    use hb_kinds, only: wp

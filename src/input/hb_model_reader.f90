@@ -15,7 +15,7 @@ module hb_model_reader
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_number, only: has_number, model_number_t, model_tie_t
    use hb_model_numbers, only: find_model_number, set_model_numbers
-   use hb_model_settings, only: check_symmetry, read_accuracy, read_certificate, read_integration, read_output, read_sampling, &
+   use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
    use hb_properties, only: properties_t
@@ -33,7 +33,7 @@ module hb_model_reader
    !> All groups that an input file may contain.
    character(17), parameter :: group_names(19) = [character(17) :: &
       "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", &
-      "normal_mode", "solver", "certificate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
+      "normal_mode", "solver", "error_estimate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
 
    !> Groups whose real numbers may move: they change the motion; the others control the search, and `&start` selects
    !> a motion.
@@ -213,7 +213,7 @@ contains
       if (allocated(error)) return
       call read_laws(self, document, error)
       if (allocated(error)) return
-      call read_certificate(self%certificate, document%optional_group("certificate"))
+      call read_error_estimate(self%error_estimate, document%optional_group("error_estimate"))
       if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=floquet_t())
       call read_stability(self%stability, document%optional_group("stability"), &
                           is_patient=(self%callbacks%is_followed .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
@@ -226,7 +226,7 @@ contains
       call check_symmetry(self, document%optional_group("harmonics"))
       call check_size()                                               ! again: loads determine whether motions are odd
       if (allocated(error)) return
-      call check_improvement(self, document%optional_group("certificate"))
+      call check_improvement(self, document%optional_group("error_estimate"))
       if (any(self%tones%is_unknown)) then
          call check_fundamentals(self, document%optional_group("harmonics"))
          call read_phase(self, document%optional_group("phase"))
@@ -291,9 +291,9 @@ contains
    !> Checks that sets and tones are given, as improvement steps require.
    subroutine check_improvement(self, group)
       type(model_t), intent(in) :: self
-      type(properties_t), intent(inout) :: group                      !! &certificate
+      type(properties_t), intent(inout) :: group                      !! &error_estimate
 
-      if (self%certificate%improvement_steps <= 0) return
+      if (self%error_estimate%improvement_steps <= 0) return
       if (self%accuracy%is_on) call group%problem("improvement_steps", &
          "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
       if (any(self%tones%is_unknown)) call group%problem("improvement_steps", "requires given tones; leave it out")

@@ -1,10 +1,10 @@
-!> Solution, assessment and output of a model: the groups `&solver`, `&accuracy`, `&sampling`, `&certificate`, `&stability`,
+!> Solution, assessment and output of a model: the groups `&solver`, `&accuracy`, `&sampling`, `&error_estimate`, `&stability`,
 !> `&integration` and `&output`.
 module hb_model_settings
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: gib, wp
-   use hb_model, only: accuracy_t, certificate_config_t, model_t, symmetry
+   use hb_model, only: accuracy_t, error_estimate_config_t, model_t, symmetry
    use hb_model_basis, only: why_not_odd
    use hb_properties, only: properties_t
    use hb_response, only: new_response
@@ -16,7 +16,7 @@ module hb_model_settings
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
    private
-   public :: check_symmetry, read_accuracy, read_certificate, read_integration, read_output, read_sampling, read_solver
+   public :: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, read_solver
    public :: read_stability
 
    real(wp), parameter :: much_patience = 6.0_wp                      ! work of stability, relative to a usual point
@@ -134,9 +134,9 @@ contains
       self%torus%corrects_kinks = kinks == "corrected"
    end subroutine read_sampling
 
-   !> Reads `&certificate`: whether it is computed, and its thresholds.
-   subroutine read_certificate(self, group)
-      type(certificate_config_t), intent(inout) :: self
+   !> Reads `&error_estimate`: whether it is computed, and its thresholds.
+   subroutine read_error_estimate(self, group)
+      type(error_estimate_config_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
 
       call group%get("is_on", self%is_on)
@@ -146,7 +146,7 @@ contains
       call group%get("impact", self%impact)
       call group%get("improvement_steps", self%improvement_steps)
       call group%get("commensurability", self%commensurability)
-   end subroutine read_certificate
+   end subroutine read_error_estimate
 
    !> Reads `&stability`: whether and how multipliers are computed.
    subroutine read_stability(self, group, is_patient)

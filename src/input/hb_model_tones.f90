@@ -9,7 +9,7 @@ module hb_model_tones
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_properties, only: properties_t
-   use hb_structure, only: most_dense
+   use hb_structure, only: max_dense
    use hb_text, only: string_t, to_text
    use hb_thresholds, only: rounding
    use hb_tones, only: new_tones, tones_t
@@ -199,7 +199,7 @@ contains
             call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
                                "and 'dof'")
       end do
-      call self%structure%check_matrices("an energy", most_dense, error)
+      call self%structure%check_matrices("an energy", max_dense, error)
       if (allocated(error)) then
          call group%problem("energy", error%message)
          return

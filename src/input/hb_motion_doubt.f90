@@ -25,12 +25,12 @@ contains
          if (allocated(motion%message)) then
             if (len_trim(motion%message) > 0) text = outcome_name(motion%status)//": "//trim(motion%message)
          end if
-      else if (allocated(motion%certificate%combination)) then
-         associate (accuracy => model%accuracy, certificate => model%certificate)
-            call add("; estimated error ", motion%certificate%truncation, " by truncation", &
-                     merge(accuracy%tolerance, certificate%truncation, accuracy%is_on))
-            call add(", ", motion%certificate%aliasing, " by aliasing", &
-                     merge(accuracy%tolerance, certificate%aliasing, accuracy%is_on))
+      else if (allocated(motion%error_estimate%combination)) then
+         associate (accuracy => model%accuracy, error_estimate => model%error_estimate)
+            call add("; estimated error ", motion%error_estimate%truncation, " by truncation", &
+                     merge(accuracy%tolerance, error_estimate%truncation, accuracy%is_on))
+            call add(", ", motion%error_estimate%aliasing, " by aliasing", &
+                     merge(accuracy%tolerance, error_estimate%aliasing, accuracy%is_on))
             if (motion%level_estimate > 0.0_wp) call add(", ", motion%level_estimate, " by refinement", accuracy%tolerance)
          end associate
       end if

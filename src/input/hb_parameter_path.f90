@@ -1,6 +1,6 @@
 !> Paths to parameters of a document, such as law(2)%gap: their parts, and the group that they name.
 module hb_parameter_path
-   use hb_closest_word, only: closest_word
+   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_input_keys, only: kind_of
    use hb_properties, only: properties_t

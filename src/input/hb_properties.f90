@@ -12,7 +12,7 @@
 !> at once, together with the keys that no reader requested. After a problem the value is the default.
 module hb_properties
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_closest_word, only: closest_word
+   use hb_similar_word, only: closest_word
    use hb_input_keys, only: kind_of, limits_t, rule_t
    use hb_kinds, only: wp
    use hb_property_order, only: any_length, element_at, matrix_text, pick

@@ -3,7 +3,7 @@
 !> Readers of values `request` for a key, store the value that is used (given or default) and add problems; `finish`
 !> reports all problems at once, together with the given keys that no reader requested.
 module hb_property_record
-   use hb_closest_word, only: closest_word
+   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_input_keys, only: find_groups, find_rule, kind_of
    use hb_key_rows, only: row_of

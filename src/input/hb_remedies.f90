@@ -17,7 +17,7 @@ module hb_remedies
          "zero; a check tests the derivatives of the laws.", &
       "Remove the cause, then solve the point again (resume with --retry).", &
       "With a given order: double it, or leave it out for a tolerance. With a tolerance, as by default: raise its limits "// &
-         "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &certificate truncation.", &
+         "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &error_estimate truncation.", &
       "With a given order: double the samples, or leave both out for a tolerance; contact and friction need many "// &
          "more samples than harmonics. With a tolerance, as by default: leave out &sampling, or raise max_work and "// &
          "max_samples.", &

@@ -1,6 +1,6 @@
 !> The motion of a model to a requested accuracy: sets of harmonics and grids are refined, level by level, until the
 !> estimated error is below the tolerance.
-!> The lowest level is a small box of harmonics; all fallbacks are used there. From then on the certificate estimates
+!> The lowest level is a small box of harmonics; all fallbacks are used there. From then on the error estimate gives
 !> the amplitudes of the tuples that a set lacks and the effect of its grid: the set gains the important tuples and
 !> loses the unimportant ones, the grid is refined, and each level starts from the solution of the level below. The
 !> difference of two levels shows how accurate the estimate of the lower one was: if it was too small, the estimate of
@@ -16,7 +16,7 @@ module hb_accurate_motion
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
    use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
-      estimate_of_wanted, is_rigid, least_goal, level_t, margin, most_failures, put_on_level, trim_set, with_caution
+      estimate_of_wanted, is_rigid, min_goal, level_t, margin, max_failures, put_on_level, trim_set, with_caution
    use hb_model, only: accuracy_t, model_t
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
@@ -33,12 +33,12 @@ module hb_accurate_motion
    private
    public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
 
-   integer, parameter :: most_idle = 4                                ! consecutive levels without improvement
+   integer, parameter :: max_idle = 4                                ! consecutive levels without improvement
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
-   integer, parameter :: most_refinements = 2                         ! for a verdict on stability
+   integer, parameter :: max_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
-   real(wp), parameter :: least_work_of_verdict = 5.0e7_wp            ! limit beyond which no level is begun, at least
+   real(wp), parameter :: min_work_of_verdict = 5.0e7_wp            ! limit beyond which no level is begun, at least
    integer, parameter :: patience = 3                                 ! steps without improvement from the level below
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
 
@@ -113,8 +113,8 @@ contains
       type(model_t), intent(in), target :: model
 
       self%motion%model => model
-      self%motion%most_idle = most_idle
-      self%motion%most_failures = most_failures
+      self%motion%max_idle = max_idle
+      self%motion%max_failures = max_failures
       call self%motion%solver%prepare(model)
       call make_attempts(self, stage%point)
    end subroutine solve_by_levels
@@ -245,7 +245,7 @@ contains
       type(point_attempts_t), allocatable :: finer
       integer :: i
 
-      do i = 1, most_refinements
+      do i = 1, max_refinements
          if (allocated(finer)) deallocate (finer)
          allocate (finer)
          associate (motion => self%motion)
@@ -255,7 +255,7 @@ contains
             sharper%accuracy%tolerance = 10.0_wp**(-i)*motion%model%accuracy%tolerance
             finer%is_finer = .true.
             finer%motion%solver = motion%solver
-            sharper%accuracy%max_work = min(motion%model%accuracy%max_work, max(least_work_of_verdict, share*motion%solver%work))
+            sharper%accuracy%max_work = min(motion%model%accuracy%max_work, max(min_work_of_verdict, share*motion%solver%work))
             finer%motion%start = motion%top
             call solve_by_levels(finer, sharper)
             motion%solver%effort_t = finer%motion%solver%effort_t
@@ -292,14 +292,14 @@ contains
       call integrate_to_tolerance(model, result, is_done)
       if (is_done .or. .not. (was_integrated .and. model%accuracy%grows_set)) return
       result%status = outcome%truncated
-      result%certificate%truncation = 1.0_wp
+      result%error_estimate%truncation = 1.0_wp
    end subroutine integrate_after
 
    !> Whether a motion was found by time integration.
    pure logical function is_integrated(status)
       integer, intent(in) :: status
 
-      is_integrated = any(status == [outcome%time_domain, outcome%several])
+      is_integrated = any(status == [outcome%integrated, outcome%multiple_attractors])
    end function is_integrated
 
    !> Refines a motion from the first level to that of the tolerance.
@@ -335,7 +335,7 @@ contains
          self%own_estimate = estimate_of_motion(self%result)
          self%own_outputs = estimates_of_outputs(self%result)
       else
-         call self%solver%take(self%next, self%n_failures == most_failures - 1, trial, failure)
+         call self%solver%take(self%next, self%n_failures == max_failures - 1, trial, failure)
          is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status) .and. .not. self%solver%is_out_of_work
          self%is_ended = has_ended(trial)
          if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
@@ -382,8 +382,8 @@ contains
       real(wp) :: goal
 
       associate (accuracy => self%model%accuracy, estimate => self%estimate)
-         goal = max(least_goal*estimate, margin*accuracy%tolerance)
-         if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, least_goal*accuracy%tolerance)
+         goal = max(min_goal*estimate, margin*accuracy%tolerance)
+         if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, min_goal*accuracy%tolerance)
          goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
       end associate
       call choose_next(self%model, self%result, self%top, goal, self%n_failures, self%next, is_there)
@@ -413,7 +413,7 @@ contains
    end function missing_in
 
    !> Estimated error of a level according to the level below. The error of the motion of that level was the
-   !> difference of the two: if its certificate estimated less, the estimate of the upper level is increased by the
+   !> difference of the two: if its error estimate was less, the estimate of the upper level is increased by the
    !> same factor.
    pure real(wp) function estimate_by_levels(estimate, estimate_below, difference)
       real(wp), intent(in) :: estimate, estimate_below                !! of the two levels, from their own motions alone
@@ -436,7 +436,7 @@ contains
       type(motion_result_t), intent(inout) :: upper
       type(motion_result_t), intent(in) :: lower
       type(harmonics_t), intent(in) :: upper_set, lower_set
-      real(wp), intent(in) :: estimates_below(:)                      !! of the lower level, from its certificate
+      real(wp), intent(in) :: estimates_below(:)                      !! of the lower level, from its error estimate
       complex(wp), allocatable :: below(:, :), above(:, :)
       real(wp) :: difference, left
       integer :: i
@@ -545,12 +545,12 @@ contains
       associate (here => self%here)
          here%primary_method = primary_method%balance
          here%may_integrate = .false.
-         here%certificate%is_on = .true.
+         here%error_estimate%is_on = .true.
          here%stability%method = stability_method%off
          here%solver%tolerance = solver_tolerance(model)
          here%solver%krylov_patience = patience_with_products
          here%solver%fallback_share = 0.0_wp                          ! other sets remain to be tried
-         here%certificate%improvement_steps = 0
+         here%error_estimate%improvement_steps = 0
          if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       end associate
    end subroutine level_solver_prepare
@@ -574,7 +574,7 @@ contains
          solver%patience = merge(0, patience, with_fallback)
          solver%fallback_work = min(model%solver%fallback_work, max(0.0_wp, model%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
-         call limit%enter(huge(1.0_wp), max(model%most_work() - self%charged, &
+         call limit%enter(huge(1.0_wp), max(model%max_work() - self%charged, &
                                             merge(model%accuracy%max_work, 0.0_wp, with_fallback)))
          call solve_motion(self%here, result, error, first_guess, found)
          call limit%leave()
@@ -599,7 +599,7 @@ contains
       if (allocated(error)) deallocate (error)                        ! of the partial results
       result%status = merge(outcome%truncated, outcome%out_of_budget, has_motion)
       if (.not. has_motion) result%reason = reason%fallback_work
-      result%certificate%truncation = 1.0_wp
+      result%error_estimate%truncation = 1.0_wp
    end subroutine end_level
 
    !> Sets status and estimates of the last level, and adds the results that were omitted on the levels.
@@ -636,17 +636,17 @@ contains
 
       here = model
       here%may_integrate = .false.
-      here%certificate%is_on = .false.
+      here%error_estimate%is_on = .false.
       here%solver%tolerance = solver_tolerance(model)
       here%stability%work_spent = work_spent
-      if (here%stability%method == stability_method%auto) here%stability%fewest_periods = few_periods
+      if (here%stability%method == stability_method%auto) here%stability%min_periods = few_periods
       call put_on_level(here, model, top, error)
       if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
       if (allocated(error) .or. whole%status /= outcome%converged) return
       if (result%status == outcome%converged) then
          result%stability = whole%stability
          here%tones%omega = result%frequency
-         call compare_with_refined(here, here%tones, result%certificate, result%stability)
+         call compare_with_refined(here, here%tones, result%error_estimate, result%stability)
          call allow_for_growth(result, model%accuracy%tolerance)
       end if
       if (.not. allocated(whole%displacement_samples)) return

@@ -4,7 +4,7 @@
 module hb_advice
    use hb_attempts, only: attempt_rules
    use hb_balance, only: balance_t
-   use hb_certificate, only: near_commensurate
+   use hb_error_estimate, only: near_commensurate
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_t
@@ -66,7 +66,7 @@ contains
       end do
       if (model%tones%n_tones < 2 .or. any(model%tones%is_unknown)) return
       call near_commensurate(model%tones, combination, frequency)
-      if (frequency > model%certificate%commensurability*maxval(model%tones%omega)) return
+      if (frequency > model%error_estimate%commensurability*maxval(model%tones%omega)) return
       found%combination = combination
       found%combination_frequency = frequency
    end subroutine find_circumstances

@@ -25,7 +25,7 @@ module hb_autonomous
    private
    public :: autonomous_start_t, find_energy, find_motion, find_start
 
-   integer, parameter :: most_modes = 8                               ! from which one unknown tone is searched for
+   integer, parameter :: max_modes = 8                               ! from which one unknown tone is searched for
 
    type :: autonomous_start_t
       type(base_motion_t) :: base
@@ -238,7 +238,7 @@ contains
       failure = ""
       unstable_message = ""
       best = 1
-      do k = 1, min(most_modes, count(start%base%is_at_laws))
+      do k = 1, min(max_modes, count(start%base%is_at_laws))
          best = maxloc(merit, dim=1)
          merit(best) = -huge(1.0_wp)
          if (work_is_over()) return

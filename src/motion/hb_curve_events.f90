@@ -12,10 +12,10 @@ module hb_curve_events
    use hb_motion_description, only: stability_of
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_stability, only: stability_t
-   use hb_thresholds, only: most_bisections
+   use hb_thresholds, only: max_bisections
    implicit none
    private
-   public :: branch_event_t, extremes_of_switches, find_extremes, find_motion, find_stability, fold_event_t, graze_event_t, &
+   public :: branch_event_t, extremes_of_switches, find_extremes, find_motion, find_stability, fold_event_t, grazing_event_t, &
       value_event_t
 
    integer, parameter :: largest_search_grid = 4096                   ! size of the grid for the first search of an extreme
@@ -41,13 +41,13 @@ module hb_curve_events
    end type value_event_t
 
    !> A zero of an extremum of a switching function of a law.
-   type, extends(event_t) :: graze_event_t
+   type, extends(event_t) :: grazing_event_t
       type(model_problem_t), pointer :: problem => null()
       integer :: extreme = 0, switch = 0                              ! in the list of `find_extremes`
       real(wp) :: unit = 1.0_wp
    contains
-      procedure :: value => graze_event_value
-   end type graze_event_t
+      procedure :: value => grazing_event_value
+   end type grazing_event_t
 
 contains
 
@@ -81,8 +81,8 @@ contains
                                                   extremes)
    end subroutine find_extremes
 
-   real(wp) function graze_event_value(self, curve, x) result(value)
-      class(graze_event_t), intent(inout) :: self
+   real(wp) function grazing_event_value(self, curve, x) result(value)
+      class(grazing_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       real(wp), allocatable :: extremes(:, :)
@@ -90,7 +90,7 @@ contains
       call find_extremes(self%problem, x, extremes)
       value = ieee_value(value, ieee_quiet_nan)
       if (size(extremes, 2) >= self%switch) value = extremes(self%extreme, self%switch)/self%unit
-   end function graze_event_value
+   end function grazing_event_value
 
    real(wp) function fold_event_value(self, curve, x) result(value)
       class(fold_event_t), intent(inout) :: self
@@ -224,7 +224,7 @@ contains
          return
       end if
       width = two_pi/real(size(phases, 2), wp)**(1.0_wp/size(phases, 1))
-      do round = 1, most_bisections
+      do round = 1, max_bisections
          do m = 1, size(best)
             stencil = spread(best, 2, 3)
             stencil(m, :) = best(m) + [-width, 0.0_wp, width]

@@ -30,8 +30,8 @@ module hb_curve_gradient
 
    real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value; 1e-5: less exact
    real(wp), parameter :: across_samples = 3.0e-2_wp                  ! likewise, over 20 of the following samples
-   integer, parameter :: fewest_samples = 4096                        ! of one tone, for a position to 1 %
-   real(wp), parameter :: most_values = 1.0e6_wp                      ! of them for all coordinates: a second for a step
+   integer, parameter :: min_samples = 4096                        ! of one tone, for a position to 1 %
+   real(wp), parameter :: max_values = 1.0e6_wp                      ! of them for all coordinates: a second for a step
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
@@ -66,9 +66,10 @@ contains
       if (.not. is_possible) return
       associate (problem => curve%problem)
          select case (point%kind)
-         case (curve_kind%branch, curve_kind%split, curve_kind%graze) ! for other motions there may be none
-         case (curve_kind%fold, curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance, curve_kind%flip, &
-               curve_kind%torus)
+         case (curve_kind%branch, curve_kind%symmetry_breaking, curve_kind%grazing) ! for other motions there may be none
+         case (curve_kind%fold, curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance, &
+               curve_kind%period_doubling, &
+               curve_kind%neimark_sacker)
             located%curve => curve
             located%point = point
             call located%differentiate(curve%level, result%gradient, error)
@@ -103,8 +104,8 @@ contains
       gradient%position = ieee_value(1.0_wp, ieee_quiet_nan)
       gradient%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
       level = located%curve%level
-      if (size(level%n_samples) > 1 .or. fewest_samples*real(located%curve%problem%n_dofs, wp) > most_values) return
-      level%n_samples = max(level%n_samples, fewest_samples)
+      if (size(level%n_samples) > 1 .or. min_samples*real(located%curve%problem%n_dofs, wp) > max_values) return
+      level%n_samples = max(level%n_samples, min_samples)
       located%step = across_samples
       call located%differentiate(level, average, error)
       if (.not. allocated(average%coefficients)) return
@@ -195,10 +196,10 @@ contains
       select case (point%kind)
       case (curve_kind%fold)
          allocate (event, source=fold_event_t(point%kind))
-      case (curve_kind%flip, curve_kind%torus)
+      case (curve_kind%period_doubling, curve_kind%neimark_sacker)
          change%kind = point%kind
          change%motion => curve
-         change%bifurcation = merge(bifurcation%doubling, bifurcation%torus, point%kind == curve_kind%flip)
+         change%bifurcation = merge(bifurcation%doubling, bifurcation%torus, point%kind == curve_kind%period_doubling)
          allocate (event, source=change)
       case default
          located%kind = point%kind

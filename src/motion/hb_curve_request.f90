@@ -45,17 +45,17 @@ module hb_curve_request
       integer :: value = 5                                            !! a value that was requested
       integer :: end = 6                                              !! an end of the range, or the point at which the curve closes
       integer :: branch = 7 !! intersection with another curve: the determinant changes sign
-      integer :: flip = 8                                             !! a multiplier passes -1: motions of twice the period
-      integer :: torus = 9                                            !! a pair of them crosses the unit circle: an additional tone
-      integer :: split = 10                                           !! a multiplier passes 1 without any of the other events
-      integer :: graze = 11                                           !! a contact begins or becomes permanent
+      integer :: period_doubling = 8    !! a multiplier passes -1: motions of twice the period
+      integer :: neimark_sacker = 9    !! a pair of them crosses the unit circle: an additional tone
+      integer :: symmetry_breaking = 10    !! a multiplier passes 1 without any of the other events
+      integer :: grazing = 11                                           !! a contact begins or becomes permanent
       integer :: minimum = 12                                         !! of a response
       integer :: amplitude = 13                                       !! a response has a requested amplitude
       integer :: resonance = 14                                       !! a harmonic is in quadrature with its load
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
-   character(*), parameter :: curve_kind_names(0:14) = [character(9) :: "none", "regular", "start", "fold", "peak", "value", &
-      "end", "branch", "flip", "torus", "split", "graze", "minimum", "amplitude", "resonance"]
+   character(*), parameter :: curve_kind_names(0:14) = [character(17) :: "none", "regular", "start", "fold", "peak", "value", &
+      "end", "branch", "period_doubling", "neimark_sacker", "symmetry_breaking", "grazing", "minimum", "amplitude", "resonance"]
 
    !> A response, and the kind of points that are located for it.
    type, extends(response_t) :: located_response_t

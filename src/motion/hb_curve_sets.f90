@@ -1,7 +1,7 @@
 !> Sets and grids along a curve: they grow where the error of a motion exceeds the tolerance, and shrink where it is
 !> far below.
 !> A step whose points exceed the tolerance is rejected and repeated on a set and a grid enlarged by what their
-!> certificates find missing. The preceding point is transferred: it is corrected in the plane across the curve, and
+!> error estimates find missing. The preceding point is transferred: it is corrected in the plane across the curve, and
 !> the curve is continued in the same direction. Neighbouring points share sets: a set that grows is chosen for a part
 !> of the tolerance, and shrinks below a smaller part. The tuples of the lowest set always remain, because a motion
 !> may lose its symmetry along the curve. Source: docs/why/accuracy.md.
@@ -14,8 +14,8 @@ module hb_curve_sets
    use hb_followed_motion, only: curve_state_t, followed_motion_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
-   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, level_t, &
-      margin, most_failures
+   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, min_goal, level_t, &
+      margin, max_failures
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
@@ -25,7 +25,7 @@ module hb_curve_sets
    private
    public :: transfer_motion, step_to_tolerance
 
-   integer, parameter :: most_idle = 2                                ! consecutive ones without improvement
+   integer, parameter :: max_idle = 2                                ! consecutive ones without improvement
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
    real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: below it a smaller set is sufficient;
                                                                       ! with 0.03 a curve that has left its stop keeps 12
@@ -77,7 +77,7 @@ contains
       integer :: ending
 
       call refined%prepare(self)
-      refined%most_failures = most_failures + 1
+      refined%max_failures = max_failures + 1
       if (self%estimate <= ample*self%model%accuracy%tolerance) call shrink(self, refined%model, error)
       if (allocated(error)) return
       first = self%curve_state_t
@@ -181,7 +181,7 @@ contains
 
       associate (kinds => self%motion%waiting(self%motion%first_waiting:)%kind)
          is_accurate = refined_curve_is_accurate(self) .and. &
-                       .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%split)
+                       .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%symmetry_breaking)
       end associate
    end function refined_step_is_accurate
 
@@ -254,7 +254,7 @@ contains
       self%model = motion%model
       self%model%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%loads%n_dofs), 2, &
                                               self%model%loads%n_harmonics))   ! tuples with loads are required
-      self%most_idle = most_idle
+      self%max_idle = max_idle
    end subroutine refined_curve_prepare
 
    !> Chooses the next level for one motion.
@@ -266,7 +266,7 @@ contains
       logical, intent(out) :: is_there
 
       call choose_next(self%model, result, top_at(self%motion, x), &
-                       max(least_goal*estimate_of(result), least*self%model%accuracy%tolerance), 0, self%next, is_there)
+                       max(min_goal*estimate_of(result), least*self%model%accuracy%tolerance), 0, self%next, is_there)
    end subroutine refined_curve_choose_for
 
    logical function refined_curve_is_accurate(self) result(is_accurate)

@@ -3,7 +3,7 @@
 module hb_curve_step
    use hb_curve_request, only: curve_kind
    use hb_event_location, only: find_events
-   use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, most_tolerance_factor, waiting_t
+   use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, max_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_thresholds, only: faint, next_to_none
@@ -37,7 +37,7 @@ contains
             n_branch_points = curve%n_branch_points
             call curve%advance()
             if (curve%status == outcome%stalled) call try_end(self)
-            if (curve%status == outcome%stalled .and. self%is_rough .and. self%tolerance_factor < most_tolerance_factor) then
+            if (curve%status == outcome%stalled .and. self%is_rough .and. self%tolerance_factor < max_tolerance_factor) then
                self%tolerance_factor = 10.0_wp*self%tolerance_factor
                call self%renew()
                curve%status = outcome%pending

@@ -9,7 +9,7 @@ module hb_doubtful_extremes
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_stability, only: stability_method, stability_t
-   use hb_thresholds, only: most_bisections, safety
+   use hb_thresholds, only: max_bisections, safety
    implicit none
    private
    public :: drop_doubtful
@@ -76,13 +76,13 @@ contains
       type(motion_result_t) :: result
       type(waiting_t) :: point
 
-      if (.not. self%problem%model%certificate%is_on) return
+      if (.not. self%problem%model%error_estimate%is_on) return
       point%kind = curve_kind%regular
       point%x = x
       point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is searched for
       call self%describe(point, result, error)
       if (allocated(error)) return
-      associate (found => result%certificate)
+      associate (found => result%error_estimate)
          if (extreme%response == 0) then
             extreme%error = max(extreme%error, found%parameter_error)
          else if (allocated(found%refined)) then
@@ -116,7 +116,7 @@ contains
       curve%config%longest_step = curve%step
       length = self%length
       is_clear = .true.
-      do i = 0, most_bisections
+      do i = 0, max_bisections
          fall = extreme%sense*(extreme%value - function_at(self, extreme%response, curve%x))
          if (fall >= safety*extreme%error) exit
          is_clear = fall >= -safety*extreme%error

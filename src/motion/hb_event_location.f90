@@ -3,17 +3,18 @@
 module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
-   use hb_curve_events, only: branch_event_t, fold_event_t, graze_event_t, value_event_t
+   use hb_curve_events, only: branch_event_t, fold_event_t, grazing_event_t, value_event_t
    use hb_curve_request, only: curve_kind, located_response_t
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
-   use hb_stability, only: bifurcation, bifurcation_value, is_torus, most_multipliers, stability_method, stability_t
+   use hb_stability, only: bifurcation, bifurcation_value, is_torus, max_multipliers, stability_method, stability_t
    use hb_thresholds, only: agreement, clearly, minor, next_to_none, rounding, sharp
    implicit none
    private
    public :: bifurcation_event_t, find_events, response_event_t
 
-   integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
+   ! of each kind of bifurcation
+   integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]
 
    !> The step, and the state of the search.
    type :: search_t
@@ -151,8 +152,8 @@ contains
 
       if (allocated(self%known%impacts)) then
          if (any(self%known%impacts /= search%known%impacts)) &
-            call find(self, search, count_event_t(curve_kind%graze, .true., 0.0_wp, self, self%known%impacts), [1.0_wp, -1.0_wp], &
-                      is_found)
+            call find(self, search, count_event_t(curve_kind%grazing, .true., 0.0_wp, self, self%known%impacts), &
+                      [1.0_wp, -1.0_wp], is_found)
          return
       end if
       if (size(self%known%extremes, 2) /= size(search%known%extremes, 2)) return
@@ -162,7 +163,7 @@ contains
             do i = 1, 2
                if (.not. before(i)*behind(i) < 0.0_wp) cycle
                if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
-               call find(self, search, graze_event_t(curve_kind%graze, .false., rounding_of(self), self%problem, i, k, unit), &
+               call find(self, search, grazing_event_t(curve_kind%grazing, .false., rounding_of(self), self%problem, i, k, unit), &
                          [before(i), behind(i)]/unit, is_found)
             end do
          end associate
@@ -178,7 +179,7 @@ contains
       integer :: i, n_before
 
       call sort_by_position(self%waiting)
-      grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%graze)
+      grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%grazing)
       do i = 0, size(grazes)
          piece%ends = [0.0_wp, self%curve%last_step]
          piece%stability = [self%known%stability, search%known%stability]
@@ -260,7 +261,7 @@ contains
       number%motion => self
       number%may_jump = .true.
       begin = piece%ends(1)
-      do i = 1, most_multipliers
+      do i = 1, max_multipliers
          if (number%n == n_last) return
          call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
@@ -289,8 +290,9 @@ contains
       n_pairs = 0
       do i = 1, size(points)
          if (points(i)%position < piece%ends(1) .or. points(i)%position > piece%ends(2)) cycle
-         if (any(points(i)%kind == [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%split])) n_single = n_single + 1
-         if (points(i)%kind == curve_kind%torus) n_pairs = n_pairs + 1
+         if (any(points(i)%kind == [curve_kind%fold, curve_kind%branch, curve_kind%period_doubling, &
+                                    curve_kind%symmetry_breaking])) n_single = n_single + 1
+         if (points(i)%kind == curve_kind%neimark_sacker) n_pairs = n_pairs + 1
       end do
       is_explained = n_more == 0 .or. (modulo(n_more - n_single, 2) == 0 .and. abs(n_more) <= n_single + 2*n_pairs)
    end function is_explained

@@ -17,7 +17,7 @@ module hb_followed_motion
    use hb_kinds, only: wp
    use hb_level, only: carry, estimate_of, level_t, put_on_level, with_caution
    use hb_model, only: model_t
-   use hb_model_basis, only: half_of_odd, is_solved_odd, most_even
+   use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
    use hb_motion_description, only: describe_motion
    use hb_motion_result, only: motion_result_t
@@ -31,11 +31,11 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: add_origin, add_waiting, curve_state_t, followed_motion_t, known_t, largest_load, most_tolerance_factor, &
+   public :: add_origin, add_waiting, curve_state_t, followed_motion_t, known_t, largest_load, max_tolerance_factor, &
       n_further, origin_t, reported_extreme_t, waiting_t
 
-   integer, parameter :: most_corrections = 10
-   real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
+   integer, parameter :: max_corrections = 10
+   real(wp), parameter :: max_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
 
    !> A motion with the direction of a curve there.
    type :: origin_t
@@ -193,9 +193,9 @@ contains
          if (allocated(error)) return
       end if
       if (found%accuracy%is_on) then
-         found%certificate%is_on = .true.
-         found%certificate%truncation = found%accuracy%tolerance
-         found%certificate%aliasing = found%accuracy%tolerance
+         found%error_estimate%is_on = .true.
+         found%error_estimate%truncation = found%accuracy%tolerance
+         found%error_estimate%aliasing = found%accuracy%tolerance
          call self%problem%destroy()
       end if
       call new_model_problem(self%problem, found, self%request%moving, self%request%start, error)
@@ -257,7 +257,7 @@ contains
       config%shortest_step = 1.0e-6_wp*config%longest_step
       config%kink_step = 1.0e-4_wp*config%longest_step
       corrector = self%problem%model%solver
-      corrector%max_iterations = most_corrections
+      corrector%max_iterations = max_corrections
       corrector%line_search = .false.
       self%curve%x = x
       call border(self, direction)
@@ -301,7 +301,7 @@ contains
       associate (curve => self%curve)
          if (allocated(curve%part)) deallocate (curve%part)
          if (.not. allocated(self%odd_problem)) return
-         if (even_part_of(curve%x) > most_even .or. even_part_of(curve%direction) > most_even) return
+         if (even_part_of(curve%x) > max_even .or. even_part_of(curve%direction) > max_even) return
          allocate (curve%part)
          curve%retained = self%odd_indices
          call new_bordered_problem(curve%part, self%odd_problem, self%problem%which, curve%problem%functionals(curve%retained, :), &
@@ -343,11 +343,11 @@ contains
       corrector = self%problem%model%solver
       corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(x(:self%problem%n_unknowns)), &
                                 10.0_wp*self%roughness)
-      corrector%max_iterations = 2*most_corrections
+      corrector%max_iterations = 2*max_corrections
       do
          call solve_newton(self%curve%problem, corrector, x, report)
          is_found = report%status == outcome%converged
-         if (is_found .or. .not. self%is_rough .or. self%tolerance_factor >= most_tolerance_factor) exit
+         if (is_found .or. .not. self%is_rough .or. self%tolerance_factor >= max_tolerance_factor) exit
          self%tolerance_factor = 10.0_wp*self%tolerance_factor
          corrector%tolerance = 10.0_wp*corrector%tolerance
          x = self%curve%x
@@ -650,7 +650,7 @@ contains
          if (model%normal_mode%is_requested) result%artificial_damping = balance%xi
          result%n_harmonics = model%harmonics%n_harmonics
          result%n_unknowns = n
-         if (model%certificate%is_on) call put_across(self, point)
+         if (model%error_estimate%is_on) call put_across(self, point)
          call describe_motion(model, whole_basis(model%harmonics, model%torus), balance, &
                               reshape(point%x(:n), [model%harmonics%n_coefficients, balance%n_dofs]), result, error, &
                               curve=self%curve%problem)

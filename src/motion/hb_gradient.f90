@@ -83,7 +83,7 @@ contains
       associate (by => model%gradient%by, gradient => result%gradient)
          coordinates = coordinates_of(model)
          if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
-         if (any(result%status == [outcome%time_domain, outcome%several])) return ! not a motion of a balance
+         if (any(result%status == [outcome%integrated, outcome%multiple_attractors])) return ! not a motion of a balance
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
          known%model = model
          call put_on_level(known%model, model, own, error)

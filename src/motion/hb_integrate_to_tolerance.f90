@@ -21,7 +21,7 @@ module hb_integrate_to_tolerance
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome, reason
    use hb_refinement, only: refinable_t, refine
-   use hb_structure, only: most_dense, structure_t
+   use hb_structure, only: max_dense, structure_t
    use hb_text, only: to_text
    use hb_thresholds, only: reliable, safety, well_solved
    use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t
@@ -71,7 +71,7 @@ contains
       integrates_first = model%primary_method == primary_method%integration
       if (model%primary_method /= primary_method%auto .or. model%tones%n_tones /= 1 .or. any(model%tones%is_unknown)) return
       if (.not. is_rigid(model) .or. .not. model%accuracy%grows_set .or. size(model%accuracy%outputs) > 0) return
-      if (model%structure%n_dofs > most_dense .or. model%chain%is_on) return
+      if (model%structure%n_dofs > max_dense .or. model%chain%is_on) return
       structure = model%structure
       call structure%unpack()
       counts%n_dofs = structure%n_dofs
@@ -232,13 +232,13 @@ contains
       record%here = model
       record%here%integration%aim = sqrt(1.0_wp - share_of_tail**2)*model%accuracy%tolerance
       record%here%integration%tolerance = max(model%integration%tolerance, well_solved*record%here%integration%aim)
-      record%here%certificate%truncation = min(model%certificate%truncation, model%accuracy%tolerance)
+      record%here%error_estimate%truncation = min(model%error_estimate%truncation, model%accuracy%tolerance)
       record%coordinates = coordinates_of(model)
       record%capacity = share_of_integrated*model%accuracy%max_harmonics
       record%order = first_order(model, candidates_of_retained*record%capacity)
       record%budget%limit = min(2.0_wp*model%integration%work_limit - result%integration_work, & ! two methods may need as much
-                                2.0_wp*model%most_work() - result%charged)
-      record%most_failures = huge(1)
+                                2.0_wp*model%max_work() - result%charged)
+      record%max_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, model%tones%n_tones, loaded_tuples(model), record%error, record%order)
       if (.not. allocated(record%error)) call refine(record)
@@ -273,7 +273,7 @@ contains
          return
       end if
       if (self%n_found == 0) self%steady = steady
-      is_solved = any(steady%status == [outcome%time_domain, outcome%several])
+      is_solved = any(steady%status == [outcome%integrated, outcome%multiple_attractors])
       self%is_ended = .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. &
                              .not. shows_returns(self%model))
       if (work_is_over() .or. .not. is_solved) return
@@ -383,7 +383,7 @@ contains
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)
       call keep_integrated(here, coordinates, retained, result)
-      result%certificate%truncation = hypot(steady%spread, tail)
+      result%error_estimate%truncation = hypot(steady%spread, tail)
       found%n_samples = samples_for(found%set%highest, degree_of(model))
       found%unknowns = guess_from(here, coordinates, retained)
       result%harmonics = found%set

@@ -1,7 +1,7 @@
 !> The result of a point whose motion was found by time integration.
 module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_certificate, only: near_commensurate
+   use hb_error_estimate, only: near_commensurate
    use hb_coordinates, only: coordinates_t
    use hb_floquet, only: stability_of_map
    use hb_kinds, only: wp
@@ -60,10 +60,10 @@ contains
       result%force_coefficients = as_pairs(forces(coordinates%dofs, :))
       result%corrected_coefficients = as_pairs(c(coordinates%dofs, :))
       call find_stability(model, steady, result%stability)
-      associate (found => result%certificate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
+      associate (found => result%error_estimate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
          call near_commensurate(model%tones, found%combination, found%combination_frequency)
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &
-            found%combination_frequency < model%certificate%commensurability*maxval(model%tones%omega)
+            found%combination_frequency < model%error_estimate%commensurability*maxval(model%tones%omega)
          found%truncation = steady%spread
          found%aliasing = 0.0_wp
          if (model%integration%aim <= 0.0_wp) then                   ! averages: tuples outside the set, and the scatter

@@ -1,4 +1,4 @@
-!> A set of harmonics with its grid and a motion in it, and the choice of the next one: from the certificate's
+!> A set of harmonics with its grid and a motion in it, and the choice of the next one: from the error estimate's
 !> estimates of the tuples that the set lacks and of the effect of its grid on the motion. A set gains the important
 !> tuples and loses the unimportant ones. Source: docs/why/accuracy.md.
 module hb_level
@@ -17,24 +17,24 @@ module hb_level
    implicit none
    private
    public :: carry, caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
-   public :: is_rigid, join, least_goal, level_of, margin, most_failures, needed_samples, put_on_level, put_on_set
+   public :: is_rigid, join, min_goal, level_of, margin, max_failures, needed_samples, put_on_level, put_on_set
    public :: level_t, same_set, trim_set, with_caution
 
-   integer, parameter :: most_failures = 3                            ! consecutive levels
+   integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
-   real(wp), parameter :: least_goal = 0.03_wp !! of the estimate: smallest goal for the error of the next level
+   real(wp), parameter :: min_goal = 0.03_wp !! of the estimate: smallest goal for the error of the next level
    real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be removed
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of neglected tuples by the response to them
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, or the orders of a box, from one level to the next
-   real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that is too small for the motion
+   real(wp), parameter :: min_growth = 1.1_wp                       ! of a set that is too small for the motion
    real(wp), parameter :: smaller_tail = 0.2_wp
    integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
    real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
    real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid; multipliers were less accurate after 1.8
    real(wp), parameter :: decay = 2.4_wp ! power of the spacing of samples with which aliasing decreases
-   real(wp), parameter :: least_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
+   real(wp), parameter :: min_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
    !> A set with its grid, and a motion in it.
    type :: level_t
@@ -64,14 +64,14 @@ contains
       if (.not. goal > 0.0_wp) return
       next%set = top%set
       next%n_samples = top%n_samples
-      if (model%accuracy%grows_set) call choose_set(model, result, top, goal, n_failures == most_failures - 1 .or. &
-         raised_by(result)*result%certificate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
+      if (model%accuracy%grows_set) call choose_set(model, result, top, goal, n_failures == max_failures - 1 .or. &
+         raised_by(result)*result%error_estimate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (model%accuracy%refines_grid) then
          least = needed_samples(next%set%highest, degree_of(model))
          finer = 1.0_wp
          if (degree_of(model) == 0) then
-            finer = (raised_by(result)*result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
+            finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
             finer = max(clearly_smaller, min(finer, largest_refinement))*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
@@ -86,10 +86,10 @@ contains
          return
       end if
       if (min(next%set%n_harmonics, top%set%n_harmonics) >= model%accuracy%max_harmonics .and. &
-          result%certificate%truncation > result%certificate%aliasing) return ! other tuples, but not more
+          result%error_estimate%truncation > result%error_estimate%aliasing) return ! other tuples, but not more
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
-      if (allocated(result%certificate%first_order) .and. n_failures == 0 .and. .not. any(model%tones%is_unknown)) &
+      if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(model%tones%is_unknown)) &
          call take_errors_out(result, top, next)
       is_there = .true.
    end subroutine choose_next
@@ -102,7 +102,7 @@ contains
       type(level_t) :: corrected
 
       corrected%set = next%set
-      corrected%unknowns = carry(result%certificate%around, next%set, [result%certificate%first_order, &
+      corrected%unknowns = carry(result%error_estimate%around, next%set, [result%error_estimate%first_order, &
                                                             top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], &
                                  top%set%n_tones)
       if (distance(next, corrected, .false.) < near) next%unknowns = corrected%unknowns
@@ -114,7 +114,7 @@ contains
       type(motion_result_t), intent(in) :: result
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! for the estimated error
-      logical, intent(in) :: as_box                                   !! the certificate cannot report the tuples that the set lacks
+      logical, intent(in) :: as_box !! the error estimate cannot report the tuples that the set lacks
       type(harmonics_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: around
@@ -132,15 +132,16 @@ contains
       carried = top%set%norms(coefficients_of(top))
       carried = carried/max(norm2(carried), tiny(1.0_wp))
       is_needed = [(is_needed_at(model, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
-      if (allocated(result%certificate%neglected)) then
-         around = result%certificate%around
-         neglected = result%certificate%neglected
+      if (allocated(result%error_estimate%neglected)) then
+         around = result%error_estimate%around
+         neglected = result%error_estimate%neglected
       else                                                            ! the tangent was not usable: one more in all directions
          call new_box(around, top%set%highest + 1, .false., error)
          if (allocated(error)) return
          allocate (neglected(around%n_harmonics), source=goal)
       end if
-      amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by the tuples of the set
+      amplification = raised_by(result)*result%error_estimate%truncation/max(norm2(neglected), &
+                                                                             tiny(1.0_wp)) ! by the tuples of the set
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
       capacity = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
@@ -148,8 +149,8 @@ contains
       do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
          call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity), error)
          if (allocated(error)) return
-         if (raised_by(result)*result%certificate%truncation <= goal .or. &
-             set%n_harmonics > least_growth*top%set%n_harmonics) return
+         if (raised_by(result)*result%error_estimate%truncation <= goal .or. &
+             set%n_harmonics > min_growth*top%set%n_harmonics) return
          tail = smaller_tail*tail
       end do
    end subroutine choose_set
@@ -348,7 +349,7 @@ contains
       distance = distance/max(norm2(u), tiny(1.0_wp))
    end function distance
 
-   !> Estimated error of a motion, from its certificate or from the level below.
+   !> Estimated error of a motion, from its error estimate or from the level below.
    pure real(wp) function estimate_of(result)
       type(motion_result_t), intent(in) :: result
 
@@ -359,10 +360,10 @@ contains
    pure real(wp) function estimate_of_motion(result) result(estimate)
       type(motion_result_t), intent(in) :: result
 
-      estimate = hypot(result%certificate%truncation, result%certificate%aliasing)
+      estimate = hypot(result%error_estimate%truncation, result%error_estimate%aliasing)
    end function estimate_of_motion
 
-   !> Factor by which the level below increases the estimate of the certificate.
+   !> Factor by which the level below increases the estimate of the error estimate.
    pure real(wp) function raised_by(result)
       type(motion_result_t), intent(in) :: result
 
@@ -379,19 +380,19 @@ contains
          return
       end if
       estimate = estimate_of(result)
-      associate (found => result%certificate)
+      associate (found => result%error_estimate)
          if (allocated(found%frequency_error) .and. allocated(result%frequency)) &
             estimate = max(estimate, maxval(found%frequency_error/result%frequency))
       end associate
    end function estimate_of_wanted
 
-   !> Increases the estimated error of a motion with rigid laws, which certificates underestimate.
+   !> Increases the estimated error of a motion with rigid laws, which error estimates underestimate.
    pure subroutine with_caution(model, result)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result
 
       if (.not. is_rigid(model)) return
-      result%level_estimate = min(1.0_wp, hypot(caution*result%certificate%truncation, result%certificate%aliasing))
+      result%level_estimate = min(1.0_wp, hypot(caution*result%error_estimate%truncation, result%error_estimate%aliasing))
       if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
    end subroutine with_caution
 
@@ -428,7 +429,7 @@ contains
       if (degree > 0) then
          n_samples = samples_for(highest, degree)
       else
-         n_samples = max(8, fast_size(ceiling(least_density*(2*highest + 1))))
+         n_samples = max(8, fast_size(ceiling(min_density*(2*highest + 1))))
       end if
    end function needed_samples
 end module hb_level

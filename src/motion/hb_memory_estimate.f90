@@ -1,14 +1,14 @@
 !> Memory of a point, estimated from the sizes of its model alone, before any large allocation.
 !> The estimate is the largest sum of arrays that exist at the same time. A point needs its balance (linear part,
 !> samples) and, in addition, the most expensive of three: the tangent of the direct attempt, the fallback, the
-!> certificate with its own wider balance. Products with a tangent need a preconditioner, which becomes stronger for a
+!> error estimate with its own wider balance. Products with a tangent need a preconditioner, which becomes stronger for a
 !> difficult problem; the strongest one is counted as fallback. Small arrays are counted with the next larger ones;
 !> tests/cases/test_memory.py compares the estimate with the memory of runs.
 module hb_memory_estimate
    use hb_balance, only: largest_dense_tangent
    use hb_basis, only: basis_t, whole_basis
-   use hb_certificate, only: finer_samples, wider_orders
-   use hb_coarse_tangent, only: most_memory
+   use hb_error_estimate, only: finer_samples, wider_orders
+   use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
@@ -44,7 +44,7 @@ module hb_memory_estimate
       integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
       integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
       logical :: is_rigid = .false.                                   !! a law needs the reaction
-      logical :: has_certificate = .false.
+      logical :: has_error_estimate = .false.
       logical :: has_unknown_tones = .false.
       type(solver_config_t) :: solver
    end type sizes_t
@@ -60,7 +60,7 @@ module hb_memory_estimate
       real(wp) :: samples = 0                                         !! on the torus: motions, forces, spectra, derivatives
       real(wp) :: tangent = 0                                         !! of the direct attempt, with the vectors of the solver
       real(wp) :: fallback = 0   !! instead of the tangent, if the direct attempt fails or is difficult
-      real(wp) :: certificate = 0                                     !! wider balance, in addition to the tangent
+      real(wp) :: error_estimate = 0                                     !! wider balance, in addition to the tangent
       real(wp) :: results = 0                                         !! of a point, surfaces with their balance
    contains
       procedure :: usual => memory_estimate_usual
@@ -73,7 +73,7 @@ contains
    pure function estimate_memory(s) result(bytes)
       type(sizes_t), intent(in) :: s
       type(memory_estimate_t) :: bytes
-      real(wp) :: dense, n, n_wide, of_certificate, table
+      real(wp) :: dense, n, n_wide, of_error_estimate, table
       integer, allocatable :: orders(:)
 
       n = unknowns(s, s%n_harmonics)
@@ -89,21 +89,21 @@ contains
       bytes%tangent = dense + table
       if (s%solver%method == method%broyden) bytes%tangent = bytes%tangent + 2*real_bytes*n*s%solver%memory
       if (s%solver%fallback) bytes%fallback = 2*dense + table
-      of_certificate = dense
+      of_error_estimate = dense
       if (from_products(s)) then
-         of_certificate = products_bytes(s, .false.)
+         of_error_estimate = products_bytes(s, .false.)
          if (any(s%solver%method == [method%auto, method%krylov])) then
-            bytes%tangent = of_certificate
+            bytes%tangent = of_error_estimate
             if (n - s%n_coordinates > largest_affordable) bytes%fallback = 0 ! dense ones are not tried
-            bytes%fallback = max(products_bytes(s, .true.), bytes%fallback + of_certificate)
-         else if (s%has_certificate) then
+            bytes%fallback = max(products_bytes(s, .true.), bytes%fallback + of_error_estimate)
+         else if (s%has_error_estimate) then
             bytes%fallback = max(products_bytes(s, .true.), bytes%fallback)
          end if
       end if
-      if (.not. s%has_certificate) return
+      if (.not. s%has_error_estimate) return
       orders = wider_orders(s%highest)
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
-      bytes%certificate = of_certificate + 4*real_bytes*unknowns(s, n_wide) + linear_bytes(s, n_wide, size(orders) == 1) &
+      bytes%error_estimate = of_error_estimate + 4*real_bytes*unknowns(s, n_wide) + linear_bytes(s, n_wide, size(orders) == 1) &
                           + complex_bytes*s%n_dofs*merge(n_wide, s%n_harmonics, size(orders) == 1) &
                           + sample_bytes(s, n_wide, finer_samples(s%samples, orders, s%is_rigid .or. s%has_unknown_tones), .false.)
    end function estimate_memory
@@ -113,7 +113,7 @@ contains
       class(memory_estimate_t), intent(in) :: self
 
       memory_estimate_usual = of_program + self%structure + self%linear + self%samples + self%results + &
-                              max(self%tangent, self%certificate)
+                              max(self%tangent, self%error_estimate)
    end function memory_estimate_usual
 
    !> Bytes of a point that uses everything its settings permit.
@@ -162,11 +162,11 @@ contains
       type(memory_estimate_t), intent(in) :: bytes
       character(250) :: text
       character(11), parameter :: names(7) = [character(11) :: &
-         "structure", "linear part", "samples", "tangent", "fallback", "certificate", "results"]
+         "structure", "linear part", "samples", "tangent", "fallback", "error_estimate", "results"]
       real(wp) :: parts(7)
       integer :: i, k
 
-      parts = [bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%fallback, bytes%certificate, &
+      parts = [bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%fallback, bytes%error_estimate, &
                bytes%results]
       text = ""
       do k = 1, size(parts)
@@ -249,7 +249,7 @@ contains
       allocate (samples, source=s%samples)
       if (s%states <= 0.0_wp .and. all(s%samples >= 4*real(s%highest, wp) + 1)) &
          samples = min(s%samples, cheap_size(4*s%highest + 1, size(samples)))
-      products_bytes = real_bytes*(n*(s%solver%krylov_vectors + 15) + min(most_memory, factors) + &
+      products_bytes = real_bytes*(n*(s%solver%krylov_vectors + 15) + min(max_memory, factors) + &
                                    volume(samples)*((s%n_kinds + 4)*s%n_coordinates + s%n_kinds*s%n_pairs) + &
                                    6.5_wp*table_size(s%highest) + 5*s%n_coordinates**2) &
                        + complex_bytes*s%n_harmonics*s%n_coordinates*factor_rows(s%n_coordinates, s%bandwidth)
@@ -355,7 +355,7 @@ contains
       self%n_stored_dofs = size(model%output%dofs)
       self%stored_samples = model%output%samples
       self%solver = model%solver
-      self%has_certificate = model%certificate%is_on .and. n > 0
+      self%has_error_estimate = model%error_estimate%is_on .and. n > 0
       self%has_unknown_tones = any(model%tones%is_unknown)
       self%largest_dense = largest_dense_tangent(laws)
       call count_matrices(self, model%structure)

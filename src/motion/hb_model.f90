@@ -23,7 +23,7 @@ module hb_model
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: accuracy_t, callbacks_t, certificate_config_t, gradient_config_t, model_t, share_of_integrated, symmetry, &
+   public :: accuracy_t, callbacks_t, error_estimate_config_t, gradient_config_t, model_t, share_of_integrated, symmetry, &
       time_domain_solver_t
 
    integer, parameter :: share_of_integrated = 4 !! sets of integrated motions are as many times larger: no tuple
@@ -63,7 +63,7 @@ module hb_model
    end type gradient_config_t
 
    !> Limits above which a solved point counts as inaccurate.
-   type :: certificate_config_t
+   type :: error_estimate_config_t
       logical :: is_on = .true.
       real(wp) :: truncation = 1.0e-2_wp                              !! largest estimated error, relative to the motion
       real(wp) :: aliasing = 1.0e-2_wp                                !! largest estimated error, relative to the motion
@@ -72,7 +72,7 @@ module hb_model
                                                                       !! that of the motion there
       integer :: improvement_steps = 0                                !! steps towards the motion in a wider set
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone
-   end type certificate_config_t
+   end type error_estimate_config_t
 
    !> First guesses from neighbouring points of a sweep.
    type :: chain_config_t
@@ -128,7 +128,7 @@ module hb_model
       logical :: start_from_integration = .false.                     !! or the end of a time integration
       type(chain_config_t) :: chain
       type(accuracy_t) :: accuracy
-      type(certificate_config_t) :: certificate
+      type(error_estimate_config_t) :: error_estimate
       type(stability_config_t) :: stability
       type(output_config_t) :: output
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may use
@@ -139,7 +139,7 @@ module hb_model
    contains
       procedure :: has_time_domain => model_has_time_domain
       procedure :: lacks_impacts_of => model_lacks_impacts_of
-      procedure :: most_work => model_most_work
+      procedure :: max_work => model_most_work
    end type model_t
 
    abstract interface

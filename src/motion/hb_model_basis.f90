@@ -20,10 +20,10 @@ module hb_model_basis
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: asymmetry, coordinates_of, even_part, find_basis, half_of_odd, is_solved_odd, most_even, &
+   public :: asymmetry, coordinates_of, even_part, find_basis, half_of_odd, is_solved_odd, max_even, &
       why_not_odd
 
-   real(wp), parameter :: most_even = 1.0e-10_wp                      !! negligible even part of a motion, relative; 1e-9 would
+   real(wp), parameter :: max_even = 1.0e-10_wp                      !! negligible even part of a motion, relative; 1e-9 would
                                                                       !! take curves beside branch points for symmetric ones
 
 contains
@@ -40,7 +40,7 @@ contains
       is_odd = is_solved_odd(model)
       if (is_odd .and. present(guess) .and. model%symmetry == symmetry%auto) then
          associate (n => model%harmonics%n_coefficients, n_all => size(guess) - model%tones%n_tones)
-            is_odd = even_part(model%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= most_even
+            is_odd = even_part(model%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= max_even
          end associate
       end if
       if (is_odd) then

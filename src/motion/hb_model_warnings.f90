@@ -1,6 +1,6 @@
 !> Warnings about a model that can be solved, before it is: tones with a common period, no load.
 module hb_model_warnings
-   use hb_certificate, only: near_commensurate
+   use hb_error_estimate, only: near_commensurate
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_text, only: join, string_t, to_text
@@ -20,7 +20,7 @@ contains
       type(model_t), intent(in) :: model
       character(:), allocatable, intent(out) :: text
 
-      text = trim(commensurate_text(model%tones, model%certificate%commensurability))
+      text = trim(commensurate_text(model%tones, model%error_estimate%commensurability))
       if (.not. has_no_load(model)) return
       if (len(text) > 0) text = text//new_line("a")
       text = text//no_load_text

@@ -8,7 +8,7 @@ module hb_motion
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
-   use hb_certificate, only: certificate_t, certify_linear
+   use hb_error_estimate, only: error_estimate_t, estimate_linear_error
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
@@ -26,7 +26,7 @@ module hb_motion
    use hb_solver, only: solve
    use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, fallback, report_t, stage, starting_point, technique
    use hb_stability, only: stability_method, stability_t
-   use hb_structure, only: most_dense
+   use hb_structure, only: max_dense
    use hb_thresholds, only: nearby_steps, rounding
    use hb_time_domain, only: locking_t, may_be_locked, primary_method, steady_motion_t
    implicit none
@@ -213,7 +213,7 @@ contains
          attempt%status = steady%status
          if (steady%status == outcome%pending) &
             attempt%status = merge(outcome%out_of_budget, outcome%failed, steady%is_out_of_work)
-         attempt%has_succeeded = .not. (work_is_over() .or. self%is_struck) .and. steady%status == outcome%time_domain
+         attempt%has_succeeded = .not. (work_is_over() .or. self%is_struck) .and. steady%status == outcome%integrated
          if (.not. attempt%has_succeeded) call adopt_integrated(self)
       end associate
    end subroutine integrate_last
@@ -254,17 +254,17 @@ contains
       type(motion_result_t) :: whole
       integer :: i
 
-      is_there = model%structure%n_dofs <= most_dense
+      is_there = model%structure%n_dofs <= max_dense
       if (.not. is_there) return
       from = model
       from%may_integrate = .false.
-      from%certificate%is_on = .false.
+      from%error_estimate%is_on = .false.
       from%stability%method = stability_method%off
       from%output%dofs = [(i, i=1, model%structure%n_dofs)]
       call solve_motion(from, whole, error, unknowns)
       is_there = .not. allocated(error) .and. whole%status == outcome%converged
       if (.not. is_there) return
-      from%certificate = model%certificate
+      from%error_estimate = model%error_estimate
       from%stability = model%stability
       from%output = model%output
       from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
@@ -308,14 +308,14 @@ contains
    !> Discards a motion that an error, or time integration, has shown to be none.
    pure subroutine forget_motion(result)
       type(motion_result_t), intent(inout) :: result
-      type(certificate_t) :: no_certificate
+      type(error_estimate_t) :: no_error_estimate
       type(stability_t) :: no_stability
 
       if (allocated(result%coefficients)) deallocate (result%coefficients)
       if (allocated(result%force_coefficients)) deallocate (result%force_coefficients)
       if (allocated(result%corrected_coefficients)) deallocate (result%corrected_coefficients)
       if (allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
-      result%certificate = no_certificate
+      result%error_estimate = no_error_estimate
       result%is_near_commensurate = .false.
       result%stability = no_stability
    end subroutine forget_motion
@@ -456,8 +456,9 @@ contains
       allocate (result%corrected_coefficients(2, basis%whole%n_harmonics, 0))
       result%status = outcome%converged
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
-      if (model%certificate%is_on .and. result%status == outcome%converged) &
-         call certify_linear(result%certificate, model%structure, model%tones, basis%harmonics%frequencies(model%tones%omega), &
+      if (model%error_estimate%is_on .and. result%status == outcome%converged) &
+         call estimate_linear_error(result%error_estimate, model%structure, model%tones, &
+                                    basis%harmonics%frequencies(model%tones%omega), &
                              model%loads%at(basis%positions), c)
    end subroutine solve_linear_model
 
@@ -608,7 +609,7 @@ contains
       integer, intent(in) :: law_dofs(:)
       type(motion_result_t), intent(inout) :: result
       type(locking_t) :: locking
-      type(certificate_t) :: none
+      type(error_estimate_t) :: none
 
       select case (result%status)
       case (outcome%stalled)
@@ -626,7 +627,7 @@ contains
       if (.not. locking%is_locked) return
       result%status = outcome%locked
       result%message = trim(locking%message())
-      result%certificate = none                                       ! of a torus that does not exist
+      result%error_estimate = none                                       ! of a torus that does not exist
       result%is_near_commensurate = .false.
       where (model%tones%is_unknown) result%frequency = locking%multiples*locking%base
    end subroutine search_for_locking

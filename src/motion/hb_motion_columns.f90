@@ -80,7 +80,7 @@ contains
       call outcome_columns(t, m)
       call accuracy_columns(t, m)
       call motion_columns(t, m)
-      call certificate_columns(t, m)
+      call error_estimate_columns(t, m)
       call stability_columns(t, m)
       call gradient_columns(t, m)
       call curve_columns(t, m)
@@ -116,7 +116,7 @@ contains
       call t%real("solve_seconds", "s", "", "wall time of the point", m%solve_seconds)
       call t%real("setup_seconds", "s", "", "part of it: dynamic stiffness, plans, initial guess", m%setup_seconds)
       call t%real("iteration_seconds", "s", "", "part of it: the solver", m%solver_seconds)
-      call t%real("certificate_seconds", "s", "", "part of it: the certificate", m%certificate_seconds)
+      call t%real("error_estimate_seconds", "s", "", "part of it: the error estimate", m%error_estimate_seconds)
       call t%integer("rank", "1", "", "rank or process that solved the point", m%rank)
       call t%integer("n_harmonics", "1", "", "number of harmonics in the set of the point", m%n_harmonics)
       call t%integer("n_unknowns", "1", "", "number of unknowns of the equations that were solved", m%n_unknowns)
@@ -151,7 +151,7 @@ contains
          "estimated error of each output from the difference of levels, where larger; else 0", m%output_level_estimate)
    end subroutine accuracy_columns
 
-   !> Columns of the motion; `tuples` if each point chooses its own, improved coefficients with `&certificate
+   !> Columns of the motion; `tuples` if each point chooses its own, improved coefficients with `&error_estimate
    !> improvement_steps`.
    subroutine motion_columns(t, m)
       class(columns_t), intent(inout) :: t
@@ -166,9 +166,9 @@ contains
          "coefficients of the force of the laws, on the left-hand side", m%force_coefficients)
       call t%real("corrected_coefficients", of_dof, "law_dof harmonic component", &
          "coefficients of the displacement corrected at a rigid wall", m%corrected_coefficients)
-      t%is_known = allocated(m%certificate%combination)
+      t%is_known = allocated(m%error_estimate%combination)
       call t%real("frequency_estimate", "rad/s", "tone", "estimated error of the frequencies, 0 for given ones", &
-         m%certificate%frequency_error)
+         m%error_estimate%frequency_error)
       t%is_known = .true.
       t%is_there = t%has_improved
       call t%real("improved_coefficients", of_dof, "law_dof harmonic component", &
@@ -176,19 +176,19 @@ contains
       t%is_there = .true.
    end subroutine motion_columns
 
-   subroutine certificate_columns(t, m)
+   subroutine error_estimate_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
       real(wp) :: damping, loss, loss_factor
 
-      loss = m%certificate%energy%lost
-      if (allocated(m%certificate%power_laws)) loss = loss + sum(m%certificate%power_laws)
-      t%is_known = allocated(m%certificate%combination)
+      loss = m%error_estimate%energy%lost
+      if (allocated(m%error_estimate%power_laws)) loss = loss + sum(m%error_estimate%power_laws)
+      t%is_known = allocated(m%error_estimate%combination)
       damping = 0.0_wp
       loss_factor = 0.0_wp
-      if (t%is_known) damping = m%certificate%energy%decay(loss)
-      if (t%is_known) loss_factor = m%certificate%energy%loss_factor(loss)
-      associate (found => m%certificate)
+      if (t%is_known) damping = m%error_estimate%energy%decay(loss)
+      if (t%is_known) loss_factor = m%error_estimate%energy%loss_factor(loss)
+      associate (found => m%error_estimate)
          call t%real("truncation_estimate", "1", "", &
             "estimated truncation error, relative to the motion", found%truncation)
          call t%real("aliasing_estimate", "1", "", &
@@ -215,7 +215,7 @@ contains
       call t%integer("is_near_commensurate", "1", "", "1 if combination_frequency is below the threshold: "// &
          "the tones are nearly commensurate", merge(1, 0, m%is_near_commensurate))
       t%is_known = .true.
-   end subroutine certificate_columns
+   end subroutine error_estimate_columns
 
    !> Exponents and multipliers if stability is requested; multipliers only for one tone.
    subroutine stability_columns(t, m)
@@ -310,7 +310,8 @@ contains
          "sign of the determinant of the bordered tangent, at the end of a step; 0: unknown", position%orientation)
       call t%real("curve_largest_motion", "1", "", &
          "largest motion so far, at the end of a step, relative to a typical one: the unit of lengths", position%largest_motion)
-      call t%real("curve_angle", "rad", "", "angle of the pair of multipliers of a flip or torus, else 0", position%angle)
+      call t%real("curve_angle", "rad", "", "angle of the multipliers at a period doubling or Neimark-Sacker point, else 0", &
+                  position%angle)
       call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", position%parameter)
    end subroutine curve_columns
 

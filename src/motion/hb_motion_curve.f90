@@ -83,7 +83,7 @@ contains
          if (is_new) call solve_point(model, result, error, level, lowest)
       end if
       self%is_done = allocated(error) .or. .not. allocated(level%unknowns)
-      if (any(result%status == [outcome%time_domain, outcome%several])) then
+      if (any(result%status == [outcome%integrated, outcome%multiple_attractors])) then
          result%status = outcome%stalled                              ! a motion, but not a point of a curve
          result%message = "a curve must start from a harmonic balance solution; "//result%message
       end if
@@ -461,12 +461,12 @@ contains
          end if
          call count_work(self%curve%report, before, result)
          is_end = self%ends_here .and. self%first_waiting == size(self%waiting)
-         if (is_end .and. is_solved(result%status)) result%reason = reason%graze
+         if (is_end .and. is_solved(result%status)) result%reason = reason%grazing
          is_end = is_end .or. self%waiting(self%first_waiting)%kind == curve_kind%end
          self%first_waiting = self%first_waiting + 1
          if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if
-      result%solver_seconds = wall_clock() - started - result%certificate_seconds
+      result%solver_seconds = wall_clock() - started - result%error_estimate_seconds
       self%n_reported = self%n_reported + 1
       if (self%is_done .or. self%n_reported < self%request%n_points) return
       self%is_done = .true.
@@ -544,7 +544,7 @@ contains
          position%tuples = self%level%set%tuples
          position%n_samples = self%level%n_samples
       end if
-      if (all(point%kind /= [curve_kind%value, curve_kind%end, curve_kind%split, curve_kind%graze])) &
+      if (all(point%kind /= [curve_kind%value, curve_kind%end, curve_kind%symmetry_breaking, curve_kind%grazing])) &
          position%direction = self%pack(self%curve%direction)
       select case (point%kind)
       case (curve_kind%regular, curve_kind%start)
@@ -560,7 +560,7 @@ contains
       case (curve_kind%fold, curve_kind%peak, curve_kind%minimum)
          position%response = point%response
          self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%position)]
-      case (curve_kind%flip, curve_kind%torus)
+      case (curve_kind%period_doubling, curve_kind%neimark_sacker)
          if (allocated(result%stability%multipliers)) position%angle = angle_of_pair(result%stability%multipliers)
       end select
       result%curve = position

@@ -1,11 +1,11 @@
-!> The results derived from a motion: coefficients, forces, certificate, named outputs, stability, surfaces.
+!> The results derived from a motion: coefficients, forces, error estimate, named outputs, stability, surfaces.
 module hb_motion_description
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
-   use hb_certificate, only: certificate_t, certify, choose_wider_set, wanted_motions_t
+   use hb_error_estimate, only: error_estimate_t, estimate_error, choose_wider_set, wanted_motions_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
@@ -20,7 +20,7 @@ module hb_motion_description
    use hb_outcome, only: is_solved, outcome, reason
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
-   use hb_structure, only: most_dense
+   use hb_structure, only: max_dense
    use hb_thresholds, only: agreement
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
@@ -31,8 +31,8 @@ module hb_motion_description
 
 contains
 
-   !> Adds to a result the quantities that follow from a solution: motion, forces, certificate, surfaces. The
-   !> certificate decides whether the status `converged` remains.
+   !> Adds to a result the quantities that follow from a solution: motion, forces, error estimate, surfaces. The
+   !> error estimate decides whether the status `converged` remains.
    subroutine describe_motion(model, basis, balance, u, result, error, search, curve)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis                              !! of the balance
@@ -50,19 +50,19 @@ contains
       call keep_motion(model, basis, c, result)
       call keep_forces(basis, balance, u, result, error)
       if (allocated(error)) return
-      if (model%certificate%is_on .and. result%status == outcome%converged) then
+      if (model%error_estimate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
-         call keep_certificate(model, basis, balance, u, result, error, search, curve)
-         result%certificate_seconds = wall_clock() - begun
+         call keep_error_estimate(model, basis, balance, u, result, error, search, curve)
+         result%error_estimate_seconds = wall_clock() - begun
          if (allocated(error)) return
          call keep_outputs(model, basis, c, result)
       end if
       if (is_solved(result%status)) then
          if (result%stability%method == stability_method%off) &
             call stability_of(model, balance, c, model%stability%tolerance, result%stability)
-         call compare_with_refined(model, tones_of(model, balance), result%certificate, result%stability)
+         call compare_with_refined(model, tones_of(model, balance), result%error_estimate, result%stability)
       end if
-      call allow_for_growth(result, model%certificate%truncation)
+      call allow_for_growth(result, model%error_estimate%truncation)
       if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
       if (size(model%output%samples) > 0) call keep_surfaces(model, basis, balance, u, result, error)
    end subroutine describe_motion
@@ -91,7 +91,7 @@ contains
    subroutine compare_with_refined(model, tones, found, stability)
       type(model_t), intent(in) :: model
       type(tones_t), intent(in) :: tones                              !! of the motion
-      type(certificate_t), intent(in) :: found                        !! its certificate
+      type(error_estimate_t), intent(in) :: found                        !! its error estimate
       type(stability_t), intent(inout) :: stability                   !! its stability
       type(stability_config_t) :: config
       type(stability_t) :: refined
@@ -100,21 +100,22 @@ contains
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
       config = model%stability
       config%patience = 1.0_wp
-      if (stability%n_periods > 0) config%fewest_periods = min(few_periods, stability%n_periods)
-      if (stability%n_periods > 0) config%most_periods = stability%n_periods
+      if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
+      if (stability%n_periods > 0) config%max_periods = stability%n_periods
       call request_stability(model, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%compare_with(refined)
    end subroutine compare_with_refined
 
    !> If disturbances grow within a period of a slow tone before they decay, so does the residual of a solution, in
-   !> harmonics of that tone far beyond those of the certificate: its estimate is increased by the growth.
+   !> harmonics of that tone far beyond those of the error estimate: its estimate is increased by the growth.
    subroutine allow_for_growth(result, limit)
       type(motion_result_t), intent(inout) :: result
       real(wp), intent(in) :: limit                                   !! of the estimated error of a motion that is `converged`
 
       if (result%stability%growth <= 1.0_wp) return
       result%level_estimate = max(result%level_estimate, min(1.0_wp, result%stability%growth* &
-                                                             hypot(result%certificate%truncation, result%certificate%aliasing)))
+                                                             hypot(result%error_estimate%truncation, &
+                                                                   result%error_estimate%aliasing)))
       if (result%status /= outcome%converged .or. result%level_estimate <= limit) return
       result%status = outcome%truncated
       result%reason = reason%growth
@@ -147,7 +148,7 @@ contains
    end function tones_of
 
    !> Approximate time of a usual point in nanoseconds, from counts alone, so that it is the same for all points of a
-   !> sweep: the solution and its certificate, with twice the order and the samples, in residuals.
+   !> sweep: the solution and its error estimate, with twice the order and the samples, in residuals.
    pure real(wp) function usual_work(balance) result(work)
       type(balance_t), intent(in) :: balance
       real(wp), parameter :: residuals = 300.0_wp                     ! of small models, measured
@@ -223,7 +224,7 @@ contains
       integer :: i
 
       if (.not. allocated(model%accuracy%outputs)) return
-      associate (outputs => model%accuracy%outputs, found => result%certificate)
+      associate (outputs => model%accuracy%outputs, found => result%error_estimate)
          if (size(outputs) == 0) return
          allocate (result%outputs(basis%whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
          allocate (result%output_estimate(size(outputs)), &
@@ -237,9 +238,9 @@ contains
       end associate
    end subroutine keep_outputs
 
-   !> Computes the certificate of a solved point; if it exceeds a threshold, the point receives the corresponding
+   !> Computes the error estimate of a solved point; if it exceeds a threshold, the point receives the corresponding
    !> status.
-   subroutine keep_certificate(model, basis, balance, u, result, error, search, curve)
+   subroutine keep_error_estimate(model, basis, balance, u, result, error, search, curve)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       type(balance_t), intent(inout), target :: balance               !! the search refers to it
@@ -251,19 +252,21 @@ contains
       type(wanted_motions_t) :: wanted
       integer :: i
 
-      wanted%refined = model%structure%n_dofs <= most_dense .and. &   ! for stability
+      wanted%refined = model%structure%n_dofs <= max_dense .and. &   ! for stability
          any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
       if (allocated(model%accuracy%outputs)) wanted%refined = wanted%refined .or. size(model%accuracy%outputs) > 0
       if (any(model%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, search%phase)
+         call estimate_error(result%error_estimate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, &
+                             search%phase)
       else
-         wanted%improvement_steps = model%certificate%improvement_steps
-         call certify(result%certificate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, curve)
+         wanted%improvement_steps = model%error_estimate%improvement_steps
+         call estimate_error(result%error_estimate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, &
+                             curve)
       end if
       if (allocated(error)) return
-      if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
+      if (allocated(result%error_estimate%improved)) call keep_improved(basis, result, error)
       if (allocated(error)) return
-      associate (found => result%certificate, limit => model%certificate)
+      associate (found => result%error_estimate, limit => model%error_estimate)
          result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(u)), tiny(1.0_wp)))
          if (result%penetration_share > 1.0_wp) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
@@ -279,7 +282,7 @@ contains
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(balance%omega)
       end associate
-   end subroutine keep_certificate
+   end subroutine keep_error_estimate
 
    !> The improved motion with all tuples of the wider set.
    subroutine keep_improved(basis, result, error)
@@ -291,7 +294,7 @@ contains
 
       call choose_wider_set(basis%whole, wider, error)
       if (allocated(error)) return
-      associate (found => result%certificate)
+      associate (found => result%error_estimate)
          allocate (improved(wider%n_coefficients, size(found%improved, 2)))
          call transfer_coefficients(found%wider, wider, found%improved, improved)
          result%improved_coefficients = as_pairs(wider%amplitudes(improved))

@@ -1,6 +1,6 @@
 !> The result of the search for a motion.
 module hb_motion_result
-   use hb_certificate, only: certificate_t
+   use hb_error_estimate, only: error_estimate_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome, reason
@@ -22,7 +22,7 @@ module hb_motion_result
       real(wp) :: step = 0.0_wp                         !! length of the next one; 0: not the end of a step
       real(wp) :: orientation = 0.0_wp                  !! sign of the determinant at the end of a step; 0: not known
       real(wp) :: largest_motion = 0.0_wp               !! so far, relative to a typical one: the unit of lengths
-      real(wp) :: angle = 0.0_wp                        !! of the pair of multipliers of a flip or torus [rad]
+      real(wp) :: angle = 0.0_wp                        !! of the multipliers at a period doubling or Neimark-Sacker point [rad]
       integer :: response = 0                           !! number in the request of the response that is located there
       real(wp) :: over = 0.0_wp                         !! value of `over`, for a located point that is followed
       integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the model if none
@@ -49,7 +49,7 @@ module hb_motion_result
       integer :: fallback = 0                           !! methods that the solver needed, hb_solver_types
       real(wp) :: setup_seconds = 0.0_wp                !! wall time of dynamic stiffness, plans, first guess
       real(wp) :: solver_seconds = 0.0_wp               !! of the iterations
-      real(wp) :: certificate_seconds = 0.0_wp          !! of the certificate
+      real(wp) :: error_estimate_seconds = 0.0_wp          !! of the error estimate
    contains
       procedure :: add => effort_add
    end type effort_t
@@ -69,8 +69,8 @@ module hb_motion_result
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp) :: level_difference = 0.0_wp             !! of the motions of the last two levels, relative
-      real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&certificate` permits
-      real(wp) :: level_estimate = 0.0_wp               !! estimated error from this difference if larger than the certificate's
+      real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&error_estimate` permits
+      real(wp) :: level_estimate = 0.0_wp               !! estimated error from this difference if larger than the error estimate's
                                                         !! estimate from the motion alone, relative; otherwise 0
       type(harmonics_t) :: harmonics                    !! set of the coefficients, if the point has chosen it
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); not allocated: that of the model
@@ -84,12 +84,12 @@ module hb_motion_result
       real(wp), allocatable :: output_level_estimate(:) !! for each of them the analogue of `level_estimate`
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
-      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
+      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of error_estimate%wider, n_law_dofs)
       logical :: is_odd = .false.                       !! searched for among motions of odd tuples alone
       real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, if only odd tuples are stored
       logical :: leaves_branch = .false.                !! of the preceding point in a chain, hb_chain_check
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
-      type(certificate_t) :: certificate                !! zero and without combination if none was computed
+      type(error_estimate_t) :: error_estimate                !! zero and without combination if none was computed
       logical :: is_near_commensurate = .false.
       type(curve_position_t), allocatable :: curve      !! of a motion on a curve
       type(stability_t) :: stability
@@ -114,7 +114,7 @@ contains
       self%fallback = max(self%fallback, other%fallback)
       self%setup_seconds = self%setup_seconds + other%setup_seconds
       self%solver_seconds = self%solver_seconds + other%solver_seconds
-      self%certificate_seconds = self%certificate_seconds + other%certificate_seconds
+      self%error_estimate_seconds = self%error_estimate_seconds + other%error_estimate_seconds
    end subroutine effort_add
 
    !> Amplitudes a - i b as pairs (cos and sin, n_harmonics, any).

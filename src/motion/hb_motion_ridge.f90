@@ -213,7 +213,7 @@ contains
          end if
       end associate
       call cancellation%leave()
-      result%solver_seconds = wall_clock() - started - result%certificate_seconds
+      result%solver_seconds = wall_clock() - started - result%error_estimate_seconds
    end subroutine motion_ridge_next
 
    !> Searches for the point at another second value, near the last one: along the curve there, then in the opposite

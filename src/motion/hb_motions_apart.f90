@@ -28,10 +28,10 @@ module hb_motions_apart
    real(wp), parameter :: factors(5) = [0.0_wp, 3.0_wp, 0.3_wp, 8.0_wp, 1.1_wp]   ! of known motions, as guesses
    real(wp), parameter :: perturbations(4) = [1.0_wp, 3.0_wp, 8.0_wp, 0.3_wp] ! in one harmonic, relative to the size
    integer, parameter :: n_turns = 4                                  ! quarters of a turn of the phases
-   integer, parameter :: most_perturbed = 4                           ! harmonics, the lowest
+   integer, parameter :: max_perturbed = 4                           ! harmonics, the lowest
 
-   integer, parameter :: most_iterations = 40                         ! from one first guess
-   integer, parameter :: most_spurious = 4                            ! motions at a value that are known ones on a larger set: a
+   integer, parameter :: max_iterations = 40                         ! from one first guess
+   integer, parameter :: max_spurious = 4                            ! motions at a value that are known ones on a larger set: a
                                                                       ! limit of the work alone
 
 contains
@@ -52,7 +52,7 @@ contains
          known = pack(met, [(.not. abs(met(k)%x(size(met(k)%x)) - self%request%others(i)) > 0.0_wp, k=1, size(met))])
          if (size(known) == 0) cycle                                  ! no motion to start from
          others = known
-         do n_spurious = 0, most_spurious
+         do n_spurious = 0, max_spurious
             call search_at(self, self%request%others(i), others, x, is_found, error)
             if (allocated(error)) return
             if (.not. is_found) exit
@@ -99,7 +99,7 @@ contains
       call new_bordered_problem(held, self%problem, self%problem%which, functional, [value])
       config = self%problem%model%solver
       config%tolerance = max(config%tolerance, 2.0_wp*self%problem%rounding_level(motions(:self%problem%n_unknowns, 1)))
-      config%max_iterations = most_iterations
+      config%max_iterations = max_iterations
       if (self%model%accuracy%is_on) then                             ! the deflated motion must be a zero of this problem
          do i = 1, size(motions, 2)
             solved = motions(:, i)
@@ -333,7 +333,7 @@ contains
       allocate (lowest(0))
       do order = 1, maxval(harmonics%highest)*harmonics%n_tones
          do h = 1, harmonics%n_harmonics
-            if (size(lowest) >= most_perturbed) return
+            if (size(lowest) >= max_perturbed) return
             if (sum(abs(harmonics%tuples(:, h))) == order) lowest = [lowest, h]
          end do
       end do

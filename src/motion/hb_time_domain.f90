@@ -47,7 +47,7 @@ module hb_time_domain
       integer :: starts = 1                                           !! states from which to integrate
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
       real(wp) :: largest = huge(1.0_wp)                              !! displacement at which the integration ends [m], no key
-      integer(int64) :: most_evaluations = huge(1_int64)              !! at the motion, after which to give up, no key
+      integer(int64) :: max_evaluations = huge(1_int64)              !! at the motion, after which to give up, no key
       real(wp) :: work_limit = huge(1.0_wp)                           !! of one method, no key
       integer :: substeps = 1                                         !! of the method, from one step to the next, no key
       real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, with many
@@ -141,7 +141,7 @@ contains
    !> Whether time integration clearly needs less work to the tolerance than the balance.
    pure logical function integration_is_cheaper(counts)
       type(integration_counts_t), intent(in) :: counts
-      real(wp), parameter :: fewest_periods = 150.0_wp                ! of the windows of a time integration
+      real(wp), parameter :: min_periods = 150.0_wp                ! of the windows of a time integration
       real(wp), parameter :: decays = 3.0_wp                          ! decay times of its transient, until two windows agree
       real(wp), parameter :: of_harmonic = 32.0_wp                   ! evaluations in a period, two a step
       real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
@@ -153,7 +153,7 @@ contains
          n_balance = 5.0_wp*tolerance**(-0.55_wp)
          n_integration = tolerance**(-merge(0.67_wp, 0.4_wp, counts%has_walls))
          if (n_integration > counts%max_harmonics) return
-         periods = max(fewest_periods, decays*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
+         periods = max(min_periods, decays*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
          evaluations = of_harmonic*max(n_integration, counts%fastest/counts%omega)
          work_of_integration = periods*(evaluation_work(counts%n_dofs, counts%n_coordinates, .false.)*evaluations + &
                                         of_harmonic*n_integration**2*n_coordinates)

@@ -29,7 +29,7 @@ contains
       type(truncation_t) :: self
 
       allocate (self%order, source=order)
-      self%location = "the wider set of the certificate"
+      self%location = "the wider set of the error estimate"
    end function box_truncation
 
    !> Creates the set; fails if it is empty or too large, or contains a tuple twice.

@@ -22,7 +22,7 @@ module hb_curve
    private
    public :: curve_config_t, curve_t, event_t, new_curve
 
-   real(wp), parameter :: least_growth = 0.05_wp ! of a functional along the curve, relative to its largest component
+   real(wp), parameter :: min_growth = 0.05_wp ! of a functional along the curve, relative to its largest component
 
    !> Settings of the step control; lengths in units of the unknowns.
    type :: curve_config_t
@@ -281,7 +281,7 @@ contains
       real(wp), intent(out) :: x(:)                                   !! the zero
       real(wp), intent(out) :: step                                   !! its position on the step, from the last point on
       logical, intent(out) :: is_found
-      integer, parameter :: most_steps = 80, fast_steps = 24
+      integer, parameter :: max_steps = 80, fast_steps = 24
       real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
       real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both ends of the bracket
       real(wp) :: at_ends(2), bracket(2), value, weights(2), x_at(size(x), 2)
@@ -295,7 +295,7 @@ contains
       weights = 1.0_wp                                                ! weights of the values, for false position
       near = 0
       is_found = .false.
-      do i = 1, most_steps
+      do i = 1, max_steps
          step = 0.5_wp*sum(bracket)
          associate (low => weights(1)*at_ends(1), high => weights(2)*at_ends(2))
             if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(high - low) > 0.0_wp) &
@@ -331,7 +331,7 @@ contains
       self%problem%functionals(:, last) = direction/self%units**2
       self%is_along_functional = .false.
       if (allocated(self%functional)) self%is_along_functional = &
-         dot_product(self%functional, direction) > least_growth*maxval(abs(self%functional*self%units))
+         dot_product(self%functional, direction) > min_growth*maxval(abs(self%functional*self%units))
       if (self%is_along_functional) self%problem%functionals(:, last) = self%functional/dot_product(self%functional, direction)
       self%problem%values(last) = dot_product(self%problem%functionals(:, last), x) + distance
       call self%problem%rescale()

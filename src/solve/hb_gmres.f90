@@ -63,17 +63,17 @@ contains
    end subroutine gmres_forget
 
    !> Solves with the tangent of the last `problem%linearise`, from the given s, to |b - J s| <= tolerance |b| or as far as
-   !> `most_products` go.
+   !> `max_products` go.
    !>
    !> Ends early if a whole cycle reduces the residual hardly at all: J is singular, or the preconditioner too weak.
    !> With `fewer_than` it also ends if, after at least half as many products, the rate of the last ones predicts
    !> clearly more than that: GMRES accelerates as it finds the outlying eigenvalues.
-   subroutine gmres_solve(self, problem, b, tolerance, most_products, s, fewer_than)
+   subroutine gmres_solve(self, problem, b, tolerance, max_products, s, fewer_than)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
       real(wp), intent(in) :: tolerance
-      integer, intent(in) :: most_products
+      integer, intent(in) :: max_products
       real(wp), intent(inout), contiguous :: s(:)                     !! (n_unknowns)
       integer, intent(in), optional :: fewer_than                     !! products
       real(wp), parameter :: stagnation = 0.9_wp                      ! reduction of a cycle that justifies another one
@@ -98,12 +98,12 @@ contains
       do
          if (.not. ieee_is_finite(norm)) return
          self%residual = norm/norm_of_b
-         if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
+         if (norm <= tolerance*norm_of_b .or. self%n_products >= max_products) return
          before = norm
-         call self%cycle(problem, norm, tolerance*norm_of_b, most_products, slow_from, s)
+         call self%cycle(problem, norm, tolerance*norm_of_b, max_products, slow_from, s)
          self%residual = norm/norm_of_b
          if (self%is_slow) return
-         if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
+         if (norm <= tolerance*norm_of_b .or. self%n_products >= max_products) return
          if (.not. norm <= stagnation*before) return
          call self%forget()
          call find_residual()                                         ! recomputed: the values from rotations drift
@@ -120,12 +120,12 @@ contains
    end subroutine gmres_solve
 
    !> One cycle: from the residual `work` of length `norm` to the smallest in the space; adds to s.
-   subroutine gmres_cycle(self, problem, norm, target, most_products, slow_from, s)
+   subroutine gmres_cycle(self, problem, norm, target, max_products, slow_from, s)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(inout) :: norm
       real(wp), intent(in) :: target
-      integer, intent(in) :: most_products
+      integer, intent(in) :: max_products
       integer, intent(in) :: slow_from                                !! total number of expected products that is too large
       real(wp), intent(inout) :: s(:)
       integer, parameter :: stretch = 6                               ! products for a rate, after as many others
@@ -144,7 +144,7 @@ contains
       self%g(1) = norm
       if (norm > 0.0_wp) self%basis(:, k + 1) = self%work/norm
       j = 0
-      do while (k + j < size(self%y) .and. norm > target .and. self%n_products < most_products)
+      do while (k + j < size(self%y) .and. norm > target .and. self%n_products < max_products)
          if (work_is_over()) exit
          self%work = self%basis(:, k + j + 1)*problem%r_scale
          call problem%precondition(self%work, self%direction)

@@ -18,7 +18,7 @@ module hb_line_search
    public :: end_at_point, end_if_over, end_without_step, line_search_t, new_line_search
 
    integer, parameter :: window = 6                                   ! past residuals in the comparison
-   integer, parameter :: most_halvings = 12
+   integer, parameter :: max_halvings = 12
    real(wp), parameter :: runaway = 1.0e8_wp                          ! of the unknowns: half of their digits are lost there
    real(wp), parameter :: decrease = 1.0e-4_wp                        ! fraction of the decrease predicted by a full step
 
@@ -76,7 +76,7 @@ contains
       if (self%n_residuals == 0) self%farthest = runaway*max(1.0_wp, maxval(abs(x/problem%x_scale)))
       met_finite = .false.
       met_near = .false.
-      do halving = 0, most_halvings
+      do halving = 0, max_halvings
          self%x_trial = x + fraction*step
          if (.not. any(abs(self%x_trial/problem%x_scale) > self%farthest)) then  ! NaN is not far, but not finite
             met_near = .true.

@@ -17,8 +17,8 @@ module hb_newton
    public :: solve_newton
 
    real(wp), parameter :: fast = 0.2_wp                               ! residual after a step, relative to that before
-   integer, parameter :: most_repeats = 12                            ! of steps with one tangent
-   integer, parameter :: fewest_unknowns = 24                         ! from which on a tangent costs much more than a residual
+   integer, parameter :: max_repeats = 12                            ! of steps with one tangent
+   integer, parameter :: min_unknowns = 24                         ! from which on a tangent costs much more than a residual
 
 contains
 
@@ -62,7 +62,7 @@ contains
             call end_without_step(problem, x, search%failure, report)
             return
          end if
-         if (.not. config%repeats_tangent .or. problem%n_unknowns < fewest_unknowns) cycle
+         if (.not. config%repeats_tangent .or. problem%n_unknowns < min_unknowns) cycle
          if (fraction >= 1.0_wp .and. report%residual <= fast*before) call repeat_tangent()
       end do
 
@@ -76,10 +76,10 @@ contains
          integer :: i, k
          logical :: is_last
 
-         if (.not. allocated(steps)) allocate (steps(size(x), 0:most_repeats))
+         if (.not. allocated(steps)) allocate (steps(size(x), 0:max_repeats))
          steps(:, 0) = step/problem%x_scale
          if (report%residual <= config%tolerance) return
-         do k = 1, most_repeats
+         do k = 1, max_repeats
             is_last = report%residual <= config%tolerance
             step = -r
             call factor%solve(problem, step)

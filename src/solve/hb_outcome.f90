@@ -26,10 +26,10 @@ module hb_outcome
       integer :: timed_out = 15                        !! the point has had its processor time
       integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
       integer :: unused = 17                           !! row of a curve that has ended before
-      integer :: time_domain = 18 !! found by time integration instead of the balance
+      integer :: integrated = 18 !! found by time integration instead of the balance
       integer :: subharmonic = 19                      !! time integration ends in a motion that takes several periods
       integer :: broadband = 20                        !! time integration ends in a motion without order
-      integer :: several = 21                          !! time integration ends in several motions, by where it starts
+      integer :: multiple_attractors = 21                          !! time integration ends in several motions, by where it starts
       integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
@@ -46,17 +46,17 @@ module hb_outcome
       integer :: lost_curve = 6                        !! continuation failed
       integer :: error = 7                             !! of the input, a law or a library: the point cannot be solved as it is
       integer :: points = 8                            !! `points` of `&curve`: the curve continues beyond its last point
-      integer :: graze = 9                             !! a curve ends at a grazing impact, beyond which no motion was found
+      integer :: grazing = 9                             !! a curve ends at a grazing impact, beyond which no motion was found
    end type reason_t
    type(reason_t), parameter :: reason = reason_t()
    character(*), parameter :: reason_names(0:9) = [character(14) :: "none", "max_iterations", "fallback_work", "time_limit", &
-      "overflow", "growth", "lost_curve", "error", "points", "graze"]
+      "overflow", "growth", "lost_curve", "error", "points", "grazing"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:21) = [character(13) :: &
+   character(*), parameter :: outcome_names(0:21) = [character(19) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
       "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
-      "timed_out", "impact", "unused", "time_domain", "subharmonic", "broadband", "several"]
+      "timed_out", "impact", "unused", "integrated", "subharmonic", "broadband", "multiple_attractors"]
 
    character(*), parameter :: texts(0:21) = [character(64) :: &
       "not solved yet", &
@@ -77,10 +77,10 @@ module hb_outcome
       "timed out: the processor time limit of the point was reached", &
       "impact: solved, but it depends on the unknown restitution", &
       "unused: spare row of a curve that ended earlier", &
-      "time domain: found by time integration instead of the balance", &
+      "integrated: found by time integration instead of the balance", &
       "subharmonic: the motion repeats after several periods only", &
       "broadband: time integration finds no motion with these tones", &
-      "several: time integration finds several motions"]
+      "multiple attractors: time integration finds several motions"]
 
 contains
 
@@ -102,13 +102,13 @@ contains
       if (is_status(status)) text = texts(status)
    end function outcome_text
 
-   !> Whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from time
+   !> Whether there is a motion: from the balance, well enough for the thresholds of the error estimate or not, or from time
    !> integration.
    elemental logical function is_solved(status)
       integer, intent(in) :: status
 
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
-                               outcome%impact, outcome%time_domain, outcome%several])
+                               outcome%impact, outcome%integrated, outcome%multiple_attractors])
    end function is_solved
 
    !> The status, or one that there is.

@@ -27,9 +27,9 @@ module hb_refinement
 
    !> A problem at its present discretisation, a level.
    type, abstract :: refinable_t
-      integer :: most_levels = 25                                     !! tried; sets grow by a tenth at least
-      integer :: most_idle = huge(1)                                  !! consecutive levels without gain
-      integer :: most_failures = 1                                    !! consecutive levels that are not solved
+      integer :: max_levels = 25                                     !! tried; sets grow by a tenth at least
+      integer :: max_idle = huge(1)                                  !! consecutive levels without gain
+      integer :: max_failures = 1                                    !! consecutive levels that are not solved
       integer :: n_levels = 0                                         !! tried so far
       integer :: n_failures = 0                                       !! since the last solved level
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error of the last solved level
@@ -93,11 +93,11 @@ contains
          if (ending /= refinement_end%pending) exit
          if (self%is_over() .or. allocated(self%error)) then
             ending = refinement_end%stopped
-         else if (self%n_failures >= self%most_failures) then
+         else if (self%n_failures >= self%max_failures) then
             ending = refinement_end%failed
-         else if (n_idle >= self%most_idle) then
+         else if (n_idle >= self%max_idle) then
             ending = refinement_end%idle
-         else if (self%n_levels >= self%most_levels) then
+         else if (self%n_levels >= self%max_levels) then
             ending = refinement_end%exhausted
          else
             call self%choose(is_there)

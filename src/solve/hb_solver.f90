@@ -24,7 +24,7 @@ module hb_solver
 
    type(curve_config_t), parameter :: steps = curve_config_t(little=2.0_wp)   ! each sample that enters contact is a kink
    real(wp), parameter :: loose_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
-   integer, parameter :: most_corrections = 8
+   integer, parameter :: max_corrections = 8
 
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
    real(wp), parameter :: largest_level = 2.4_wp                      ! ratio of one problem to the next larger one
@@ -315,7 +315,7 @@ contains
       real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, on return the last solution
       type(report_t), intent(out) :: report
       real(wp), parameter :: loose_tolerance = 1.0e-3_wp              ! of intermediate problems
-      real(wp), parameter :: largest_loss = 1.0_wp, least_loss = 1.0e-4_wp
+      real(wp), parameter :: largest_loss = 1.0_wp, min_loss = 1.0e-4_wp
       real(wp), parameter :: first_ratio = 0.3_wp, largest_ratio = 0.6_wp ! of one loss factor to the previous one
       integer, parameter :: few = 3
       type(report_t) :: step
@@ -345,7 +345,7 @@ contains
          end if
          if (report%work >= config%work_limit) exit
          loss = ratio*reached
-         if (loss < least_loss) loss = 0.0_wp
+         if (loss < min_loss) loss = 0.0_wp
       end do
       call problem%deform(deformation%damping, 1.0_wp)
    end subroutine solve_by_damping
@@ -400,7 +400,7 @@ contains
       n = problem%n_unknowns
       corrector = config
       corrector%tolerance = loose_tolerance
-      corrector%max_iterations = most_corrections
+      corrector%max_iterations = max_corrections
       corrector%line_search = .false.
       corrector%repeats_tangent = .false. ! if there are several motions, the path decides which one is found
       allocate (forward(n + 1, 1), source=0.0_wp)

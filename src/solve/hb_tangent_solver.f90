@@ -16,12 +16,12 @@ module hb_tangent_solver
    private
    public :: new_tangent_factor, new_tangent_krylov, new_tangent_solver, tangent_factor_t, tangent_krylov_t, tangent_solver_t
 
-   integer, parameter :: most_patience = 300                          ! products, if a stronger preconditioner costs more
+   integer, parameter :: max_patience = 300                          ! products, if a stronger preconditioner costs more
    real(wp), parameter :: uses = 4.0_wp                               ! uses of a stronger preconditioner that pay for it
    integer, parameter :: easy = 20                                    ! products up to which it is reused
 
    type :: tangent_krylov_t
-      integer :: most_products = 0                                    !! of one solution
+      integer :: max_products = 0                                    !! of one solution
       integer :: n_products = 0                                       !! of all solutions so far
       integer :: n_preconditioners = 0                                !! made so far
       real(wp) :: residual = 1.0_wp !! remaining residual of the last solution, relative; 1: there is none
@@ -237,12 +237,12 @@ contains
 
    !> Allocates memory for a problem; GMRES restarts after `n_vectors` products. Starts with the level of
    !> preconditioner that the last solutions of the problem needed.
-   subroutine new_tangent_krylov(self, problem, n_vectors, most_products)
+   subroutine new_tangent_krylov(self, problem, n_vectors, max_products)
       type(tangent_krylov_t), intent(out) :: self
       class(problem_t), intent(in) :: problem
-      integer, intent(in) :: n_vectors, most_products
+      integer, intent(in) :: n_vectors, max_products
 
-      self%most_products = most_products
+      self%max_products = max_products
       self%level = problem%preconditioner_level
       self%is_tired = .not. problem%has_preconditioner
       call new_gmres(self%gmres, problem%n_unknowns, n_vectors)
@@ -261,7 +261,7 @@ contains
       self%residual = 1.0_wp
    end subroutine tangent_krylov_update
 
-   !> Computes s with |b - J s| <= accuracy |b|, or as near as `most_products` permit: see `residual`.
+   !> Computes s with |b - J s| <= accuracy |b|, or as near as `max_products` permit: see `residual`.
    subroutine tangent_krylov_solve(self, problem, b, accuracy, s)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -275,13 +275,13 @@ contains
       products = 0
       do
          if (self%is_strongest) then
-            call self%gmres%solve(problem, b, accuracy, self%most_products - products, s)
+            call self%gmres%solve(problem, b, accuracy, self%max_products - products, s)
          else
             patience = patience_at(self%patience, self%level, problem)
-            call self%gmres%solve(problem, b, accuracy, min(patience, self%most_products - products), s, fewer_than=patience)
+            call self%gmres%solve(problem, b, accuracy, min(patience, self%max_products - products), s, fewer_than=patience)
          end if
          products = products + self%gmres%n_products
-         if (self%gmres%residual <= accuracy .or. products >= self%most_products .or. work_is_over()) exit
+         if (self%gmres%residual <= accuracy .or. products >= self%max_products .or. work_is_over()) exit
          if (self%is_strongest .and. self%is_fresh) exit
          if (self%is_fresh) self%level = self%level + 1
          call self%renew(problem)
@@ -303,7 +303,7 @@ contains
 
       patience_at = least
       if (problem%residual_work <= 0.0_wp) return
-      patience_at = nint(min(real(most_patience, wp), &
+      patience_at = nint(min(real(max_patience, wp), &
                              max(real(least, wp), &
                                  problem%preconditioner_work*8.0_wp**(level + 1)/(uses*problem%residual_work))))
    end function patience_at

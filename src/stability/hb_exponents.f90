@@ -66,19 +66,19 @@ module hb_exponents
 contains
 
    !> Propagates disturbances until the largest exponent exceeds its spread in magnitude and is resolved, or the work is used up.
-   subroutine find_exponents(self, propagation, work_limit, fewest_periods, most_periods)
+   subroutine find_exponents(self, propagation, work_limit, min_periods, max_periods)
       type(exponents_t), intent(out) :: self
       class(propagation_t), intent(inout) :: propagation
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
-      integer, intent(in) :: fewest_periods                           !! of an average
-      integer, intent(in) :: most_periods                             !! doubled up to this number, while the spread is too large
+      integer, intent(in) :: min_periods                           !! of an average
+      integer, intent(in) :: max_periods                             !! doubled up to this number, while the spread is too large
       type(exponents_t) :: found
       real(wp), allocatable :: growth(:, :), longer(:, :), x(:, :)
       integer :: forgotten, i, k, n_all
       logical :: is_done
 
       propagation%work_left = clearly*work_limit                      ! balls of a bearing need 3.5 times the expected work
-      call propagation%reach_steady_state(n_forgotten_of(fewest_periods), is_done)
+      call propagation%reach_steady_state(n_forgotten_of(min_periods), is_done)
       if (.not. is_done .or. propagation%n_followed < 1) return
       allocate (x(propagation%size, propagation%n_followed), source=0.0_wp)
       do i = 1, propagation%n_followed
@@ -87,7 +87,7 @@ contains
          end do
       end do
       allocate (growth(propagation%n_followed, 0))
-      found%n_periods = fewest_periods
+      found%n_periods = min_periods
       do
          forgotten = n_forgotten_of(found%n_periods)
          n_all = found%n_periods + forgotten
@@ -108,7 +108,7 @@ contains
          if (found%is_resolved .and. &
              abs(found%rate(1)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
-         if (found%is_cut_short .or. 2*found%n_periods > merge(1, longer_beat, found%is_resolved)*most_periods) exit
+         if (found%is_cut_short .or. 2*found%n_periods > merge(1, longer_beat, found%is_resolved)*max_periods) exit
          found%n_periods = 2*found%n_periods
       end do
       self = found
@@ -130,11 +130,11 @@ contains
    end function is_resolved
 
    !> Approximate work in nanoseconds, with averages over the requested number of periods.
-   pure real(wp) function work_of_exponents(work_of_period, fewest_periods) result(work)
+   pure real(wp) function work_of_exponents(work_of_period, min_periods) result(work)
       real(wp), intent(in) :: work_of_period
-      integer, intent(in) :: fewest_periods
+      integer, intent(in) :: min_periods
 
-      work = (fewest_periods + n_forgotten_of(fewest_periods))*work_of_period
+      work = (min_periods + n_forgotten_of(min_periods))*work_of_period
    end function work_of_exponents
 
    !> Periods before the average in which disturbances align.

@@ -18,11 +18,11 @@ module hb_floquet
    use hb_monodromy, only: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
    use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
-   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, most_multipliers, stability_config_t, &
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, stability_config_t, &
       stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: clearly, minor, rounding, safety
-   use hb_variation, only: least_work, new_variation, piece_t, variation_t
+   use hb_variation, only: min_work, new_variation, piece_t, variation_t
    use hb_variation_pieces, only: cut_time
    implicit none
    private
@@ -47,11 +47,11 @@ module hb_floquet
    end type linear_propagation_t
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
-   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! in about a nanosecond; high modes need more, and the
+   real(wp), parameter :: max_work_of_orbit = 1.0e8_wp               ! in about a nanosecond; high modes need more, and the
                                                                       ! series is used for them: with a minute
                                                                       ! inputs/gallery/beam_stop_peak.nml takes 24 s, not 0.5 s
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
-   real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
+   real(wp), parameter :: max_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
                                                                       !! tone: the samples of a period are stored, and counted
                                                                       !! by default integers
 
@@ -83,22 +83,22 @@ contains
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       how = config
       limit = self%work_limit(config, work_allowed)
-      stability%is_too_costly = least_work(structure%n_dofs) > limit  ! for any motion: the mass matrix is then not inverted
+      stability%is_too_costly = min_work(structure%n_dofs) > limit  ! for any motion: the mass matrix is then not inverted
       if (stability%is_too_costly) return
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
-         stability%is_too_costly = highest > most_turns*minval(motion%tones%omega)
+         stability%is_too_costly = highest > max_turns*minval(motion%tones%omega)
       end associate
       if (stability%is_too_costly) return
       if (motion%tones%n_tones == 1) then
          work = work_of_monodromy(variation)
       else
          associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)))
-            work = work_of_exponents(work_of_period, how%fewest_periods)
+            work = work_of_exponents(work_of_period, how%min_periods)
             if (work > limit .and. config%method == stability_method%auto) then
-               how%fewest_periods = min(how%fewest_periods, few_periods)
-               work = work_of_exponents(work_of_period, how%fewest_periods)
+               how%min_periods = min(how%min_periods, few_periods)
+               work = work_of_exponents(work_of_period, how%min_periods)
             end if
          end associate
       end if
@@ -107,7 +107,7 @@ contains
       stability%method = stability_method%integration
       is_orbit_sought = .false.
       if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
-         is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, most_work_of_orbit)
+         is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, max_work_of_orbit)
       if (is_orbit_sought) then
          call assess_orbit(stability, variation, structure, motion, excitation, free_motions(structure, laws))
          return
@@ -225,10 +225,10 @@ contains
       type(exponents_t) :: found
       real(wp) :: margin
 
-      call find_exponents(found, propagation, work_limit, config%fewest_periods, config%most_periods)
+      call find_exponents(found, propagation, work_limit, config%min_periods, config%max_periods)
       self%is_too_costly = found%is_cut_short .and. .not. allocated(found%rate)
       if (.not. allocated(found%rate)) return
-      self%exponents = found%rate(:min(size(found%rate), most_multipliers))
+      self%exponents = found%rate(:min(size(found%rate), max_multipliers))
       self%estimate = found%spread(1)
       self%n_periods = found%n_periods
       margin = max(safety*found%spread(1), rounding*two_pi/propagation%length)
@@ -336,7 +336,7 @@ contains
       else if (abs(multipliers(1)) < 1.0_wp - margin) then
          self%verdict = verdict%stable
       end if
-      self%multipliers = multipliers(:min(size(multipliers), most_multipliers))
+      self%multipliers = multipliers(:min(size(multipliers), max_multipliers))
       self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*omega/two_pi
    end subroutine assess_matrix
 

@@ -21,12 +21,12 @@ module hb_monodromy
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
-   public :: fewest_instants, find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   public :: min_instants, find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
 
-   integer, parameter :: fewest_steps = 8
+   integer, parameter :: min_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
-   integer, parameter :: fewest_instants = 128                        !! in a period
-   integer, parameter :: most_doublings = 12
+   integer, parameter :: min_instants = 128                        !! in a period
+   integer, parameter :: max_doublings = 12
 
    type :: matrix_t
       real(wp), allocatable :: entries(:, :)
@@ -65,7 +65,7 @@ contains
       real(wp), intent(in) :: tolerance
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(piece_t), allocatable :: pieces(:)
-      type(matrix_t) :: row(0:most_doublings)                         ! of the table of extrapolations
+      type(matrix_t) :: row(0:max_doublings)                         ! of the table of extrapolations
       real(wp), allocatable :: before(:, :), last(:, :)
       real(wp) :: estimate_before
       integer :: doubling, k
@@ -76,7 +76,7 @@ contains
          if (.not. work_is_over()) self%estimate = rounding_of(variation, pieces)
          return
       end if
-      do doubling = 0, most_doublings
+      do doubling = 0, max_doublings
          call go_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, self%n_steps)
          do k = 1, doubling                                           ! the remaining error is of order h**(2k + 2)
             before = last
@@ -170,7 +170,7 @@ contains
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
 
-      n_instants_of = max(fewest_instants, instants_per_harmonic*(nint(variation%detection_frequency*length/two_pi) + 1))
+      n_instants_of = max(min_instants, instants_per_harmonic*(nint(variation%detection_frequency*length/two_pi) + 1))
    end function n_instants_of
 
    !> One step per period of the highest harmonic, plus one.
@@ -179,7 +179,7 @@ contains
       real(wp), intent(in) :: length                                  !! [s]
 
       associate (n_periods => maxval(abs(variation%motion%frequencies))*length/two_pi)
-         first_steps = max(fewest_steps, nint(n_periods) + 1)
+         first_steps = max(min_steps, nint(n_periods) + 1)
       end associate
    end function first_steps
 

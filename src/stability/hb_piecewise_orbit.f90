@@ -21,7 +21,7 @@ module hb_piecewise_orbit
    public :: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
 
    integer, parameter :: steps_a_period = 16 ! of the fastest oscillation: a switch reverses at most once in a step
-   integer, parameter :: most_events = 1000                           ! in a period: with more, contact chatters
+   integer, parameter :: max_events = 1000                           ! in a period: with more, contact chatters
    integer, parameter :: usual_shots = 5
 
    type :: piecewise_orbit_t
@@ -354,7 +354,7 @@ contains
          if (switch == 0) exit
          begun = time
          n_events = n_events + 1
-         if (n_events > most_events) return
+         if (n_events > max_events) return
          is_positive(switch) = .not. is_positive(switch)
          call find_branch(self, variation, is_positive, number)
       end do

@@ -24,7 +24,7 @@ module hb_stability
    implicit none
    private
    public :: angle_of_pair, bifurcation, bifurcation_value, excitation_t, few_periods, harmonic_motion_t, is_torus, &
-      most_multipliers, n_multipliers_of, stability_config_t, stability_finder_t, stability_method, stability_method_names, &
+      max_multipliers, n_multipliers_of, stability_config_t, stability_finder_t, stability_method, stability_method_names, &
       stability_t, verdict
 
    type :: bifurcation_t
@@ -34,7 +34,7 @@ module hb_stability
    end type bifurcation_t
    type(bifurcation_t), parameter :: bifurcation = bifurcation_t()
 
-   integer, parameter :: most_multipliers = 16                        !! that are stored, the largest
+   integer, parameter :: max_multipliers = 16                        !! that are stored, the largest
    integer, parameter :: few_periods = 25                             !! for exponents far from zero, and if more take too long
 
    type :: stability_method_t
@@ -58,8 +58,8 @@ module hb_stability
       real(wp) :: work_spent = 0.0_wp                                 !! on the motion, in about a nanosecond: `auto` may always
                                                                       !! use as much
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
-      integer :: fewest_periods = 100                                 !! of the slowest tone, for exponents
-      integer :: most_periods = 800                                   !! likewise, while the sign of the largest is undecided
+      integer :: min_periods = 100                                 !! of the slowest tone, for exponents
+      integer :: max_periods = 800                                   !! likewise, while the sign of the largest is undecided
       logical :: is_integrated = .false. !! always of the periodic motion of the time integration
    end type stability_config_t
 
@@ -125,7 +125,7 @@ contains
    pure integer function n_multipliers_of(n_dofs)
       integer, intent(in) :: n_dofs
 
-      n_multipliers_of = min(2*n_dofs, most_multipliers)
+      n_multipliers_of = min(2*n_dofs, max_multipliers)
    end function n_multipliers_of
 
    !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies

@@ -13,11 +13,11 @@ module hb_variation
    use hb_massless, only: massless_t, new_massless
    use hb_matrix_exponential, only: count_exponential, work_of_product
    use hb_motion_series, only: motion_series_t, new_motion_series
-   use hb_structure, only: most_dense, structure_t
+   use hb_structure, only: max_dense, structure_t
    use hb_thresholds, only: difference_step, faint
    implicit none
    private
-   public :: least_work, new_variation, piece_t, variation_t
+   public :: min_work, new_variation, piece_t, variation_t
 
    !> An interval of time without events inside.
    type :: piece_t
@@ -78,7 +78,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i, n
 
-      call structure%check_matrices("stability", most_dense, error)
+      call structure%check_matrices("stability", max_dense, error)
       if (allocated(error)) return
       n = structure%n_dofs
       self%n_dofs = n
@@ -383,12 +383,12 @@ contains
    end function variation_work_of_step
 
    !> Least work of a transfer for n_dofs degrees of freedom, in the units of `work_of_step`: half a step.
-   pure real(wp) function least_work(n_dofs) result(work)
+   pure real(wp) function min_work(n_dofs) result(work)
       integer, intent(in) :: n_dofs
 
       work = 0.0_wp
       if (n_dofs > 1) work = work_of_product(2*n_dofs)
-   end function least_work
+   end function min_work
 
    !> Approximate work of a node of a step or of event detection in nanoseconds, from counts alone.
    pure real(wp) function variation_work_of_node(self) result(work)

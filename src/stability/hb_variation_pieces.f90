@@ -8,14 +8,14 @@ module hb_variation_pieces
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_thresholds, only: most_bisections, rounding
+   use hb_thresholds, only: max_bisections, rounding
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
    public :: bracket_t, cut_time, make_sliders_periodic
 
-   integer, parameter :: most_passes = 3                              ! events of a slider between two detection times
-   integer, parameter :: most_periods = 4                             ! until sliders are periodic
+   integer, parameter :: max_passes = 3                              ! events of a slider between two detection times
+   integer, parameter :: max_periods = 4                             ! until sliders are periodic
 
    type :: event_t
       real(wp) :: time = 0.0_wp
@@ -101,7 +101,7 @@ contains
       integer :: period
 
       if (self%n_states == 0) return
-      do period = 1, most_periods
+      do period = 1, max_periods
          if (work_is_over()) exit
          before = self%held
          call cut_time(self, start, finish, n_instants, pieces)
@@ -171,7 +171,7 @@ contains
       end if
       self%middle = (self%low*self%value_high - self%high*self%value_low)/(self%value_high - self%value_low)
       if (.not. (self%middle > self%low .and. self%middle < self%high)) self%middle = 0.5_wp*(self%low + self%high)
-      is_wide = self%pass < most_bisections &
+      is_wide = self%pass < max_bisections &
                 .and. self%high - self%low > 4.0_wp*epsilon(1.0_wp)*max(abs(self%low), abs(self%high))
    end function bracket_is_wide
 
@@ -255,7 +255,7 @@ contains
       associate (span => self%spans(i))
          n = span%last_state - span%first_state + 1
          allocate (search%lower(n), search%upper(n), search%lower_rate(n), search%upper_rate(n))
-         allocate (search%events(most_passes*size(times)*n))
+         allocate (search%events(max_passes*size(times)*n))
          call find_bounds(search, z(1, span%first:span%last), v(1, span%first:span%last))
          do k = 2, size(times)
             search%times = times(k - 1:k)
@@ -284,7 +284,7 @@ contains
       associate (slip => search%variation%slip(search%slider), held => search%variation%held(search%slider), &
                  lower => search%lower(search%s), lower_rate => search%lower_rate(search%s), &
                  upper => search%upper(search%s), upper_rate => search%upper_rate(search%s), now => search%times(2))
-         do pass = 1, most_passes
+         do pass = 1, max_passes
             margin = 8.0_wp*epsilon(1.0_wp)*max(abs(lower), abs(upper))
             if (slip == 0 .and. held < lower - margin) then
                call note(search, 1, time_of(search, 1, .false., now))

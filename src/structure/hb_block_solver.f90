@@ -25,7 +25,7 @@ module hb_block_solver
    private
    public :: arrow_factors_t, block_solver_t, new_arrow_factors, new_block_solver
 
-   integer, parameter :: least_order = 24
+   integer, parameter :: min_order = 24
    integer, parameter :: inner_to_border = 4                          ! least number of inner rows per row of the border
    real(wp), parameter :: smallest = 1.0e-6_wp                        ! entry of d below which a row exchange would be needed
 
@@ -44,7 +44,7 @@ module hb_block_solver
    !> Growth of the probe vector, relative to the matrix, above which the condition number is estimated.
    real(wp), parameter :: suspicious_growth = 1.0e8_wp
 
-   integer, parameter :: least_sparse = 400                           ! smallest order of a sparse block
+   integer, parameter :: min_sparse = 400                           ! smallest order of a sparse block
    real(wp), parameter :: emptiness = 10.0_wp                         ! elements of the band or matrix per entry
 
    type :: block_solver_t
@@ -109,7 +109,7 @@ contains
       self%scale = cmplx(scale, kind=wp)
       n_rows = find_band(self)
       call new_arrow_factors(self%arrow, n, block%row, block%column)
-      self%is_sparse = n >= least_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
+      self%is_sparse = n >= min_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
       if (self%arrow%is_arrow) self%is_sparse = .false.
       if (2*n_rows > n .and. block%n_entries < n*(n/8) .and. .not. (self%is_sparse .or. self%arrow%is_arrow)) &
          n_rows = sort_by_position(self)
@@ -424,7 +424,7 @@ contains
       integer, intent(in) :: row(:), column(:)                        !! of the entries
       integer :: e, i, neighbours(n)
 
-      if (n < least_order) return
+      if (n < min_order) return
       neighbours = 0
       do e = 1, size(row)
          if (row(e) == column(e)) cycle

@@ -5,7 +5,7 @@ module hb_chain
    use hb_numbers, only: numbers_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
-   use hb_structure, only: check_memory_of_structure, label_length, most_dense, new_structure, structure_t, unit_length
+   use hb_structure, only: check_memory_of_structure, label_length, max_dense, new_structure, structure_t, unit_length
    use hb_structure_builder, only: structure_builder_t
    use hb_text, only: to_text
    implicit none
@@ -42,7 +42,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit
 
-      call check_memory_of_structure(min(self%n_masses, most_dense), error, memory_limit)
+      call check_memory_of_structure(min(self%n_masses, max_dense), error, memory_limit)
       if (allocated(error)) return
       call new_chain(structure, for_each(self%mass, self%n_masses), &
                      for_each(self%coupling_stiffness, n_springs(self%n_masses, self%ends)), &

@@ -14,9 +14,9 @@ module hb_fe_model
    use hb_text, only: number_of, to_text
    implicit none
    private
-   public :: fe_model_builder_t, fe_model_source_t, fe_model_t, most_speeds, new_fe_model_structure
+   public :: fe_model_builder_t, fe_model_source_t, fe_model_t, max_speeds, new_fe_model_structure
 
-   integer, parameter :: most_speeds = 2                              !! shafts with speeds of their own
+   integer, parameter :: max_speeds = 2                              !! shafts with speeds of their own
 
    !> Terms of a speed Omega [rad/s]: Omega G multiplies the velocity, Omega K_1 + Omega**2 K_2 is added to the
    !> stiffness. Source: G. Genta, Dynamics of Rotating Systems, Springer 2005, chapter 4.
@@ -33,7 +33,7 @@ module hb_fe_model
       type(sparse_t) :: damping                                       !! [N s/m], viscous
       type(sparse_t) :: gyroscopic                                    !! [N s/m], skew-symmetric
       type(sparse_t) :: structural                                    !! [N/m]: H of the complex stiffness K + i H
-      type(speed_terms_t) :: speeds(most_speeds)
+      type(speed_terms_t) :: speeds(max_speeds)
       character(:), allocatable :: labels(:), units(:)                !! (n_dofs)
       type(node_sets_t) :: sets
       type(named_vectors_t) :: vectors
@@ -184,7 +184,7 @@ contains
       integer :: i, n
 
       n = 0
-      do i = 1, most_speeds
+      do i = 1, max_speeds
          associate (terms => fe_model%speeds(i))
             if (terms%gyroscopic%n_rows + terms%stiffness%n_rows + terms%stiffness_squared%n_rows > 0) n = i
          end associate

@@ -4,7 +4,7 @@
 !> to the matrices there may be parts with frequency-dependent stiffness, which have no equations in time.
 module hb_structure
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_closest_word, only: closest_word
+   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_frequency_part, only: frequency_part_t
    use hb_kinds, only: gib, wp
@@ -15,13 +15,13 @@ module hb_structure
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
-   public :: check_memory_of_structure, label_length, max_dofs, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
+   public :: check_memory_of_structure, label_length, max_dofs, max_sparse_dofs, max_dense, new_structure, structure_t, unit_length
 
    integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
    integer, parameter :: max_dofs = 10000                    !! for readers: dense matrices then take 2.4 GB
    integer, parameter :: max_sparse_dofs = 1000000           !! for readers that make sparse matrices
-   integer, parameter :: most_dense = 1000 !! degrees of freedom up to which sparse matrices are converted to dense ones
+   integer, parameter :: max_dense = 1000 !! degrees of freedom up to which sparse matrices are converted to dense ones
 
    !> The matrices of a large structure, as those of `structure_t`.
    type :: sparse_matrices_t
@@ -83,7 +83,7 @@ contains
       real(wp) :: bytes
 
       if (.not. present(memory_limit)) return
-      if (present(n_entries) .and. n_dofs > most_dense) then
+      if (present(n_entries) .and. n_dofs > max_dense) then
          bytes = copies*bytes_of_entry*n_entries + bytes_of_dof*n_dofs
          if (bytes <= memory_limit) return
          write (needed, "(f20.2)") bytes/gib
@@ -135,7 +135,7 @@ contains
       self%units = units
    end subroutine new_dense_structure
 
-   !> Creates a structure from sparse matrices, which remain sparse for more than `most_dense` degrees of freedom.
+   !> Creates a structure from sparse matrices, which remain sparse for more than `max_dense` degrees of freedom.
    !> Fails as for dense ones; an indefinite large mass is detected only at its diagonal and at pairs of degrees of
    !> freedom.
    subroutine new_sparse_structure(self, mass, damping, stiffness, labels, units, error)
@@ -144,7 +144,7 @@ contains
       character(*), intent(in) :: labels(:), units(:)                 !! (n_dofs)
       type(error_t), allocatable, intent(out) :: error
 
-      if (mass%n_rows <= most_dense) then
+      if (mass%n_rows <= max_dense) then
          call new_dense_structure(self, mass%dense(), damping%dense(), stiffness%dense(), labels, units, error)
          return
       end if

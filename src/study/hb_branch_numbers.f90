@@ -12,7 +12,7 @@ module hb_branch_numbers
    private
    public :: number_branches
 
-   integer, parameter :: most_numbers = 4000000                       ! of motions in memory
+   integer, parameter :: max_numbers = 4000000                       ! of motions in memory
 
 contains
 
@@ -68,7 +68,7 @@ contains
       integer :: first, i, last, last_branch, n
       logical :: is_jump
 
-      n = min(size(branch), max(1, most_numbers/max(1, results%motion_size())))
+      n = min(size(branch), max(1, max_numbers/max(1, results%motion_size())))
       allocate (motion(results%motion_size(), n), status(n), known_branch(n))
       call new_line(line, size(branch))
       last = -chain

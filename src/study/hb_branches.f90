@@ -15,7 +15,7 @@ module hb_branches
 
    integer, parameter :: left_branch = -1 !! number of a point at which a chain was found to leave its branch
 
-   real(wp), parameter :: least_ratio = 3.0_wp                        ! to the larger slope beside a jump
+   real(wp), parameter :: min_ratio = 3.0_wp                        ! to the larger slope beside a jump
    real(wp), parameter :: mean_ratio = 6.0_wp                         ! to larger**(3/4)*smaller**(1/4)
    real(wp), parameter :: return_ratio = 1.5_wp                       ! slope past deviating points, relative to those beside it
    integer, parameter :: longest_run = 8                              ! alternating steps between two branches
@@ -139,7 +139,7 @@ contains
       real(wp), intent(in) :: slope, before, after
 
       associate (larger => max(before, after), smaller => min(before, after))
-         is_far_above = slope > least_ratio*larger .and. slope > mean_ratio*larger**0.75_wp*smaller**0.25_wp
+         is_far_above = slope > min_ratio*larger .and. slope > mean_ratio*larger**0.75_wp*smaller**0.25_wp
       end associate
    end function is_far_above
 

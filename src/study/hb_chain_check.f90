@@ -23,9 +23,9 @@ module hb_chain_check
    private
    public :: chain_check_t
 
-   integer, parameter :: most_motions = 120                           ! computed for a point
+   integer, parameter :: max_motions = 120                           ! computed for a point
    real(wp), parameter :: free_work = 0.03e9_wp                       ! of a chain, as `work` of a result
-   integer, parameter :: most_iterations = 10                         ! for one motion, from a close first guess
+   integer, parameter :: max_iterations = 10                         ! for one motion, from a close first guess
    real(wp), parameter :: largest_turn = 0.5_wp                       ! of an accepted step, relative to its length
    real(wp), parameter :: largest_first = 0.2_wp                      ! first step of a chain, relative to the motion
 
@@ -46,7 +46,7 @@ module hb_chain_check
    type, extends(stretch_t) :: swept_stretch_t
       type(point_source_t), pointer :: source => null()
       integer :: first = 0, last = 0                                  ! points
-      integer :: n_left = most_motions
+      integer :: n_left = max_motions
       real(wp) :: work_left = 0.0_wp
       type(level_t) :: level                                          ! set and grid, if points choose them
       real(wp), allocatable :: frequencies(:)                         ! appended to the coefficients of a guess
@@ -204,8 +204,8 @@ contains
       if (allocated(error)) return
       bare%may_integrate = .false.
       bare%solver%fallback = .false.
-      bare%solver%max_iterations = min(most_iterations, bare%solver%max_iterations)
-      bare%certificate%is_on = .false.
+      bare%solver%max_iterations = min(max_iterations, bare%solver%max_iterations)
+      bare%error_estimate%is_on = .false.
       bare%stability%method = stability_method%off
       bare%output%samples = [integer ::]
       guess = [motion, self%frequencies]

@@ -322,13 +322,15 @@ contains
       if (allocated(self%over)) then
          if (any(model%tones%is_unknown)) then
             error_text = "tones must be given"
-         else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. model%tones%n_tones > 1) then
-            error_text = "flips and tori are located on curves of motions with one tone"
-         else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. &
+         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. model%tones%n_tones > 1) then
+            error_text = "period doublings and Neimark-Sacker points are located on curves of motions with one tone"
+         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
                   model%stability%method == stability_method%off) then
-            error_text = "flips and tori are located by the multipliers that &stability finds"
-         else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. .not. model%may_integrate) then
-            error_text = "flips and tori are located by multipliers, which are not known with a &dynamic_stiffness"
+            error_text = "period doublings and Neimark-Sacker points are located by the multipliers that &stability finds"
+         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
+                  .not. model%may_integrate) then
+            error_text = "period doublings and Neimark-Sacker points are located by multipliers, which are not known with a "// &
+                         "&dynamic_stiffness"
          else if (.not. document%is_real(self%over_parameter)) then
             error_text = "is not a real number; only real numbers can vary continuously"
          end if

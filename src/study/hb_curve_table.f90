@@ -58,13 +58,13 @@ contains
       if (allocated(error)) return
       do i = 1, n_points
          beyond = i
-         if (kind(i) == curve_kind%graze) then
+         if (kind(i) == curve_kind%grazing) then
             before = max(1, i - 1)
             after = min(n_points, i + 1)
             if (is_stable(before) > 0 .and. is_stable(after) < 0) beyond = after
             if (is_stable(before) < 0 .and. is_stable(after) > 0) beyond = before
          end if
-         if (any(kind(i) == [curve_kind%flip, curve_kind%torus]) .or. beyond /= i) &
+         if (any(kind(i) == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .or. beyond /= i) &
             leaving = [leaving, leaving_t(i, kind(i), beyond)]
       end do
    end subroutine find_leaving

@@ -21,7 +21,7 @@ module hb_result_columns
    public :: bytes_of_row, column_t, measure_row, message_length, new_plan, plan_t, tuple_entry_name
 
    integer, parameter :: message_length = 400          ! bytes
-   integer, parameter :: most_columns = 100            ! capacity of the table
+   integer, parameter :: max_columns = 100            ! capacity of the table
 
    !> A dataset of the file that has one row per point, or per rank.
    type :: column_t
@@ -151,7 +151,7 @@ contains
       if (self%has_curve) self%curve_path = layout%curve_parameter
       if (self%has_curve) self%curve_column = identifier(layout%curve_parameter)
       call list_axes(self, layout)
-      allocate (self%columns(most_columns))
+      allocate (self%columns(max_columns))
       call time_columns(self)
       self%times = self%columns(:self%i)
       self%i = 0

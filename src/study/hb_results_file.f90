@@ -17,7 +17,7 @@ module hb_results_file
    private
    public :: copy_rows, make_file, schema_version
 
-   real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] of rows that are copied together
+   real(wp), parameter :: max_bytes = 1.6e7_wp                       ! [B] of rows that are copied together
 
    integer, parameter :: schema_version = 1
    integer, parameter :: parameter_name_length = 256                  ! longer than any path of an input
@@ -324,7 +324,7 @@ contains
 
       n_points = plan%axes(1)%length
       call measure_row(plan, 0, n_bytes, n_datasets)
-      n_at_once = max(1, int(most_bytes/n_bytes))
+      n_at_once = max(1, int(max_bytes/n_bytes))
       do first = 1, n_points, n_at_once
          allocate (sums(min(n_at_once, n_points - first + 1)), source=0)
          do i = 1, size(plan%columns)

@@ -16,8 +16,8 @@ module hb_row_buffer
 
    real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of the capacity of a large file system
    real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
-   real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] held by a rank
-   integer, parameter :: most_rows = 128                              ! with more rows the saving is below one percent
+   real(wp), parameter :: max_bytes = 1.6e7_wp                       ! [B] held by a rank
+   integer, parameter :: max_rows = 128                              ! with more rows the saving is below one percent
 
    !> Rows of one dataset, for consecutive points, as the bytes of the file.
    type :: row_buffer_t
@@ -55,7 +55,7 @@ contains
       real(wp), intent(in) :: bytes_per_point
       integer, intent(in) :: n_points
 
-      capacity_for = max(1, int(min(real(min(most_rows, n_points), wp), most_bytes/max(bytes_per_point, 1.0_wp))))
+      capacity_for = max(1, int(min(real(min(max_rows, n_points), wp), max_bytes/max(bytes_per_point, 1.0_wp))))
    end function capacity_for
 
    !> Allocates `capacity` rows of a dataset.

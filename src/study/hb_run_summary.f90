@@ -19,14 +19,14 @@ module hb_run_summary
       integer :: n_points = 0
       integer :: counts(0:ubound(outcome_names, 1)) = 0               !! points of each status
       integer :: n_by_fallback = 0                                    !! points solved by a fallback
-      integer :: n_certified = 0                                      !! points with a certificate
+      integer :: n_estimated = 0                                      !! points with an error estimate
       integer :: n_near_commensurate = 0
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
       integer :: n_stable = 0, n_unstable = 0                         !! points with such motions
       integer :: n_too_costly = 0                                     !! points without stability because of its cost
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
       integer :: first_jump = 0                                       !! the point after the first of them, from 1
-      real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
+      real(wp) :: truncation = 0.0_wp                                 !! largest estimate of an estimated point
       real(wp) :: aliasing = 0.0_wp
       real(wp) :: by_levels = 0.0_wp                                  !! from the difference of levels, if larger
       real(wp) :: lowest(max_tones) = huge(1.0_wp)                    !! frequency of each tone over solved points [rad/s]
@@ -66,7 +66,7 @@ contains
          if (is_retained(i) .and. is_solved(record%status(i))) call count_frequency(summary, record%frequency(:, i))
       end do
       is_retained = is_retained .and. .not. ieee_is_nan(record%truncation)
-      summary%n_certified = count(is_retained)
+      summary%n_estimated = count(is_retained)
       summary%truncation = max(0.0_wp, maxval(record%truncation, is_retained))
       summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_retained .and. .not. ieee_is_nan(record%aliasing)))
       if (allocated(record%by_levels)) &
@@ -88,13 +88,13 @@ contains
       if (result%stability%verdict < 0) summary%n_unstable = summary%n_unstable + 1
       if (result%stability%is_too_costly .and. result%stability%verdict == 0 .and. is_solved(result%status)) &
          summary%n_too_costly = summary%n_too_costly + 1
-      if (allocated(result%certificate%combination)) summary%n_certified = summary%n_certified + 1
+      if (allocated(result%error_estimate%combination)) summary%n_estimated = summary%n_estimated + 1
       if (result%is_near_commensurate) then
          summary%n_near_commensurate = summary%n_near_commensurate + 1
          summary%first_near_commensurate = min(summary%first_near_commensurate, point)
       end if
-      summary%truncation = max(summary%truncation, result%certificate%truncation)
-      summary%aliasing = max(summary%aliasing, result%certificate%aliasing)
+      summary%truncation = max(summary%truncation, result%error_estimate%truncation)
+      summary%aliasing = max(summary%aliasing, result%error_estimate%aliasing)
       summary%by_levels = max(summary%by_levels, result%level_estimate)
       if (is_solved(result%status) .and. allocated(result%frequency)) call count_frequency(summary, result%frequency)
    end subroutine count_point
@@ -117,7 +117,7 @@ contains
    elemental logical function has_answer(status)
       integer, intent(in) :: status
 
-      has_answer = any(status == [outcome%converged, outcome%time_domain, outcome%several])
+      has_answer = any(status == [outcome%converged, outcome%integrated, outcome%multiple_attractors])
    end function has_answer
 
    !> Number of points with an acceptable motion.
@@ -146,7 +146,7 @@ contains
          summary%counts(status) = sum_over(comm, summary%counts(status))
       end do
       summary%n_by_fallback = sum_over(comm, summary%n_by_fallback)
-      summary%n_certified = sum_over(comm, summary%n_certified)
+      summary%n_estimated = sum_over(comm, summary%n_estimated)
       summary%n_stable = sum_over(comm, summary%n_stable)
       summary%n_unstable = sum_over(comm, summary%n_unstable)
       summary%n_too_costly = sum_over(comm, summary%n_too_costly)

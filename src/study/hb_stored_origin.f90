@@ -56,10 +56,11 @@ contains
       call stored%file%close(error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
-         if (any(position%kind == [curve_kind%flip, curve_kind%torus])) then
-            call new_curve_origin(self, position%kind == curve_kind%torus, position, tuples, model, error)
+         if (any(position%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker])) then
+            call new_curve_origin(self, position%kind == curve_kind%neimark_sacker, position, tuples, model, error)
          else
-            call fail(error, "it is neither a 'flip' nor a 'torus'; 'nhbm info' and 'nhbm-post peaks' list those")
+            call fail(error, &
+                      "it is neither a 'period_doubling' nor a 'neimark_sacker'; 'nhbm info' and 'nhbm-post peaks' list those")
          end if
       end if
       if (allocated(error)) error%message = "point "//to_text(point)//" of '"//path//"': "//error%message

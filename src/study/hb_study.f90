@@ -131,9 +131,9 @@ contains
    !> parameters that change gradually. This depends on the input alone, not on the machine or the number of ranks.
    pure logical function is_chained(self)
       type(study_t), intent(in) :: self
-      integer, parameter :: least_points = 8                          ! a few distant values are not a curve
+      integer, parameter :: min_points = 8                          ! a few distant values are not a curve
 
-      is_chained = self%model%chain%is_auto .and. size(self%model%laws) > 0 .and. self%plan%n_fastest() >= least_points &
+      is_chained = self%model%chain%is_auto .and. size(self%model%laws) > 0 .and. self%plan%n_fastest() >= min_points &
          .and. self%plan%can_be_chained()
    end function is_chained
 
@@ -225,7 +225,7 @@ contains
    pure logical function has_improved(self)
       type(study_t), intent(in) :: self
 
-      has_improved = self%model%certificate%is_on .and. self%model%certificate%improvement_steps > 0
+      has_improved = self%model%error_estimate%is_on .and. self%model%error_estimate%improvement_steps > 0
    end function has_improved
 
    !> Describes the contents of the result file before the first point is solved.

@@ -37,7 +37,7 @@ module hb_sweep
    ! The whole file is created before the first point: with one degree of freedom and two harmonics a point takes 872
    ! bytes of it, 50 million 44 GB, and 15 bytes of memory during this step, 0.8 GB (measured with 100,000 and a
    ! million points).
-   integer, parameter :: most_points = 50000000
+   integer, parameter :: max_points = 50000000
 
    !> How to run a study.
    type :: run_options_t
@@ -88,8 +88,8 @@ contains
       real(wp) :: started
 
       started = wall_clock()
-      if (self%plan%n_points > most_points) then
-         call fail(error, to_text(self%plan%n_points)//" points are more than one result file takes, "//to_text(most_points)// &
+      if (self%plan%n_points > max_points) then
+         call fail(error, to_text(self%plan%n_points)//" points are more than one result file takes, "//to_text(max_points)// &
             "; give the sweep fewer values, or split it into several inputs")
          return
       end if

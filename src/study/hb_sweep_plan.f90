@@ -16,7 +16,7 @@ module hb_sweep_plan
    private
    public :: read_sweep_plan, sweep_plan_t
 
-   integer(int64), parameter :: most_points = 2000000000_int64
+   integer(int64), parameter :: max_points = 2000000000_int64
 
    !> Values between two ends, computed when needed: 100 million of them would occupy 800 MB.
    type :: range_t
@@ -112,8 +112,8 @@ contains
          if (allocated(error)) return
          self%length = [self%length, self%curve%n_points]
       end if
-      if (product(real(self%length, wp)) > real(most_points, wp)) then
-         call fail(error, "the sweep would have more than "//to_text(most_points)//" points")
+      if (product(real(self%length, wp)) > real(max_points, wp)) then
+         call fail(error, "the sweep would have more than "//to_text(max_points)//" points")
          return
       end if
       self%n_points = product(self%length)

@@ -116,7 +116,7 @@ contains
       call spread_harmonics(harmonics, layout%tuples, result%force_coefficients)
       call spread_harmonics(harmonics, layout%tuples, result%corrected_coefficients)
       if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
-      call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
+      call spread_harmonics(result%error_estimate%wider, layout%tuples, result%improved_coefficients)
       if (.not. allocated(result%gradient%coefficients)) return
       associate (gradient => result%gradient%coefficients)
          n = shape(gradient)

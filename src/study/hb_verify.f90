@@ -193,7 +193,8 @@ contains
       where (.not. ieee_is_finite(real(claim%amplitudes, wp))) claim%amplitudes = (0.0_wp, 0.0_wp)
       claim%estimate = stored%estimates(point)
       claim%frequency_estimates = stored%frequency_estimates(:, point)
-      claim%is_averaged = any(stored%status(point) == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
+      claim%is_averaged = any(stored%status(point) == [outcome%integrated, outcome%multiple_attractors]) &
+         .and. .not. model%accuracy%grows_set
       claim%is_unstable = stored%is_stable(point) == -1
       claim%spread = stored%aliasing(point)
       call verify_motion(model, claim, n_periods, result, error)

@@ -37,10 +37,10 @@ module hb_impact_curve
    private
    public :: impact_curve_t, new_curve_of
 
-   integer, parameter :: most_corrections = 10
+   integer, parameter :: max_corrections = 10
    real(wp), parameter :: usual_distance = 1.0e-3_wp                  ! of differences for slopes of responses [lengths]
    real(wp), parameter :: nearest = 1.0e-6_wp                         ! to a graze, in units of lengths: differences need 1e-8
-   integer, parameter :: most_candidates = 512                        ! order of the harmonics of a point with a tolerance
+   integer, parameter :: max_candidates = 512                        ! order of the harmonics of a point with a tolerance
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type, extends(motion_curve_t) :: impact_curve_t
@@ -69,17 +69,17 @@ module hb_impact_curve
       procedure :: destroy => impact_curve_destroy
    end type impact_curve_t
 
-   ! Grazes; bodies in hb_impact_curve_graze
+   ! Grazes; bodies in hb_impact_curve_grazing
    interface
-      module subroutine pass_graze(self, is_stalled, is_passed)
+      module subroutine pass_grazing(self, is_stalled, is_passed)
          class(impact_curve_t), intent(inout), target :: self
          logical, intent(in) :: is_stalled                               !! after a step that failed
          logical, intent(out) :: is_passed
-      end subroutine pass_graze
+      end subroutine pass_grazing
 
-      module subroutine end_at_graze(self)
+      module subroutine end_at_grazing(self)
          class(impact_curve_t), intent(inout), target :: self
-      end subroutine end_at_graze
+      end subroutine end_at_grazing
 
       module function grazes_ahead(self) result(grazes)
          class(impact_curve_t), intent(inout), target :: self
@@ -132,7 +132,7 @@ contains
       if (self%is_done) return
       call self%orbit%move(request%moving, request%start)
       x = self%orbit%map%state_at(self%orbit%section*self%orbit%period())
-      call solve_newton(self%orbit, solver_config_t(tolerance=accurate, max_iterations=3*most_corrections), x, report)
+      call solve_newton(self%orbit, solver_config_t(tolerance=accurate, max_iterations=3*max_corrections), x, report)
       self%is_done = report%status /= outcome%converged
       if (self%is_done) then
          result%status = outcome%stalled
@@ -206,7 +206,7 @@ contains
       self%set = self%model%harmonics
       associate (accuracy => self%model%accuracy)
          if (accuracy%is_on) call new_lowest_set(self%set, 1, loaded_tuples(self%model), error, &
-            min(most_candidates, max(16, ceiling(4.0_wp*accuracy%tolerance**(-2.0_wp/3.0_wp)))))
+            min(max_candidates, max(16, ceiling(4.0_wp*accuracy%tolerance**(-2.0_wp/3.0_wp)))))
       end associate
    end subroutine impact_curve_put_on
 
@@ -236,7 +236,7 @@ contains
 
       call new_bordered_problem(bordered, self%orbit, [1], reshape(direction, [size(x), 1]), [0.0_wp])
       corrector%tolerance = accurate
-      corrector%max_iterations = most_corrections
+      corrector%max_iterations = max_corrections
       corrector%patience = 3
       corrector%line_search = .false.
       config = self%config()
@@ -258,19 +258,19 @@ contains
 
       allocate (before, source=self%known%impacts)
       call self%orbit%refusal%forget()
-      call pass_graze(self, .false., is_passed)
+      call pass_grazing(self, .false., is_passed)
       if (.not. is_passed) call step(self)
-      if (self%curve%status == outcome%stalled .and. self%known%stability%n_unstable > 0) call pass_graze(self, .true., is_passed)
+      if (self%curve%status == outcome%stalled .and. self%known%stability%n_unstable > 0) call pass_grazing(self, .true., is_passed)
       if (verdict_on_work() == verdict%timed_out) self%curve%status = outcome%timed_out   ! integrations then miss impacts
       if (is_passed) return
       if (self%curve%status == outcome%pending .and. any(before /= self%known%impacts) .and. &
-          all(self%waiting%kind /= curve_kind%graze)) then
+          all(self%waiting%kind /= curve_kind%grazing)) then
          allocate (first(0))
-         call add_waiting(first, curve_kind%graze, 0.0_wp, self%curve%last_x)
+         call add_waiting(first, curve_kind%grazing, 0.0_wp, self%curve%last_x)
          self%waiting = [first, self%waiting]
       end if
       self%problem%refusal = self%orbit%refusal
-      if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_graze(self)
+      if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_grazing(self)
    end subroutine impact_curve_go
 
    !> Moves the section of the map, and the curve with its start, away from impacts.
@@ -327,7 +327,7 @@ contains
             here%integration%aim = accuracy%tolerance
          end if
          call orbit%describe(here, coordinates, point%x(:n), steady, is_done)
-         steady%status = outcome%time_domain
+         steady%status = outcome%integrated
          if (is_done .and. accuracy%is_on) then
             call keep_lines(here, coordinates, share_of_integrated*accuracy%max_harmonics, steady, result, self%level)
             result%status = status_within(self%model, steady, result)

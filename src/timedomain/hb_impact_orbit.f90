@@ -22,7 +22,7 @@ module hb_impact_orbit
    use hb_period_map, only: at_rest, distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
    use hb_problem, only: problem_t
    use hb_stability, only: stability_t
-   use hb_structure, only: most_dense
+   use hb_structure, only: max_dense
    use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integration_record_t
    implicit none
@@ -35,8 +35,8 @@ module hb_impact_orbit
    real(wp), parameter :: noise = 1.0e-12_wp                          ! of a period map, scaled
    real(wp), parameter :: enough = 1.0e-8_wp                          ! change of a derivative that needs no shorter distance
    real(wp), parameter :: nearer = 0.5_wp                             ! from one distance to the next: derivatives are large
-   integer, parameter :: most_levels = 20                             ! distances; near a graze the long ones change the impacts
-   integer, parameter :: fewest_samples = 8192                        ! in a period: their coefficients err by 1e-8 at impacts
+   integer, parameter :: max_levels = 20                             ! distances; near a graze the long ones change the impacts
+   integer, parameter :: min_samples = 8192                        ! in a period: their coefficients err by 1e-8 at impacts
    integer, parameter :: samples_of_harmonic = 64
    real(wp), parameter :: too_near = 0.5_wp                           ! to an event, relative to the farthest instant
 
@@ -83,7 +83,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       self%model = model
-      call model%structure%check_matrices("integration", most_dense, error)
+      call model%structure%check_matrices("integration", max_dense, error)
       if (allocated(error)) return
       allocate (self%system)
       call put_system(self)
@@ -210,7 +210,7 @@ contains
       if (allocated(self%slopes)) deallocate (self%slopes)
       slopes = 0.0_wp
       limit%ratio = nearer
-      do level = 1, most_levels
+      do level = 1, max_levels
          do k = 1, size(x) + merge(1, 0, allocated(self%moving))
             axis = 0.0_wp
             axis(k) = 1.0_wp
@@ -379,7 +379,7 @@ contains
       integer :: i, n
 
       after = x
-      n = max(fewest_samples, samples_of_harmonic*maxval(self%model%harmonics%highest))
+      n = max(min_samples, samples_of_harmonic*maxval(self%model%harmonics%highest))
       associate (period => self%period())
          call self%map%record_from(self%section*period, period, n, [(i, i=1, self%system%n_dofs)], after, record, is_done)
       end associate

@@ -10,7 +10,7 @@ module hb_integrated_floquet
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_period_map, only: find_period_map, new_period_map, new_state_map, period_map_t, state_map_t, work_of_period_map
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t
-   use hb_structure, only: most_dense, structure_t
+   use hb_structure, only: max_dense, structure_t
    use hb_thresholds, only: same_motion
    implicit none
    private
@@ -18,7 +18,7 @@ module hb_integrated_floquet
 
    real(wp), parameter :: distance = 1.0e-5_wp ! of the neighbouring trajectories, scaled: kinks and jumps in between are rare,
                                                !! and rounding is small in comparison
-   integer, parameter :: fewest_steps = 200                           ! in a period of the fastest tone, for fixed steps
+   integer, parameter :: min_steps = 200                           ! in a period of the fastest tone, for fixed steps
    real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a coordinate that friction always holds, scaled
 
    !> Propagation of disturbances along a motion of several tones by time integration of the motion and of states on
@@ -63,7 +63,7 @@ contains
          stability = stability_t()
       end if
       if (config%method /= stability_method%off) then
-         call structure%check_matrices("stability", most_dense, error)
+         call structure%check_matrices("stability", max_dense, error)
          if (allocated(error)) return
          call new_integration_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
          call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)
@@ -90,7 +90,7 @@ contains
 
       call new_integrated_propagation(propagation, system, motion, restitution, config%tolerance, error)
       if (allocated(error)) return
-      self%is_too_costly = work_of_exponents(propagation%work, config%fewest_periods) > work_limit
+      self%is_too_costly = work_of_exponents(propagation%work, config%min_periods) > work_limit
       if (self%is_too_costly) return
       self%method = stability_method%integration
       call propagation%integration%allow(work_limit)
@@ -142,7 +142,7 @@ contains
 
       call new_state_map(self%integration, system, motion, restitution, tolerance, error)
       if (allocated(error)) return
-      self%integration%fewest_steps = fewest_steps
+      self%integration%min_steps = min_steps
       self%size = size(self%integration%scale)
       self%n_begun = 2*system%n_dofs
       self%n_followed = self%n_begun

@@ -27,7 +27,7 @@ module hb_integrated_motion
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t, stability_verdict => verdict
-   use hb_structure, only: most_dense, structure_t
+   use hb_structure, only: max_dense, structure_t
    use hb_sundials, only: has_cvode
    use hb_text, only: to_text
    use hb_thresholds, only: same_motion
@@ -41,13 +41,13 @@ module hb_integrated_motion
    integer, parameter :: other_window = 70                            ! likewise, from a given state: with averages of its own
    integer, parameter :: more_steps = 5                               ! of an implicit method, relative to the number of samples
    integer, parameter :: coarse_steps = 3                             ! likewise at first, for a given set
-   integer, parameter :: most_halvings = 3                            ! of fixed steps
+   integer, parameter :: max_halvings = 3                            ! of fixed steps
    real(wp), parameter :: largest_change = 0.1_wp ! by the last of them: the motion is known, though inaccurately
    real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences per radian of the fastest mode
    real(wp), parameter :: work_of_mode = 4.0_wp                       ! right-hand sides of cvode, likewise
-   integer, parameter :: most_windows = 7
-   integer, parameter :: most_shots = 15                              ! of Newton's method for a periodic motion with impacts
-   integer, parameter :: least_windows = 4                            ! before the spread can count as not falling
+   integer, parameter :: max_windows = 7
+   integer, parameter :: max_shots = 15                              ! of Newton's method for a periodic motion with impacts
+   integer, parameter :: min_windows = 4                            ! before the spread can count as not falling
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one per period, at least
    integer, parameter :: samples_of_candidate = 4                     ! likewise, if most of the highest ones are negligible
    real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the requested error: least gain of a product
@@ -58,10 +58,10 @@ module hb_integrated_motion
                                                                       !! frequency
    real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the previous one
    real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
-   real(wp), parameter :: most_terms = 2.0e9_wp                       ! of the averages over one window
+   real(wp), parameter :: max_terms = 2.0e9_wp                       ! of the averages over one window
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
    real(wp), parameter :: aim = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
-   real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
+   real(wp), parameter :: close = 0.1_wp                              ! likewise, after `min_windows`
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the previous one
    real(wp), parameter :: perturbation = 1.0e-6_wp                    ! of the length of the system, at the start
@@ -149,8 +149,8 @@ contains
          stepped%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
       end if
       call follow(stepped, law_dofs, steady, last, error, start)
-      do i = 1, most_halvings
-         if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%time_domain)) exit
+      do i = 1, max_halvings
+         if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%integrated)) exit
          coarse = steady
          stepped%integration%substeps = 2*stepped%integration%substeps
          stepped%integration%work_limit = max(0.0_wp, budget - coarse%work)
@@ -160,15 +160,15 @@ contains
          if (allocated(error)) exit
          steady%message = steady%message//merge("; implicit steps", "; fixed steps   ", &
                                                 stepped%integration%method == integration_method%generalized_alpha)
-         if (steady%status /= outcome%time_domain) exit
-         if (coarse%status /= outcome%time_domain) cycle
+         if (steady%status /= outcome%integrated) exit
+         if (coarse%status /= outcome%integrated) cycle
          change = maxval(distance_of(steady%averages, coarse%averages, 0.1_wp*allowed_of(model)))
          steady%spread = hypot(steady%spread, change)
          steady%message = trim(steady%message)//", half as long ones change it by "//rounded(change)
          if (merge(change, steady%spread, is_aimed) <= allowed_of(model)) return
          steady%change_by_steps = change
       end do
-      if (steady%status == outcome%time_domain .and. .not. (is_aimed .and. steady%change_by_steps <= largest_change)) &
+      if (steady%status == outcome%integrated .and. .not. (is_aimed .and. steady%change_by_steps <= largest_change)) &
          steady%status = outcome%pending
    end subroutine follow_in_steps
 
@@ -225,7 +225,7 @@ contains
    pure real(wp) function allowed_of(model) result(allowed)
       type(model_t), intent(in) :: model
 
-      allowed = min(model%certificate%truncation, largest_spread)
+      allowed = min(model%error_estimate%truncation, largest_spread)
    end function allowed_of
 
    subroutine follow(model, law_dofs, steady, state, error, start)
@@ -249,7 +249,7 @@ contains
       finds_lines = model%integration%aim > 0.0_wp
       associate (omega => model%tones%omega, frequencies => model%harmonics%frequencies(model%tones%omega))
          coordinates = coordinates_of(model)
-         call model%structure%check_matrices("integration", most_dense, error)
+         call model%structure%check_matrices("integration", max_dense, error)
          if (allocated(error)) return
          call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
          if (present(start)) then
@@ -268,10 +268,10 @@ contains
          n_first = periods_of_first(model)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
-         do window = 1, most_windows
+         do window = 1, max_windows
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
-            if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
+            if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > max_terms) exit
             call integrate_window(model, system, config, step, state, record, steady, error)
             if (allocated(error)) return
             if (steady%is_out_of_work) exit
@@ -292,24 +292,24 @@ contains
                spread = maxval(distance_of(now, before, 0.0_wp))
             end if
             before = now
-            has_forgotten = window == most_windows .or. rate*steady%n_periods*period >= enough_decay .or. &
-                            (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
+            has_forgotten = window == max_windows .or. rate*steady%n_periods*period >= enough_decay .or. &
+                            (rate <= 0.0_wp .and. window > min_windows)   ! no mode of the structure decays, or none is known
             steady%spread = spread
             steady%averages = now
             steady%amplitude = amplitude_of(z)
             if (.not. finds_lines) then
-               if (window < least_windows .and. spread > aim*allowed) cycle
+               if (window < min_windows .and. spread > aim*allowed) cycle
                remainder = remainder_of(z, now, record, frequencies)
             end if
             status_before = steady%status
-            call describe_verdict(model, steady, z, remainder, record, allowed, has_forgotten, window == most_windows)
+            call describe_verdict(model, steady, z, remainder, record, allowed, has_forgotten, window == max_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
             if (is_final(steady, status_before, spread_before, allowed, model%integration%aim)) exit
          end do
          if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(n_first)// &
             " periods has too many samples"
-         if (steady%status == outcome%time_domain) then
+         if (steady%status == outcome%integrated) then
             steady%amplitudes = transpose(averages_of(model, record%every_displacement, record, fit))
             if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
                call polish(model, coordinates, state, steady)
@@ -339,7 +339,7 @@ contains
       if (.not. allocated(error)) then
          call orbit%state_after(state, begun, is_done)
          x = begun
-         if (is_done) call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=most_shots), x, report)
+         if (is_done) call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=max_shots), x, report)
          steady%work = steady%work + orbit%work_of(report)
          if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= same_motion) then
             polished = steady
@@ -352,7 +352,7 @@ contains
    end subroutine polish
 
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
-   !> status is then `time_domain` or undecided, without an error.
+   !> status is then `integrated` or undecided, without an error.
    subroutine integrate_window(model, system, config, step, state, record, steady, error)
       type(model_t), intent(in) :: model
       type(integration_system_t), intent(inout), target :: system
@@ -369,12 +369,12 @@ contains
 
       cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
       n_before = system%laws%n_evaluations
-      config%most_evaluations = n_before + int(min((model%integration%work_limit - steady%work)/cost, 1.0e18_wp), int64)
+      config%max_evaluations = n_before + int(min((model%integration%work_limit - steady%work)/cost, 1.0e18_wp), int64)
       call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
       steady%is_out_of_work = next%is_out_of_work
       if (next%is_out_of_work .and. allocated(steady%message)) then
          deallocate (error)
-         if (steady%status == outcome%time_domain) return
+         if (steady%status == outcome%integrated) return
          steady%status = outcome%pending
          steady%message = steady%message//"; the work limit was reached"//more_work
          return
@@ -397,7 +397,7 @@ contains
       real(wp), intent(in) :: aim_of_lines                            !! error at which to end if lines are found, otherwise 0
 
       associate (spread => steady%spread)
-         if (steady%status /= outcome%time_domain) then
+         if (steady%status /= outcome%integrated) then
             is_final = any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. steady%status == status_before .and. &
                (spread > falling*spread_before .or. spread <= aim*allowed)
          else if (aim_of_lines > 0.0_wp) then
@@ -446,15 +446,15 @@ contains
       part = turns_to_repeat(remainder, scale_of(z), model%tones%omega*record%step/two_pi, left_out, allowed)
       steady%status = outcome%pending
       if (part == 1) then
-         if (steady%spread <= allowed .or. (finds_lines .and. has_forgotten)) steady%status = outcome%time_domain
+         if (steady%spread <= allowed .or. (finds_lines .and. has_forgotten)) steady%status = outcome%integrated
       else if (has_forgotten .and. part > 1) then
          steady%status = outcome%subharmonic
          steady%n_repeat = part
       else if (has_forgotten .and. (is_last .or. part == repetition%none)) then
-         steady%status = merge(outcome%time_domain, outcome%broadband, finds_lines .and. left_out <= largest_spread)
+         steady%status = merge(outcome%integrated, outcome%broadband, finds_lines .and. left_out <= largest_spread)
       end if
       select case (steady%status)
-      case (outcome%time_domain)
+      case (outcome%integrated)
          if (finds_lines) then
             steady%message = integrated_for//": the series misses the record by "//rounded(steady%spread)//" in its worst quarter"
          else

@@ -35,7 +35,7 @@ module hb_integrated_start
    real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
    real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the perturbation
 
-   integer, parameter :: most_multiples = 80
+   integer, parameter :: max_multiples = 80
    integer, parameter :: largest_structure = 64 ! degrees of freedom of models that are integrated automatically
    real(wp), parameter :: all_power = 1.0_wp - 1.0e-5_wp
 
@@ -241,7 +241,7 @@ contains
       real(wp) :: all_of_it, explained
       integer :: i, k, n
 
-      n = max(1, min(most_multiples, ceiling(highest/base)))
+      n = max(1, min(max_multiples, ceiling(highest/base)))
       allocate (c(n))
       all_of_it = 0.0_wp
       explained = 0.0_wp

@@ -8,7 +8,7 @@ module hb_integration
    use hb_model, only: model_t
    use hb_modes, only: modes_t, new_modes
    use hb_record_tones, only: find_tones
-   use hb_structure, only: max_dofs, most_dense
+   use hb_structure, only: max_dofs, max_dense
    use hb_text, only: to_text
    use hb_time_domain, only: integration_start, step_of
    use hb_time_stepping, only: assess, integrate_from, integration_assessment_t, integration_record_t
@@ -16,7 +16,7 @@ module hb_integration
    private
    public :: check_integration, integrate_model, integration_t
 
-   integer, parameter :: fewest_samples = 32                          ! from which frequencies are read
+   integer, parameter :: min_samples = 32                          ! from which frequencies are read
 
    !> Results of a time integration.
    type :: integration_t
@@ -130,7 +130,7 @@ contains
       omega = model%tones%omega
       if (all(omega > 0.0_wp)) return
       associate (structure => model%structure)
-         call structure%check_matrices("a search for modes", most_dense, error)
+         call structure%check_matrices("a search for modes", max_dense, error)
          if (.not. allocated(error)) call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
       end associate
       n = 0
@@ -159,7 +159,7 @@ contains
       real(wp) :: found(size(omega))
 
       share = 0.0_wp
-      if (.not. any(model%tones%is_unknown) .or. size(record%every_displacement, 1) < fewest_samples) return
+      if (.not. any(model%tones%is_unknown) .or. size(record%every_displacement, 1) < min_samples) return
       found = model%tones%omega                                       ! only guesses of the user are used
       call find_tones(record%every_displacement, record%start, record%step, model%harmonics%tuples, model%tones%is_unknown, &
                       found, share, error)

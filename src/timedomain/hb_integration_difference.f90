@@ -19,8 +19,8 @@ module hb_integration_difference
    public :: integration_difference_t, motion, new_integration_difference, series_t
 
    integer, parameter :: max_fits = 8                                 ! steps of Gauss and Newton in one period
-   integer, parameter :: fewest_periods = 3                           ! for a drift
-   integer, parameter :: fewest_instants = 40                         ! per period of the fastest tone
+   integer, parameter :: min_periods = 3                           ! for a drift
+   integer, parameter :: min_instants = 40                         ! per period of the fastest tone
    real(wp), parameter :: largest_step = 0.5_wp                       ! of a phase in one fit [rad]
    real(wp), parameter :: smallest_motion = 1.0e-3_wp                 ! of a coordinate, relative to the largest motion
    real(wp), parameter :: smallest_part = 5.0e-2_wp                   ! of one tone, relative to the motion of the coordinate
@@ -107,7 +107,7 @@ contains
       n = self%n_periods
       if (n == 0) call find_scale(self, record)
       n_samples = (size(record%time) - 1)/n_new
-      stride = max(1, int(n_samples*minval(self%omega)/(fewest_instants*maxval(self%omega))))
+      stride = max(1, int(n_samples*minval(self%omega)/(min_instants*maxval(self%omega))))
       do while (modulo(n_samples, stride) /= 0)
          stride = stride - 1
       end do
@@ -198,7 +198,7 @@ contains
       real(wp) :: drift(size(self%omega))
       integer :: m, n
 
-      n = min(self%n_periods, max(fewest_periods, n_periods))
+      n = min(self%n_periods, max(min_periods, n_periods))
       drift = 0.0_wp
       if (n < 2) return
       do m = 1, size(self%tones)

@@ -137,7 +137,7 @@ contains
          end if
          dydt(:n) = y(n + 1:)
          dydt(n + 1:) = a
-         self%is_over = system%laws%n_evaluations > system%laws%most_evaluations
+         self%is_over = system%laws%n_evaluations > system%laws%max_evaluations
       end associate
    end subroutine equations_rhs
 

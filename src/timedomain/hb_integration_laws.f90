@@ -40,7 +40,7 @@ module hb_integration_laws
       real(wp), allocatable :: s_start(:), s(:)                       !! states at the start of the step and now, (n_states)
       real(wp) :: time_start = 0.0_wp                                 !! of the step [s]
       integer(int64) :: n_evaluations = 0_int64 !! number of evaluations of a motion: the cost of a time integration
-      integer(int64) :: most_evaluations = huge(1_int64)              !! after which the equations stop
+      integer(int64) :: max_evaluations = huge(1_int64)              !! after which the equations stop
       real(wp), allocatable :: omega(:)                               !! tones whose phases laws need [rad/s]
       logical :: has_turning = .false.                                !! whether a law needs a phase
    contains

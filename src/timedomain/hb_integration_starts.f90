@@ -14,7 +14,7 @@ module hb_integration_starts
 
    real(wp), parameter :: golden = 0.6180339887498949_wp
    real(wp), parameter :: radii(3) = [1.0_wp, 3.0_wp, 10.0_wp]         ! of spheres, relative to the motion
-   real(wp), parameter :: least_distance = 1.0e-2_wp                  ! of two motions, relative
+   real(wp), parameter :: min_distance = 1.0e-2_wp                  ! of two motions, relative
    real(wp), parameter :: safety = 5.0_wp                             ! of spreads
    real(wp), parameter :: smallest = 1.0e-3_wp ! smallest motion of a coordinate that counts, relative to the largest
 
@@ -74,7 +74,7 @@ contains
          if (kind(i) == 0) cycle
          do j = 1, i - 1
             if (kind(j) /= kind(i)) cycle
-            if (distance(c(:, :, i), c(:, :, j)) > max(least_distance, safety*(spread(i) + spread(j)))) cycle
+            if (distance(c(:, :, i), c(:, :, j)) > max(min_distance, safety*(spread(i) + spread(j)))) cycle
             motion(i) = motion(j)
             exit
          end do

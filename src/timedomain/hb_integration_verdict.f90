@@ -11,7 +11,7 @@ module hb_integration_verdict
    private
    public :: decide, growing, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_text
 
-   real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the certificate
+   real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the error estimate
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
                                                                       !! a longer time integration would find up to a tenth
    real(wp), parameter :: smallest_limit = 1.0e-9_wp
@@ -23,7 +23,7 @@ module hb_integration_verdict
    real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that counts
    real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that does not count
    real(wp), parameter :: sheared = 4.5_wp                            ! likewise if nothing decays: like the square of time
-   integer, parameter :: fewest_fitted = 2                            ! periods
+   integer, parameter :: min_fitted = 2                            ! periods
 
    type :: verdict_kind_t
       integer :: not_done = 0
@@ -54,7 +54,7 @@ contains
    !> Largest difference (relative to the motion of a coordinate) at which time integration agrees: a small multiple
    !> of the estimate, at most 8 %.
    pure elemental real(wp) function limit_of(estimate, share)
-      real(wp), intent(in) :: estimate                                !! relative error according to the certificate
+      real(wp), intent(in) :: estimate                                !! relative error according to the error estimate
       real(wp), intent(in) :: share                                   !! factor by which it may be larger in this coordinate, >= 1
 
       limit_of = min(largest_limit, max(safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
@@ -81,8 +81,8 @@ contains
       start = max(distance(1), 0.0_wp)                                ! the fall in the first period counts
       gain = 0.0_wp
       rise = 0.0_wp
-      if (has_left) retained = min(n, max(retained, fewest_fitted)) ! left at once: two periods tell growth from a jump
-      if (retained >= fewest_fitted) then
+      if (has_left) retained = min(n, max(retained, min_fitted)) ! left at once: two periods tell growth from a jump
+      if (retained >= min_fitted) then
          gain = distance(retained) - start
          rise = rise_of(distance(:retained))
       end if
@@ -132,7 +132,7 @@ contains
 
       retained = findloc(ratio > 1.0_wp, .true., dim=1) - 1
       if (retained < 0) retained = size(ratio)
-      retained = min(size(ratio), max(retained, fewest_fitted))
+      retained = min(size(ratio), max(retained, min_fitted))
       growth = 0.0_wp
       if (retained > 1) growth = rise_of(distance(:retained))/(retained - retained/2)
    end function growth_of

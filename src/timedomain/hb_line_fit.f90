@@ -17,7 +17,7 @@ module hb_line_fit
    public :: line_fit_t, new_line_fit
 
    integer, parameter :: width = 14                                   ! positions over which a line is distributed: errors of 1e-11
-   integer, parameter :: most_products = 100
+   integer, parameter :: max_products = 100
 
    type :: line_fit_t
       integer :: n_products = 0                                       !! of all fits so far
@@ -91,7 +91,7 @@ contains
       direction = left
       before = square(left)
       enough = goal**2*sum(self%window*x**2)
-      do i = 1, most_products
+      do i = 1, max_products
          if (before <= 0.0_wp .or. work_is_over()) exit
          image = self%importance*averages(self, self%window*self%series(self%importance*direction))
          self%n_products = self%n_products + 1

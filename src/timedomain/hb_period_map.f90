@@ -20,7 +20,7 @@ module hb_period_map
    use hb_kinds, only: int64, two_pi, wp
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
    use hb_law, only: hold_t
-   use hb_monodromy, only: fewest_instants
+   use hb_monodromy, only: min_instants
    use hb_motion_series, only: motion_series_t
    use hb_structure, only: structure_t
    use hb_thresholds, only: minor, same_motion
@@ -31,8 +31,8 @@ module hb_period_map
    public :: at_rest, distance_at, far_from_events, farthest_phase, find_period_map, limit_t, new_period_map, new_state_map, &
       period_map_t, state_map_t, work_of_period_map
 
-   real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of time integration with variable steps
-   real(wp), parameter :: least_accurate = 1.0e-11_wp
+   real(wp), parameter :: max_accurate = 1.0e-13_wp                  ! tolerance of time integration with variable steps
+   real(wp), parameter :: min_accurate = 1.0e-11_wp
    real(wp), parameter :: finer = 1.0e-4_wp ! that of time integration relative to that of what is made of it
    integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
    real(wp), parameter :: usual_evaluations = 1500.0_wp               ! at the motion in a period, with variable steps
@@ -46,7 +46,7 @@ module hb_period_map
       type(hold_t), allocatable :: rigid(:)                           !! laws
       real(wp), allocatable :: scale(:)                               !! of (q, v, states of laws), > 0
       logical :: has_own_steps = .true.                               !! the method chooses them
-      integer :: fewest_steps = 1000                                  !! else, in a period of the fastest tone
+      integer :: min_steps = 1000                                  !! else, in a period of the fastest tone
       integer :: level = 1                                            !! each has twice the steps of the one before
       integer, allocatable :: impacts(:)                              !! of the last time integration, as of a record; < 0: of none
       type(integration_config_t), private :: config
@@ -61,11 +61,11 @@ module hb_period_map
    end type state_map_t
 
    real(wp), parameter :: farthest = 5.0e-3_wp                        ! of two states in a difference quotient, scaled
-   integer, parameter :: most_levels = 4                              ! distances
+   integer, parameter :: max_levels = 4                              ! distances
    real(wp), parameter :: repeats = 1.0e-7_wp                         ! permitted defect of a state after a period, scaled
    real(wp), parameter :: enough = 1.0e-9_wp                          ! defect that needs no further step, likewise
-   integer, parameter :: most_shots = 30
-   integer, parameter :: most_matrices = 4                            ! before convergence
+   integer, parameter :: max_shots = 30
+   integer, parameter :: max_matrices = 4                            ! before convergence
    real(wp), parameter :: slow = 0.3_wp                               ! ratio of two residuals above which a new matrix is needed
    real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
    integer, parameter :: periods_of_sliders = 3                       ! after which they are periodic
@@ -170,13 +170,13 @@ contains
    function farthest_phase(integration) result(phase)
       type(state_map_t), intent(in) :: integration
       real(wp) :: phase
-      real(wp) :: phases(1, fewest_instants)
-      real(wp) :: v(fewest_instants, integration%motion%n_coordinates), z(fewest_instants, integration%motion%n_coordinates)
+      real(wp) :: phases(1, min_instants)
+      real(wp) :: v(min_instants, integration%motion%n_coordinates), z(min_instants, integration%motion%n_coordinates)
       integer :: i
 
       phase = 0.0_wp
       if (size(integration%rigid) == 0) return
-      phases(1, :) = [(two_pi*i/fewest_instants, i=0, fewest_instants - 1)]
+      phases(1, :) = [(two_pi*i/min_instants, i=0, min_instants - 1)]
       call integration%motion%at(phases, z, v)
       phase = phases(1, maxloc(far_from_events(integration, z, v), dim=1))
    end function farthest_phase
@@ -225,7 +225,7 @@ contains
       call make_sliders_periodic(self, is_done)
       if (is_done) call shoot(self, is_free, is_done)
       if (.not. is_done) return
-      do level = 1, most_levels
+      do level = 1, max_levels
          call differentiate(self, level, there, is_done)
          if (.not. is_done) return
          call limit%add(there)
@@ -374,7 +374,7 @@ contains
       begun = self%x
       n_matrices = 0
       before = huge(1.0_wp)
-      do shot = 1, most_shots
+      do shot = 1, max_shots
          call carry(self, 1, self%x, after, is_done)
          if (.not. is_done) return
          left = maxval(abs(after - self%x))
@@ -382,7 +382,7 @@ contains
          if (is_done .and. n_matrices > 0) exit
          if (n_matrices == 0 .or. left > slow*before) then
             is_done = .false.
-            if (n_matrices == most_matrices) return
+            if (n_matrices == max_matrices) return
             call differentiate(self, level, matrix, is_done)
             if (.not. is_done) return
             n_matrices = n_matrices + 1
@@ -457,7 +457,7 @@ contains
          end select
       end do
       self%config%method = merge(integration_method%cvode, integration_method%runge_kutta_4, self%has_own_steps)
-      self%config%tolerance = min(max(finer*tolerance, most_accurate), least_accurate)
+      self%config%tolerance = min(max(finer*tolerance, max_accurate), min_accurate)
       self%config%restitution = restitution
       self%config%decimation = huge(1)
       extent = sum(abs(motion%amplitudes), dim=2)
@@ -578,7 +578,7 @@ contains
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: work                                    !! in about a nanosecond
 
-      self%config%most_evaluations = self%system%laws%n_evaluations + &
+      self%config%max_evaluations = self%system%laws%n_evaluations + &
          int(min(work/evaluation_work(self%system%n_dofs, self%system%laws%n_coordinates, .false.), 1.0e18_wp), int64)
    end subroutine state_map_allow
 
@@ -601,7 +601,7 @@ contains
       n_steps = 1
       if (self%has_own_steps) return
       associate (omega => self%motion%omega, fastest => fastest_mode(self%system%structure))
-         n_steps = max(ceiling(self%fewest_steps*maxval(omega)/minval(omega)), &
+         n_steps = max(ceiling(self%min_steps*maxval(omega)/minval(omega)), &
                        ceiling(min(steps_a_radian*fastest*two_pi/minval(omega), 1.0e6_wp)))*2**(level - 1)
       end associate
    end function n_steps_of

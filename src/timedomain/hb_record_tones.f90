@@ -15,7 +15,7 @@ module hb_record_tones
    public :: find_tones
 
    integer, parameter :: n_lines = 6                                  ! of each degree of freedom
-   integer, parameter :: most_dofs = 4, most_tuples = 40, most_candidates = 300, most_of_several = 8
+   integer, parameter :: max_dofs = 4, max_tuples = 40, max_candidates = 300, max_of_several = 8
    integer, parameter :: highest_share = 3                            ! a line may be harmonic 1 to 3 of a tone
    real(wp), parameter :: as_good = 1.0e-3_wp                         ! difference of the power that does not count
    real(wp), parameter :: same_line = 0.3_wp                          ! in units of the resolution of the record
@@ -97,7 +97,7 @@ contains
          variance(k) = sum(weights*(x(:, k) - mean(k))**2)
       end do
       allocate (dofs(0), self%power(0))
-      do k = 1, min(most_dofs, size(variance))
+      do k = 1, min(max_dofs, size(variance))
          if (maxval(variance) <= 0.0_wp) exit
          dofs = [dofs, maxloc(variance, dim=1)]
          self%power = [self%power, maxval(variance)]
@@ -117,7 +117,7 @@ contains
       order = sum(abs(tuples), dim=1)
       where (order == 0) order = huge(1)
       allocate (lowest(0))
-      do h = 1, min(most_tuples, count(order < huge(1)))
+      do h = 1, min(max_tuples, count(order < huge(1)))
          lowest = [lowest, minloc(order, dim=1)]
          order(lowest(h)) = huge(1)
       end do
@@ -157,7 +157,7 @@ contains
       integer :: h, i, n, sense
 
       n = 0
-      allocate (candidates(1, most_candidates))
+      allocate (candidates(1, max_candidates))
       do i = 1, size(lines)
          do h = 1, size(self%tuples, 2)
             associate (j => self%tuples(:, h), tone => self%tones(1))
@@ -165,7 +165,7 @@ contains
                known = sum(j*self%omega, mask=.not. is_unknown)
                do sense = -1, 1, 2
                   value = (sense*lines(i) - known)/j(tone)
-                  if (value <= self%resolution .or. n == most_candidates) cycle
+                  if (value <= self%resolution .or. n == max_candidates) cycle
                   if (any(abs(candidates(1, :n) - value) < 0.01_wp*same_line*self%resolution)) cycle
                   n = n + 1
                   candidates(1, n) = value
@@ -183,7 +183,7 @@ contains
       real(wp), allocatable, intent(out) :: candidates(:, :)
       integer :: chosen(n_tones), k, m, n
 
-      n = min(most_of_several, size(lines))
+      n = min(max_of_several, size(lines))
       allocate (candidates(n_tones, 0))
       chosen = [(k, k=1, n_tones)]
       do while (chosen(n_tones) <= n)

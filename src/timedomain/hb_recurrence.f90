@@ -24,8 +24,8 @@ module hb_recurrence
    end type repetition_t
    type(repetition_t), parameter :: repetition = repetition_t()
 
-   integer, parameter :: most_parts = 8                               ! largest number of cycles after which a motion may repeat
-   real(wp), parameter :: least_gain = 0.7_wp                         ! phase defect, relative to a shorter shift
+   integer, parameter :: max_parts = 8                               ! largest number of cycles after which a motion may repeat
+   real(wp), parameter :: min_gain = 0.7_wp                         ! phase defect, relative to a shorter shift
    real(wp), parameter :: exact = 1.0e-9_wp                           ! cycles
    real(wp), parameter :: farthest = 0.05_wp                          ! largest phase defect, in cycles
    real(wp), parameter :: near = 1.0e-4_wp                            ! likewise: negligible
@@ -43,13 +43,13 @@ contains
       real(wp), intent(in) :: share                                   !! largest root mean square of a column, relative
       real(wp), intent(in) :: allowed                                 !! permitted defect of a motion that repeats
       integer :: part
-      real(wp), dimension(2**size(turns) - 1, most_parts) :: defect, missing
-      real(wp) :: in_one, largest(most_parts), least, within
-      logical :: returns(2**size(turns) - 1, most_parts)
+      real(wp), dimension(2**size(turns) - 1, max_parts) :: defect, missing
+      real(wp) :: in_one, largest(max_parts), least, within
+      logical :: returns(2**size(turns) - 1, max_parts)
 
       defect = -1.0_wp
       missing = 1.0_wp
-      do part = 1, most_parts
+      do part = 1, max_parts
          if (work_is_over()) exit
          call find_defects(x, scale, turns, part, defect(:, part), missing(:, part))
       end do
@@ -115,15 +115,15 @@ contains
       integer :: i, m
 
       shift = 0
-      nearest = farthest/least_gain
+      nearest = farthest/min_gain
       do i = 1, longest
          missing = 0.0_wp
          do m = 1, size(turns)
             whole = real(merge(part, 0, btest(class, m - 1)), wp)
             missing = max(missing, abs(modulo(i*turns(m) - whole + part, 2.0_wp*part) - part))
-            if (missing >= least_gain*nearest - exact) exit
+            if (missing >= min_gain*nearest - exact) exit
          end do
-         if (missing >= least_gain*nearest - exact) cycle
+         if (missing >= min_gain*nearest - exact) cycle
          nearest = missing
          shift = i
       end do

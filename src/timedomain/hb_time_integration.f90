@@ -35,12 +35,12 @@ contains
       type(callbacks_t), intent(inout) :: callbacks
       integer, intent(in) :: n_points                                 !! of the run; 0: no additional time for stability
       type(integrated_floquet_t) :: finder
-      real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp, least_share = 1.0_wp/40.0_wp
+      real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp, min_share = 1.0_wp/40.0_wp
 
       callbacks%share_of_integration = 1.0_wp
       if (n_points > 0) then
          finder%work_in_any_case = nanoseconds_of_run/n_points
-         callbacks%share_of_integration = max(1.0_wp/n_points, least_share)
+         callbacks%share_of_integration = max(1.0_wp/n_points, min_share)
       end if
       if (allocated(callbacks%stability_finder)) deallocate (callbacks%stability_finder)
       allocate (callbacks%stability_finder, source=finder)
@@ -48,7 +48,7 @@ contains
    end subroutine add_time_integration
 
    !> Integrates from as many starts as the model requests, the first one as in `find_steady_motion`. The result is the first
-   !> motion of the tones; if there are others, the status is `several`, with their number.
+   !> motion of the tones; if there are others, the status is `multiple_attractors`, with their number.
    subroutine find_from_starts(model, law_dofs, steady, error)
       type(model_t), intent(in) :: model                              !! all tones given
       integer, intent(in) :: law_dofs(:)
@@ -86,13 +86,13 @@ contains
          if (each(i)%status == outcome%broadband) each(i)%spread = 1.0_wp
       end do
       motion = motions_of(c, each%status, each%spread)
-      i = findloc(each%status, outcome%time_domain, dim=1)
+      i = findloc(each%status, outcome%integrated, dim=1)
       if (i == 0) i = max(1, findloc(motion, 1, dim=1))
       each(i)%work = steady%work
       steady = each(i)
       steady%n_motions = maxval(motion)
       if (steady%n_motions == 0) return
-      if (steady%n_motions > 1 .and. steady%status == outcome%time_domain) steady%status = outcome%several
+      if (steady%n_motions > 1 .and. steady%status == outcome%integrated) steady%status = outcome%multiple_attractors
       call report_motions(motion, each%status, each%amplitude, steady%message)
    end subroutine find_from_starts
 
@@ -102,18 +102,18 @@ contains
       integer, intent(in) :: status(:)                                !! of each start, one of `outcome`
       real(wp), intent(in) :: amplitude(:)                            !! of each start [m]
       character(:), allocatable, intent(out) :: message
-      integer, parameter :: most_named = 8                            ! limits the length of the message
+      integer, parameter :: max_named = 8                            ! limits the length of the message
       integer :: first, k
 
       message = "integrated from "//to_text(size(motion))//" starts: "//to_text(maxval(motion))//" motion"
       if (maxval(motion) /= 1) message = message//"s"
-      do k = 1, min(maxval(motion), most_named)
+      do k = 1, min(maxval(motion), max_named)
          first = findloc(motion, k, dim=1)
          message = message//merge(": ", ", ", k == 1)//"amplitude "//rounded(amplitude(first))//" from "// &
                    to_text(count(motion == k))
-         if (status(first) /= outcome%time_domain) message = message//" ("//outcome_name(status(first))//")"
+         if (status(first) /= outcome%integrated) message = message//" ("//outcome_name(status(first))//")"
       end do
-      if (maxval(motion) > most_named) message = message//", ..."
+      if (maxval(motion) > max_named) message = message//", ..."
       if (any(motion == 0)) message = message//"; no steady state from "//to_text(count(motion == 0))
    end subroutine report_motions
 end module hb_time_integration

@@ -121,7 +121,7 @@ contains
 
       call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
       if (allocated(error)) return
-      system%laws%most_evaluations = config%most_evaluations
+      system%laws%max_evaluations = config%max_evaluations
       n_transient = nint(config%transient/record%step)
       n_steps = max(1, nint(config%duration/record%step))
       do done = 0, n_transient - 1, steps_between_checks
@@ -149,7 +149,7 @@ contains
             return
          end if
          call keep(i)
-         if (modulo(i, steps_between_checks) > 0 .and. i < n_steps .and. system%laws%n_evaluations <= config%most_evaluations) cycle
+         if (modulo(i, steps_between_checks) > 0 .and. i < n_steps .and. system%laws%n_evaluations <= config%max_evaluations) cycle
          call check_finite(state, config%largest, error)
          call check_budget()
          if (allocated(error)) return
@@ -160,7 +160,7 @@ contains
 
       !> Checks the budget and the cancellation; either is then the reason of a failure.
       subroutine check_budget()
-         record%is_out_of_work = system%laws%n_evaluations > config%most_evaluations
+         record%is_out_of_work = system%laws%n_evaluations > config%max_evaluations
          if (record%is_out_of_work) then
             call fail(error, "the time integration has used up its budget of work")
          else if (.not. allocated(error) .and. work_is_over()) then

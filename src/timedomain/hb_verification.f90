@@ -27,22 +27,22 @@ module hb_verification
    public :: claim_t, verdict_t, verify_motion
 
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, until sliders are periodic
-   integer, parameter :: fewest_periods = 20 ! of the slowest tone; with several tones twice that, and two beats
-   integer, parameter :: most_periods_of_beats = 100
-   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a time integration ends without a
+   integer, parameter :: min_periods = 20 ! of the slowest tone; with several tones twice that, and two beats
+   integer, parameter :: max_periods_of_beats = 100
+   integer, parameter :: min_bound = 100, greatest_bound = 1000     ! periods at which a time integration ends without a
                                                                       !! decision, at first and finally
    integer, parameter :: longest_decay = 1000000                      ! periods; a slower decay counts as none
    integer, parameter :: usual_bound = 150                            ! if nothing in the structure decays
-   integer, parameter :: most_samples = 400000                        ! of one time integration, beyond the fewest periods
+   integer, parameter :: max_samples = 400000                        ! of one time integration, beyond the fewest periods
    integer, parameter :: periods_at_once = 5
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm: the bound
-   real(wp), parameter :: most_decay = 3.0_wp                         ! likewise: the start has no influence any more
+   real(wp), parameter :: max_decay = 3.0_wp                         ! likewise: the start has no influence any more
    real(wp), parameter :: integration_tolerance = 1.0e-13_wp ! of the time integration, unless the input requests a smaller one
    real(wp), parameter :: remembered = 10.0_wp ! fall of the distance below which the start still has influence
    real(wp), parameter :: nearness = 1.0e-6_wp ! of the second time integration at its start, relative to the motion
    real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is reset
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
-   integer, parameter :: fewest_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
+   integer, parameter :: min_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
 
    !> A motion with its estimated errors.
@@ -152,7 +152,7 @@ contains
          self%config%tolerance = min(self%config%tolerance, integration_tolerance)
          if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(model)) then
             self%config%method = integration_method%runge_kutta_4
-            self%config%substeps = ceiling(max(step*fewest_steps/self%length%period, step*fastest_of(model)/step_of_mode))
+            self%config%substeps = ceiling(max(step*min_steps/self%length%period, step*fastest_of(model)/step_of_mode))
          end if
          self%config%largest = runaway*maxval(self%scale)
          call new_integration_state(self%state, system%n_dofs, system%laws%n_states)
@@ -163,7 +163,7 @@ contains
          call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, model%tones%is_unknown), &
                                    system%laws%shape, model%structure%units, max(system%length, nearness), &
                                    n_steady(self%length%most, self%length%fewest))
-         self%estimate = model%certificate%truncation
+         self%estimate = model%error_estimate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
          self%share = velocity_share(amplitudes, frequencies)
          self%expected = self%estimate
@@ -227,7 +227,7 @@ contains
       type(pair_t), intent(in) :: self
       type(claim_t), intent(in) :: claim
       type(verdict_t), intent(inout) :: result
-      real(wp), allocatable :: most_drift(:)
+      real(wp), allocatable :: max_drift(:)
       integer :: n_retained
 
       associate (difference => self%difference, omega => claim%omega)
@@ -253,10 +253,10 @@ contains
          end if
          result%drift = difference%drift(n_retained)
          if (result%kind == verdict%unstable) return                  ! the drift is then that of the motion to which it diverges
-         most_drift = limit_of(self%estimate*self%share, 1.0_wp)*omega
-         where (ieee_is_finite(claim%frequency_estimates)) most_drift = max(most_drift, &
+         max_drift = limit_of(self%estimate*self%share, 1.0_wp)*omega
+         where (ieee_is_finite(claim%frequency_estimates)) max_drift = max(max_drift, &
             limit_of(claim%frequency_estimates/omega, 1.0_wp)*omega)
-         if (any(abs(result%drift) > most_drift)) result%kind = verdict%differs
+         if (any(abs(result%drift) > max_drift)) result%kind = verdict%differs
          if (result%kind == verdict%agrees .and. result%difference > result%limit) result%kind = verdict%differs
       end associate
    end subroutine write_up
@@ -286,7 +286,7 @@ contains
       result%is_of_coefficients = .true.
       result%kind = merge(verdict%unstable, verdict%differs, claim%is_unstable)
       if (steady%status == outcome%pending) result%kind = verdict%undecided
-      if (steady%status /= outcome%time_domain) return
+      if (steady%status /= outcome%integrated) return
       associate (amplitudes => transpose(claim%amplitudes), tuples => claim%tuples, n => model%structure%n_dofs, &
                  shape => cmplx(system%laws%shape, 0.0_wp, wp), units => model%structure%units)
          allocate (items(n + size(shape, 2), size(amplitudes, 2)), others(n + size(shape, 2), size(amplitudes, 2)))
@@ -329,16 +329,16 @@ contains
             if (abs(omega(i) - omega(k)) > 0.0_wp) beat = min(beat, abs(omega(i) - omega(k)))
          end do
       end do
-      self%fewest = max(merge(2, 1, size(omega) > 1)*fewest_periods, min(most_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
+      self%fewest = max(merge(2, 1, size(omega) > 1)*min_periods, min(max_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
       rate = 0.0_wp
       if (.not. allocated(model%structure%sparse)) &
          rate = slowest_decay(model%structure%mass, model%structure%damping, model%structure%stiffness)*self%period
       self%bound = usual_bound
       if (rate > 0.0_wp) then
-         self%decay = ceiling(min(most_decay/rate, real(longest_decay, wp)))
-         self%bound = max(least_bound, ceiling(min(enough_decay/rate, real(greatest_bound, wp))))
+         self%decay = ceiling(min(max_decay/rate, real(longest_decay, wp)))
+         self%bound = max(min_bound, ceiling(min(enough_decay/rate, real(greatest_bound, wp))))
       end if
-      self%most = max(self%fewest, min(greatest_bound, most_samples/self%n_samples))
+      self%most = max(self%fewest, min(greatest_bound, max_samples/self%n_samples))
       self%bound = max(self%fewest, min(self%bound, self%most))
       if (n_periods == 0) return
       self%bound = n_periods

@@ -250,7 +250,7 @@ def measure(case: Case, methods: list[str], folder: Path) -> Finding:
 
 def _reference(case: Case, folder: Path, finding: Finding):
     """Window [s], times from 0 to its end, and the motion that is taken as true at them."""
-    balance = Balance(case.model, folder, f"harmonics%order={case.reference_order}", "certificate%is_on=.false.")
+    balance = Balance(case.model, folder, f"harmonics%order={case.reference_order}", "error_estimate%is_on=.false.")
     window = WINDOW_PERIODS * 2.0 * np.pi / balance.omega.min()
     window = case.sample * np.ceil(window / case.sample)
     t = case.sample * np.arange(int(round((case.longest + window) / case.sample)) + 1)
@@ -324,7 +324,7 @@ def _bench(case: Case, method: str, folder: Path, *sets: str) -> tuple[Bench, li
 
 
 def _by_tolerance(case: Case, folder: Path, t, reference, size: float) -> list[Point]:
-    """Motions by `&accuracy`, timed as time integration is: with all levels and their certificates, without stability."""
+    """Motions by `&accuracy`, timed as time integration is: with all levels and their error estimates, without stability."""
     source, result = folder / "tolerance.nml", folder / "tolerance.h5"
     source.write_text(case.model.without("harmonics", "sampling").text(), encoding="utf-8")
     points = []
@@ -355,13 +355,13 @@ def _base_frequencies(folder: Path) -> np.ndarray:
 def _improved(case: Case, folder: Path, t, reference, size: float) -> list[Point]:
     """Motions that are improved by some steps towards twice their order; the time is that of both, of the steps the wall time."""
     method = case.improved_method
-    steps = "certificate%improvement_steps=8"
+    steps = "error_estimate%improvement_steps=8"
     bench, orders = _bench(case, method, folder, steps)
     points = []
     for i in np.flatnonzero(bench.is_solved):
         order = orders[i]
         balance = Balance(case.model, folder, f"harmonics%order={order}", steps, f"solver%method='{method}'", name="improved")
         error = rms(balance.at(t, is_improved=True) - reference) / size
-        seconds = float(bench.column("bench_cpu_seconds")[i] + bench.column("bench_certificate_seconds_min")[i])
+        seconds = float(bench.column("bench_cpu_seconds")[i] + bench.column("bench_error_estimate_seconds_min")[i])
         points.append(Point(f"order {order}", seconds, error))
     return points

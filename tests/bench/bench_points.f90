@@ -34,16 +34,16 @@ module bench_points
       integer :: setup = 1
       integer :: solver = 2
       integer :: recovery = 3
-      integer :: certificate = 4
-      integer :: total = 5                                            !! without the certificate
+      integer :: error_estimate = 4
+      integer :: total = 5                                            !! without the error estimate
       integer :: cpu = 6                                              !! `total` as processor time, of all threads
    end type part_t
    type(part_t), parameter :: part = part_t()
-   character(*), parameter :: part_names(6) = [character(11) :: "setup", "solver", "recovery", "certificate", "total", "cpu"]
+   character(*), parameter :: part_names(6) = [character(11) :: "setup", "solver", "recovery", "error_estimate", "total", "cpu"]
    character(*), parameter :: part_words(6) = [character(75) :: &
       "wall time of the set-up: input, dynamic stiffness, plans, first guess", "wall time of the iterations", &
-      "wall time of the recovery: motion of all degrees of freedom, forces", "wall time of the certificate", &
-      "wall time of set-up, iterations and recovery, without the certificate", &
+      "wall time of the recovery: motion of all degrees of freedom, forces", "wall time of the error estimate", &
+      "wall time of set-up, iterations and recovery, without the error estimate", &
       "processor time of all threads for set-up, iterations and recovery"]
 
    !> How to measure.
@@ -162,8 +162,8 @@ contains
       associate (seconds => cost%seconds(:, repeat))
          seconds(part%setup) = times%reading + result%setup_seconds
          seconds(part%solver) = result%solver_seconds
-         seconds(part%certificate) = result%certificate_seconds
-         seconds(part%total) = ended - begun - result%certificate_seconds
+         seconds(part%error_estimate) = result%error_estimate_seconds
+         seconds(part%total) = ended - begun - result%error_estimate_seconds
          seconds(part%cpu) = (cpu_ended - cpu_begun)*seconds(part%total)/(ended - begun)      ! its share of the processor
          seconds(part%recovery) = seconds(part%total) - seconds(part%setup) - seconds(part%solver)
       end associate

@@ -49,7 +49,7 @@ def main() -> None:
     for name, groups in {
         "with error estimate": {"stability": off},
         "with error estimate and stability": {},
-        "alone": {"stability": off, "certificate": {"is_on": False}},
+        "alone": {"stability": off, "error_estimate": {"is_on": False}},
     }.items():
         model = oscillator(**groups)
         model.law("cubic_spring", "x1", stiffness=0.1)

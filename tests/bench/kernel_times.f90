@@ -36,13 +36,13 @@ module kernel_times
       integer :: tangent = 2                                          !! assembly of the tangent, beside its LU
       integer :: newton_step = 3                                      !! tangent, LU, step and residual, beside the LU
       integer :: solution = 4                                         !! set-up and solution of the equations, beside the LU
-      integer :: point = 5                                            !! the same with input, recovery and certificate
+      integer :: point = 5                                            !! the same with input, recovery and error estimate
    end type kernel_t
    type(kernel_t), parameter :: kernel = kernel_t()
    character(*), parameter :: kernel_names(5) = [character(11) :: "residual", "tangent", "newton_step", "solution", "point"]
    character(*), parameter :: kernel_words(5) = [character(55) :: "one residual", "assembly of the tangent", &
       "one Newton step: tangent, factorisation, step, residual", "set-up and solution of the equations", &
-      "a whole point: input, solution, recovery, certificate"]
+      "a whole point: input, solution, recovery, error estimate"]
    character(*), parameter, private :: lu = "LU factorisation of a full matrix of the same size"
    character(*), parameter :: yardstick_words(5) = [character(50) :: "bare pair of transforms", lu, lu, lu, lu]
 

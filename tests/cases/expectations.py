@@ -12,7 +12,7 @@ TOLERANCE is relative; N estimates are N times the error that the file estimates
 to it, by truncation and aliasing; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and
 select points, as does curve_kind (fold, peak, ...) where there are curves; without any, the line is about every point. It
 must hold at each selected point, and there must be one. `solved` counts the points whose equations are solved, well enough
-for the certificate or not, and lets the others end as they do.
+for the error estimate or not, and lets the others end as they do.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ STATUSES = (
     "timed_out",
     "impact",
     "unused",
-    "time_domain",
+    "integrated",
     "subharmonic",
     "broadband",
-    "several",
+    "multiple_attractors",
 )
 
-ANSWERED = ("converged", "time_domain", "several")
+ANSWERED = ("converged", "integrated", "multiple_attractors")
 
 _FORMS = (
     "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or tone M frequency or "

@@ -24,7 +24,7 @@ MODEL = """
 &law type = 'elastic_stop', dof = 'x1', gap = 0.6, stiffness = 5.0 /
 """
 SWEEP = "&solver chain_length = 4 /\n&sweep parameter = 'law(1)%gap', from = 0.55, to = 0.8, n = 8 /\n"
-MADE_BY_WHOM = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "certificate_seconds")
+MADE_BY_WHOM = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "error_estimate_seconds")
 
 
 def _solve(text, folder, *options, ranks=None, name="out.h5", limit=120.0):
@@ -113,7 +113,7 @@ def test_one_percent_without_a_word(tmp_path):
         ("&accuracy of = 'x1 (1)' /", "'x1 (1,1)'"),
         ("&accuracy max_harmonics = 60 /", "must be 61 or more"),
         ("&accuracy of = 'x1' /\n&curve parameter = 'law(1)%gap', from = 0.5, to = 0.9 /", "leave it out with &curve"),
-        ("&certificate improvement_steps = 3 /", "improvement_steps"),
+        ("&error_estimate improvement_steps = 3 /", "improvement_steps"),
     ],
 )
 def test_what_cannot_be_is_refused(group, words, tmp_path):
@@ -396,7 +396,7 @@ def _distance(motion, reference):
 
 
 def test_a_wall_is_solved_and_kept_with_nothing_set(tmp_path):
-    """A tolerance also applies to the penetration, relative to the one that the certificate permits."""
+    """A tolerance also applies to the penetration, relative to the one that the error estimate permits."""
     done, path = _solve(WALL, tmp_path)
     assert done.status == 0, done.stdout
     with h5py.File(path) as file:

@@ -230,7 +230,7 @@ def test_lists_of_names_stand_in_the_order_of_the_alphabet(path):
 
 
 PROCEDURE = re.compile(r"(?:[\w()=*:]+\s+)*?(?:subroutine|function)\s+(\w+)\s*\(([^)]*)\)", re.IGNORECASE)
-MOST_ARGUMENTS = 8
+MAX_ARGUMENTS = 8
 
 
 @SOURCES
@@ -241,7 +241,7 @@ def test_procedures_have_few_arguments(path):
     for number, statement in statements(path):
         if match := PROCEDURE.match(statement):
             n = len(match.group(2).split(","))
-            assert n <= MOST_ARGUMENTS, f"{match.group(1)}, line {number}, has {n} arguments, more than {MOST_ARGUMENTS}"
+            assert n <= MAX_ARGUMENTS, f"{match.group(1)}, line {number}, has {n} arguments, more than {MAX_ARGUMENTS}"
 
 
 def _documented() -> set[str]:

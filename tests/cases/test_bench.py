@@ -20,7 +20,7 @@ from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, run, solve
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 FOLDER = INPUTS / "bench"
 ORDER_SEQUENCES = sorted((INPUTS / "order_sequence").glob("*.nml"))
-PARTS = ("setup", "solver", "recovery", "certificate", "total", "cpu")
+PARTS = ("setup", "solver", "recovery", "error_estimate", "total", "cpu")
 ROUNDING = 1e-12
 
 # One mass on a cubic spring, two tones.
@@ -119,7 +119,7 @@ def test_file_is_that_of_solve(tmp_path):
 @pytest.mark.long  # seconds
 def test_memory_grows_with_the_tangent(tmp_path):
     """Newton's dense tangent of 61 MB at order 26 (2809 unknowns) must be visible; at order 3 it is negligible."""
-    text = MODEL + "&solver method = 'newton' /\n&sampling samples = 54 /\n&certificate is_on = .false. /\n"
+    text = MODEL + "&solver method = 'newton' /\n&sampling samples = 54 /\n&error_estimate is_on = .false. /\n"
     options = ("--budget", "0", "--repeats", "1", "--set", "harmonics%symmetry='none'")
     data = load(bench(text + ORDERS.format("3, 26"), tmp_path, *options))
     if np.isnan(data.bench_memory_peak.values).any():
@@ -131,13 +131,13 @@ def test_memory_grows_with_the_tangent(tmp_path):
 
 
 def test_improved_motion_is_nearer(tmp_path):
-    text = MODEL + "&certificate improvement_steps = 12 /\n" + ORDERS.format("3, 11")
+    text = MODEL + "&error_estimate improvement_steps = 12 /\n" + ORDERS.format("3, 11")
     data = Bench(bench(text, tmp_path, "--budget", "0", "--repeats", "1"))
     assert data.errors(is_improved=True)[0] < 0.01 * data.errors()[0]
 
 
 def test_improved_motion_of_solve_is_on_the_wider_set(tmp_path):
-    result = load(solve(MODEL + "&certificate improvement_steps = 12 /\n", tmp_path))
+    result = load(solve(MODEL + "&error_estimate improvement_steps = 12 /\n", tmp_path))
     tuples, plain, improved = (result[name].values for name in ("tuple", "coefficients", "improved_coefficients"))
     is_inside = np.abs(tuples).max(axis=1) <= 3
     assert np.abs(tuples).max() == 6

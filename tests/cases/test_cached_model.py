@@ -17,7 +17,7 @@ MODEL = """
 &start dof = 'x1', tuple = 1, cos = 0.0 /
 &law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 1.0 /
 &law type = 'elastic_stop', label = 'stop', dof = 'x2', stiffness = 2.0, gap = 0.1 /
-&certificate truncation = 0.1 /   ! order 3 for the speed: only what is read is in question
+&error_estimate truncation = 0.1 /   ! order 3 for the speed: only what is read is in question
 """
 NUMBERS = ("status", "coefficients", "force_coefficients", "frequency", "iterations", "residual", "truncation_estimate")
 # parameter and values; the last axis runs fastest

@@ -144,7 +144,7 @@ def test_points_of_a_curve_are_those_of_a_sweep(tmp_path):
 
 def test_controlled_experiments_are_those_of_one_harmonic(tmp_path):
     """With the fundamental alone: F = A |1 + 3/4 k3 A**2 - w**2 + i c w|, and w**2 = 1 + 3/4 k3 (F/(c w))**2 at the resonance."""
-    text = DUFFING.replace("order = 5", "order = 1") + "&certificate is_on = .false. /\n"
+    text = DUFFING.replace("order = 5", "order = 1") + "&error_estimate is_on = .false. /\n"
     located = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, amplitude_of = 'x1 (1)', amplitudes = 1.0, 1.5,"
     with Results(solve(text + located + " resonance_of = 'x1 (1)' /\n", tmp_path, name="curve")) as curve:
         (point,) = curve.select({"curve_kind": "resonance"})
@@ -180,7 +180,7 @@ def test_motions_without_damping_make_no_torus(tmp_path):
 &curve parameter = 'structure%damping_mass', from = 0.0, to = 0.5, points = 100 /
 """
     with Results(solve(text, tmp_path)) as results:
-        assert "torus" not in results.curve_kind() and "end" in results.curve_kind()
+        assert "neimark_sacker" not in results.curve_kind() and "end" in results.curve_kind()
 
 
 def test_a_curve_begins_at_the_end_where_its_motion_is_found(tmp_path):

@@ -26,7 +26,7 @@ def test_followed_points_stay_within_their_range(tmp_path):
     """The load at which an amplitude is constant passes 0.3 N where w**2 is about 1.37."""
     held = "&curve parameter = 'tones%frequency', from = 1.1, to = 1.6, amplitude_of = 'x1 (1)', amplitudes = 1.5,"
     held += " follow = 'amplitude', over = 'load(1)%cos', over_from = 0.01, over_to = 0.3 /\n"
-    model = DUFFING.replace("order = 5", "order = 1") + "&certificate is_on = .false. /\n"
+    model = DUFFING.replace("order = 5", "order = 1") + "&error_estimate is_on = .false. /\n"
     (tmp_path / "held.nml").write_text(model + held)
     done = run("solve", "held.nml", cwd=tmp_path)
     assert "leaves the range of 'over'" in done.stdout + done.stderr
@@ -71,13 +71,13 @@ CHAIN = """
 @pytest.mark.parametrize(
     ("model", "kind", "moved", "span", "over"),
     [
-        (LAVAL, "torus", "law(1)%coefficient", (0.25, 0.3), (1.5, 2.0)),
+        (LAVAL, "neimark_sacker", "law(1)%coefficient", (0.25, 0.3), (1.5, 2.0)),
         (CHAIN, "fold", "load(1)%cos", (0.3, 0.4), (0.8, 1.6)),
     ],
 )
 def test_followed_points_take_along_what_is_tied(model, kind, moved, span, over, tmp_path):
     """A speed to the frequency that is located; damping and stiffness, of a condensed structure, to the load."""
-    model += "&certificate is_on = .false. /\n"
+    model += "&error_estimate is_on = .false. /\n"
     along = f"&curve parameter = '{moved}', from = {span[0]}, to = {span[1]}, follow = '{kind}', over = 'tones%frequency',"
     along += f" over_from = {over[0]}, over_to = {over[1]} /\n"
     curve = f"&curve parameter = 'tones%frequency', from = {over[0]}, to = {over[1]}, points = 400 /\n"
@@ -91,15 +91,15 @@ def test_followed_points_take_along_what_is_tied(model, kind, moved, span, over,
 def test_doublings_are_followed_to_those_of_curves_there(tmp_path):
     """Ueda's oscillator with a mean load, over the load and along the damping."""
     model = (INPUTS / "gallery" / "ueda_curve.nml").read_text().partition("&curve")[0].replace("order = 21", "order = 9")
-    model += "&load dof = 'x1', tuple = 0, cos = 0.2 /\n&certificate is_on = .false. /\n"
+    model += "&load dof = 'x1', tuple = 0, cos = 0.2 /\n&error_estimate is_on = .false. /\n"
     curve = "&curve parameter = 'load(1)%cos', from = 0.01, to = 6.0"
-    ridge = f"&curve parameter = 'structure%damping_mass', from = 0.1, to = 0.12, follow = 'flip', {curve[7:]} /\n"
+    ridge = f"&curve parameter = 'structure%damping_mass', from = 0.1, to = 0.12, follow = 'period_doubling', {curve[7:]} /\n"
     ridge = ridge.replace("parameter = 'load", "over = 'load").replace("from = 0.01, to = 6.0", "over_from = 0.01, over_to = 6.0")
     with Results(solve(model + ridge, tmp_path, name="ridge")) as followed:
         (last,) = followed.select({"curve_kind": "end"})
         there = solve(model.replace("damping_mass = 0.1", "damping_mass = 0.12") + curve + " /\n", tmp_path, name="there")
         with Results(there) as known:
-            (flip,) = known.select({"curve_kind": "flip"})
+            (flip,) = known.select({"curve_kind": "period_doubling"})
             assert followed.per_point("curve_over")[last] == pytest.approx(known.curve.values[flip], rel=1e-8)
 
 
@@ -190,7 +190,7 @@ def test_torus_behind_a_graze_is_found_and_followed_both_ways(tmp_path):
     text = (Path(__file__).parents[2] / "inputs" / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
     path = solve(text.replace("to = 2.5", "to = 1.2").replace("1.0, 1.15, 1.3", "1.15"), tmp_path, status=None)
     with Results(path) as results:
-        (graze,) = results.select({"curve_kind": "graze"})
+        (graze,) = results.select({"curve_kind": "grazing"})
     torus = path.with_name(f"{path.stem}_{graze}.h5")
     with Results(torus) as results:
         (at_value,) = results.select({"curve_kind": "value"})
@@ -216,7 +216,7 @@ def test_doubled_motions_are_followed_in_a_file_of_their_own(tmp_path):
 """
     path = solve(text, tmp_path)
     with Results(path) as results:
-        (flip, other) = results.select({"curve_kind": "flip"})
+        (flip, other) = results.select({"curve_kind": "period_doubling"})
         assert results.curve.values[flip] == pytest.approx(4.8760911500, rel=1e-8)
     doubled = path.with_name(f"{path.stem}_{flip}.h5")
     with Results(doubled) as results:
@@ -261,7 +261,7 @@ def test_other_motions_begin_where_their_point_is(tmp_path):
     """Not elsewhere, where the motion of the curve has no such point: frequencies along it differ from that at its start."""
     path = solve(TWO_FLIPS, tmp_path)
     with Results(path) as results:
-        flips = results.select({"curve_kind": "flip"})
+        flips = results.select({"curve_kind": "period_doubling"})
         values = results.curve.values[flips]
     assert len(flips) == 2
     for flip, value in zip(flips, values):
@@ -273,7 +273,7 @@ def test_tone_that_joins_is_next_to_the_main_one(tmp_path):
     """Its frequency is that of the angle of the multipliers, at the frequency of the point."""
     path = solve(RESONANCE, tmp_path, status=None)
     with Results(path) as results:
-        torus = results.select({"curve_kind": "torus"})[0]
+        torus = results.select({"curve_kind": "neimark_sacker"})[0]
         value = results.curve.values[torus]
     real, imaginary = read(path, "multiplier_real", "multiplier_imag")
     angle = np.arctan2(imaginary[torus, 0], real[torus, 0])

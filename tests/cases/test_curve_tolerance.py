@@ -137,11 +137,11 @@ def test_symmetry_and_period_break_by_tolerance_where_shooting_has_it(tmp_path):
     path = solve(UEDA.replace("1e-6", "1e-7"), tmp_path)
     with Results(path) as results:
         (branch,) = results.select({"curve_kind": "branch"})
-        (flip, other) = results.select({"curve_kind": "flip"})
+        (flip, other) = results.select({"curve_kind": "period_doubling"})
         assert results.curve.values[branch] == pytest.approx(2.2863817051, rel=2e-9)
         assert results.curve.values[flip] == pytest.approx(4.8760911500, rel=2e-9)
         assert results.curve.values[other] == pytest.approx(4.8760911500, rel=2e-9)
-        assert "split" not in results.curve_kind(), "told twice"
+        assert "symmetry_breaking" not in results.curve_kind(), "told twice"
     with Results(path.with_name(f"{path.stem}_{flip}.h5")) as results:
         (at_value,) = results.select({"curve_kind": "value"})
         found = [results.amplitude(at_value, "x1", (j,)) for j in (1, 2, 3, 4)]
@@ -154,7 +154,7 @@ def test_torus_is_followed_by_tolerance(tmp_path):
     """Its bifurcation point by shooting, its frequency and amplitudes at the end from a time integration (test_curve_switching)."""
     path = solve(FORCED_VAN_DER_POL, tmp_path)
     with Results(path) as results:
-        (torus,) = results.select({"curve_kind": "torus"})
+        (torus,) = results.select({"curve_kind": "neimark_sacker"})
         assert results.curve.values[torus] == pytest.approx(0.76153714393, rel=1e-9)
     with Results(path.with_name(f"{path.stem}_{torus}.h5")) as results:
         (end,) = results.select({"curve_kind": "end"})

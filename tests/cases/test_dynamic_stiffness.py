@@ -136,7 +136,7 @@ def test_keys_that_request_time_integration_are_refused(key, tmp_path):
 
 def test_a_curve_of_flips_is_refused(tmp_path):
     mount = (ROOT / "inputs" / "gallery" / "viscoelastic_mount.nml").read_text().split("&sweep")[0]
-    curve = "&curve parameter='tones%frequency', from=4.0, to=20.0, follow='flip', over='load(1)%cos'"
+    curve = "&curve parameter='tones%frequency', from=4.0, to=20.0, follow='period_doubling', over='load(1)%cos'"
     (tmp_path / "flips.nml").write_text(mount + curve + ", over_from=1.5, over_to=3.0 /\n")
     result = run("solve", "flips.nml", cwd=tmp_path)
     assert result.status == 2 and "not known with a &dynamic_stiffness" in result.stderr

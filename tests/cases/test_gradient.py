@@ -90,7 +90,7 @@ def test_motions_by_time_integration_have_none():
     model = damper()
     model.set("solver", primary_method="integration")
     motion = model.solve(order=9)
-    assert motion["status"] == "time_domain"
+    assert motion["status"] == "integrated"
     model.set("gradient", by=["law(damper)%limit"])
     assert "gradient" not in model.solve(order=9)
 
@@ -142,11 +142,11 @@ def test_folds_and_bifurcations_move_with_a_value():
         for name, keys in groups.items():
             model.set(name, **keys)
         found = model.curve("tones[0]", 0.45, 0.3, order=7)
-        return found.isel(point=np.isin(found["curve_kind"], ("fold", "flip", "torus")))
+        return found.isel(point=np.isin(found["curve_kind"], ("fold", "period_doubling", "neimark_sacker")))
 
     here, above, below = curve(0.3, gradient={"by": ["law(stop)%gap"]}), curve(0.3001), curve(0.2999)
     kinds = here["curve_kind"].values
-    assert set(kinds) == {"fold", "flip", "torus"}
+    assert set(kinds) == {"fold", "period_doubling", "neimark_sacker"}
     assert (kinds == above["curve_kind"].values).all() and (kinds == below["curve_kind"].values).all()
     differences = (above["tones_frequency"].values - below["tones_frequency"].values) / 2e-4
     np.testing.assert_allclose(here["position_gradient"].values[:, 0], differences, rtol=2e-3)

@@ -17,7 +17,7 @@ MODEL = """&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_
 &load dof='x1', tuple={tuple}, cos=1.0 /
 &law type='rigid_wall', dof='x1', gap=0.0{law} /
 """
-TIME_DOMAIN, IMPACT = 18, 16
+INTEGRATED, IMPACT = 18, 16
 NEAR = 1e-3  # of the frequency: how near the curve comes to the graze, where its derivatives grow without bound
 
 
@@ -69,7 +69,7 @@ def test_one_impact_a_turn(more, within, tmp_path):
     x = flight(t0, 0.0, -E * v, t)[0]
     result = solve(tmp_path, f", restitution={E}", more)
     status, found, stable = (a[0] for a in read(result, "status", "coefficients", "is_stable"))
-    assert (status, stable) == (TIME_DOMAIN, 1)
+    assert (status, stable) == (INTEGRATED, 1)
     orders = read(result, "tuples")[0] if "tolerance" in more or not more else read(result, "tuple")
     orders = np.unique(orders.clip(0))  # a point with a tolerance has unused elements
     found = found[:, : orders.size]
@@ -199,7 +199,8 @@ def fold_of(gap, e, low, high):
     return brentq(distance, low, high, xtol=1e-14)
 
 
-KINDS = ("none", "regular", "start", "fold", "peak", "value", "end", "branch", "flip", "torus", "split", "graze", "minimum")
+KINDS = ("none", "regular", "start", "fold", "peak", "value", "end", "branch", "period_doubling", "neimark_sacker",
+         "symmetry_breaking", "grazing", "minimum")
 
 
 def curve(directory, more, gap, e, options=()):
@@ -212,7 +213,7 @@ def curve(directory, more, gap, e, options=()):
 def points_of(result):
     names = ("curve_kind", "status", "frequency", "is_stable", "multiplier_real", "multiplier_imag", "coefficients")
     kind, status, w, *values = read(result, *names)
-    return [(KINDS[kind[i]], w[i, 0], *(value[i] for value in values)) for i in np.flatnonzero(status == TIME_DOMAIN)]
+    return [(KINDS[kind[i]], w[i, 0], *(value[i] for value in values)) for i in np.flatnonzero(status == INTEGRATED)]
 
 
 def test_a_curve_passes_the_fold_of_orbits_with_an_impact(tmp_path):
@@ -223,7 +224,7 @@ def test_a_curve_passes_the_fold_of_orbits_with_an_impact(tmp_path):
     fold = fold_of(GAP, FOLDING, 1.5, 1.53)
     place = [kind for kind, *_ in found].index("fold")
     assert found[place][1] == pytest.approx(fold, abs=1e-8)
-    graze = [kind for kind, *_ in found].index("graze")
+    graze = [kind for kind, *_ in found].index("grazing")
     assert all(stable == 1 for _, _, stable, *_ in found[graze:])
     for i, (kind, w, stable, real, imaginary, _) in enumerate(found[:graze]):
         if kind == "fold":
@@ -241,7 +242,7 @@ def test_a_curve_locates_the_flip_of_shaw_and_holmes(tmp_path):
     more = "&curve parameter='tones%frequency', from=2.5, to=2.8, points=30 /\n&harmonics order=12 /\n"
     found = points_of(curve(tmp_path, more, 0.0, E))
     flip = brentq(lambda w: np.linalg.eigvals(closed_orbit(w)[2]).real.min() + 1, 2.6, 2.7, xtol=1e-14)
-    place = [kind for kind, *_ in found].index("flip")
+    place = [kind for kind, *_ in found].index("period_doubling")
     assert found[place][1] == pytest.approx(flip, abs=1e-8)
     assert [stable for _, _, stable, *_ in found] == [1] * place + [0] + [-1] * (len(found) - place - 1)
 
@@ -280,7 +281,7 @@ def test_a_curve_interrupted_at_a_graze_goes_on_to_the_same_bits(tmp_path):
     )
     whole, part = tmp_path / "whole.h5", tmp_path / "part.h5"
     assert run("solve", "turn.nml", "-o", whole, "--quiet", cwd=tmp_path).status == 0
-    assert "graze" in [kind for kind, *_ in points_of(whole)]
+    assert "grazing" in [kind for kind, *_ in points_of(whole)]
     status = run("solve", "turn.nml", "-o", part, "--time-limit", "0.4", "--quiet", cwd=tmp_path).status
     assert status == INCOMPLETE
     assert run("resume", part, "--quiet", cwd=tmp_path).status == 0
@@ -338,8 +339,8 @@ def test_a_curve_turns_where_the_wall_is_grazed(tmp_path):
     found = points_of(curve(tmp_path, more, GAP, FOLDING))
     kinds = [kind for kind, *_ in found]
     graze = brentq(lambda w: abs(1 / (1 - w**2 + 1j * w * D)) - GAP, 1.1, 1.4)
-    place = kinds.index("graze")
-    assert kinds.count("graze") == 1 and found[place][1] == pytest.approx(graze, abs=NEAR)
+    place = kinds.index("grazing")
+    assert kinds.count("grazing") == 1 and found[place][1] == pytest.approx(graze, abs=NEAR)
     assert kinds[-1] == "end" and all(stable == 1 for _, _, stable, *_ in found[place + 1 :])
     for _, w, *_, coefficients in found[place + 1 :]:
         cosine, sine = coefficients[0, 1]
@@ -378,7 +379,7 @@ def test_a_curve_locates_the_torus_of_two_masses(tmp_path):
         tmp_path / "two.h5", "curve_kind", "structure_damping_4", "multiplier_real", "multiplier_imag"
     )
     torus = brentq(lambda c: abs(two_masses(c, 2.5)).max() - 1, -0.02, 0.05, xtol=1e-13)
-    (place,) = np.flatnonzero(kind == KINDS.index("torus"))
+    (place,) = np.flatnonzero(kind == KINDS.index("neimark_sacker"))
     assert value[place] == pytest.approx(torus, abs=1e-8)
     np.testing.assert_allclose(
         np.sort_complex((real + 1j * imaginary)[place][:4]), np.sort_complex(two_masses(torus, 2.5)), atol=1e-6
@@ -413,7 +414,7 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     )
     run("solve", "equal.nml", "--quiet", cwd=tmp_path)
     kind, value = read(tmp_path / "equal.h5", "curve_kind", "structure_coupling_stiffness")
-    assert KINDS.index("graze") not in kind, "both masses strike at the same instant, each once a period"
+    assert KINDS.index("grazing") not in kind, "both masses strike at the same instant, each once a period"
     (place,) = np.flatnonzero(kind == KINDS.index("branch"))
     branch = brentq(lambda coupling: largest_of_difference(coupling, 2.3) - 1, 0.15, 0.25, xtol=1e-13)
     assert value[place] == pytest.approx(branch, abs=1e-6)
@@ -446,7 +447,7 @@ def test_a_motion_of_four_periods_leads_to_a_command_that_finds_it(tmp_path):
     words = shlex.split(command)
     assert words[1:4] == ["nhbm", "solve", "case.nml"] and "tones%subharmonic=4" in words
     run(*words[2:], cwd=tmp_path)
-    assert read(tmp_path / words[-1], "status") == [TIME_DOMAIN]
+    assert read(tmp_path / words[-1], "status") == [INTEGRATED]
 
 
 @pytest.mark.long
@@ -460,6 +461,6 @@ def test_an_impact_that_fades_is_no_peak(tmp_path):
     run("solve", "case.nml", "--quiet", cwd=tmp_path)
     kinds, hertz = read(tmp_path / "case.h5", "curve_kind", "tones_hertz")
     located = [(KINDS[kind], value) for kind, value in zip(kinds, hertz) if KINDS[kind] not in ("none", "regular", "start")]
-    assert [kind for kind, _ in located] == ["peak", "flip", "graze", "end"]
+    assert [kind for kind, _ in located] == ["peak", "period_doubling", "grazing", "end"]
     w = 2 * np.pi * brentq(lambda f: abs(6 / (50 - 0.5 * (2 * np.pi * f) ** 2 + 0.6j * np.pi * f)) - 0.02, 3.5, 5.0)
     assert located[2][1] == pytest.approx(w / (2 * np.pi), rel=1e-6)

@@ -27,7 +27,7 @@ IMPACTS = """&structure type = 'matrices', n_dofs = 1, mass = 0.5, damping = 0.3
 &load dof = 'x1', tuple = 1, cos = 6 /
 &law type = 'rigid_wall', dof = 'x1', gap = 0.02, restitution = 0.5 /
 """
-SECONDS = "setup_seconds", "iteration_seconds", "certificate_seconds", "solve_seconds"
+SECONDS = "setup_seconds", "iteration_seconds", "error_estimate_seconds", "solve_seconds"
 
 
 @pytest.mark.parametrize("text", [DUFFING, STOP, STOP + "&harmonics order = 9 /\n"], ids=["tolerance", "stop", "order"])

@@ -32,7 +32,7 @@ def solved(source: Path, method: str, folder: Path) -> tuple[np.ndarray, ...]:
     settings = (
         f"solver%method='{method}'",
         "solver%tolerance=1e-12",
-        "certificate%is_on=.false.",  # neither asks the solver
+        "error_estimate%is_on=.false.",  # neither asks the solver
         "stability%method='off'",
     )
     options = [word for setting in settings for word in ("--set", setting)]

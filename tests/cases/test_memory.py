@@ -18,7 +18,7 @@ LARGE = """&structure
 &law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
 &law type = 'cubic_spring', dof = 'x2', stiffness = 0.1 /
 &solver method = 'newton', max_iterations = 1, fallback = .false. /
-&certificate is_on = .false. /
+&error_estimate is_on = .false. /
 """
 MIB = 2**20
 
@@ -57,7 +57,7 @@ TWO_TONES = {
 
 @pytest.mark.parametrize("n_tones", [1, 2])
 def test_memory_of_a_chain_grows_with_its_length(n_tones, tmp_path):
-    """10,000 masses need less than 100 MB, including their certificate, beside the program and its libraries; dense matrices would
+    """10,000 masses need less than 100 MB, including their error estimate, beside the program and its libraries; dense matrices would
     need 2.4 GB. Twice as many need less than twice as much."""
     text = LONG_CHAIN
     for old, new in TWO_TONES.items() if n_tones == 2 else ():
@@ -82,7 +82,7 @@ GRID = """&structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffnes
 """
 
 
-def test_certificate_of_two_tones_doubles_their_samples(tmp_path):
+def test_error_estimate_of_two_tones_doubles_their_samples(tmp_path):
     """It does not take four times as many, as with one tone or rigid walls."""
     source = tmp_path / "grid.nml"
     source.write_text(GRID)

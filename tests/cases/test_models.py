@@ -36,7 +36,7 @@ REST = """
 &harmonics order = 3 /
 &load dof = 'n1.z', tuple = 1, 0, cos = 0.5 /
 &load dof = 'n5.z', tuple = 0, 1, sin = 0.4 /
-&certificate is_on = .false. /
+&error_estimate is_on = .false. /
 """
 MODEL = "&structure type = 'model', file = 'chain.h5', damping_mass = 0.01 /\n" + REST
 STOPS = "&law type = 'elastic_stop', label = 'stop', dof = 'stops.z', stiffness = 10.0, gap = 0.2 /\n"
@@ -363,7 +363,7 @@ def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkey
     tips = {}
     for name, text in inputs.items():
         (tmp_path / f"{name}.nml").write_text(text.replace("FILE", name))
-        done = run("solve", f"{name}.nml", "-o", f"{name}_run.h5", "--set", "certificate%is_on=f", cwd=tmp_path)
+        done = run("solve", f"{name}.nml", "-o", f"{name}_run.h5", "--set", "error_estimate%is_on=f", cwd=tmp_path)
         assert done.status == ALL_CONVERGED, done.stderr
         labels = nhbm.Structure.read(f"{name}.h5")
         with Results(f"{name}_run.h5") as results:
@@ -469,7 +469,7 @@ NET = """&structure type = 'model', file = 'net.h5', damping_mass = 0.001 /
 &load dof = 'n100.z', tuple = 0, 1, sin = 0.01 /
 &law type = 'elastic_stop', label = 'stop', dof = 'stops.z', stiffness = 1.0, gap = 0.025 /
 &output dofs = 'stops.z', 'n1111.z' /
-&certificate is_on = .false. /
+&error_estimate is_on = .false. /
 &solver tolerance = 1e-13 /
 """
 SMALL = NET.replace("net.h5", "small.h5")

@@ -123,7 +123,7 @@ def test_a_campaign_goes_on_from_what_it_kept(tmp_path):
     """Stored models are not solved again, and no program is given for it; those with another tolerance do not count."""
     kept = [
         {"number": 0, "title": "", "status": "converged", "estimate": 4e-3, "verdict": "stable", "truth": 2e-3, "seconds": 1.0},
-        {"number": 1, "title": "", "status": "time_domain", "estimate": 1e-2, "verdict": "not known", "truth": 4e-2, "seconds": 3},
+        {"number": 1, "title": "", "status": "integrated", "estimate": 1e-2, "verdict": "not known", "truth": 4e-2, "seconds": 3},
         {"number": 2, "title": "", "status": "converged", "estimate": 1e-3, "verdict": "unstable", "truth": 0.5, "seconds": 2.0},
         {"number": 3, "title": "", "status": "no result in time", "seconds": 60.0},
     ]
@@ -136,7 +136,7 @@ def test_a_campaign_goes_on_from_what_it_kept(tmp_path):
     assert done.returncode == 1, done.stderr  # one is beyond three tolerances
     for row in (
         "`converged` | 2",
-        "`time_domain` | 1",
+        "`integrated` | 1",
         "answers among these, 3: reported unstable, or one of several motions | 1",
         "time integration diverges from the motion | 1: 1 unstable",
         "not reported so, and time integration remains on the motion | 2",

@@ -104,7 +104,7 @@ def test_models_are_made_of_values():
     wall.load("v3", (1, 0), cos=100)
     wall.load("v3", (0, 1), cos=100)
     wall.law("rigid_wall", "v3", gap=1.5e-3, label="wall")
-    wall.set("certificate", penetration=0.1)
+    wall.set("error_estimate", penetration=0.1)
     motion = wall.solve(order=8)
     assert motion.nhbm.is_converged and motion["coefficients"].dims == ("dof", "harmonic", "component")
     first = motion.nhbm.harmonic("v3", (1, 0))
@@ -366,7 +366,7 @@ def test_a_curve_that_ends_at_a_graze_is_reported():
     model.law("rigid_wall", "x1", gap=1.0, restitution=0.9)
     with pytest.warns(nhbm.NotConverged, match="ended where a wall is grazed"):
         curve = model.curve("tones[0]", 1.411, 1.408, order=3, points=20)
-    assert curve["curve_kind"][-1] == "graze" and reasons(curve)[-1] == "graze" and set(reasons(curve)[:-1]) == {"none"}
+    assert curve["curve_kind"][-1] == "grazing" and reasons(curve)[-1] == "grazing" and set(reasons(curve)[:-1]) == {"none"}
     assert float(curve["tones_frequency"][-1]) == pytest.approx(1.4106735979666, abs=1e-6)
 
 

@@ -18,7 +18,7 @@ ONE_TONE = MODEL + "&load dof = 'x1', tuple = 1, cos = 0.1 /\n&tones frequency =
 TWO_TONES = MODEL + "&load dof = 'x1', tuple = 1, 0, cos = 0.1 /\n&tones frequency = 2.0, 2.6 /\n&harmonics order = 2 /\n"
 INPUTS = {
     "given": TWO_TONES
-    + "&output samples = 16, 16 /\n&certificate improvement_steps = 1 /\n"
+    + "&output samples = 16, 16 /\n&error_estimate improvement_steps = 1 /\n"
     + "&sweep parameter = 'law(1)%gap', values = 0.1, 0.2 /\n",
     "curve": ONE_TONE + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 2.0, to = 2.1, points = 3 /\n"
     + "&gradient by = 'law(1)%gap' /\n",

@@ -28,7 +28,7 @@ BEAM = """
 &load dof = 'v3', tuple = 1, 0, cos = 100.0 /
 &load dof = 'v3', tuple = 0, 1, cos = 100.0 /
 &law type = 'rigid_wall', label = 'wall', dof = 'v3', gap = 1.5e-3, augmentation = {augmentation} /
-&certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0 /
+&error_estimate truncation = 10.0, aliasing = 10.0, penetration = 10.0 /
 """
 QUICK = BEAM.format(order=4, samples=20, augmentation=1.0e5)
 SLOW = BEAM.format(order=12, samples=60, augmentation=1.0e5)
@@ -38,7 +38,7 @@ SWEPT = LINE + "&solver first_guess = 'linear' /\n"
 GAPS = "&sweep parameter = 'law(1)%gap', values = 1.0e-3, 1.5e-3, 2.0e-3 /\n"
 
 # Data that depend on the rank and the time of the solution.
-OF_THE_RUN = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "certificate_seconds", "worker")
+OF_THE_RUN = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "error_estimate_seconds", "worker")
 
 on_linux = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc, where the ranks of mpirun are found")
 
@@ -600,7 +600,8 @@ def test_curve_that_a_signal_ends_within_a_point_goes_on(tmp_path):
 def thousand():
     """Contact points of which some have too few iterations, and some an invalid gap."""
     gaps = ", ".join(f"{gap!r}" for gap in [*np.linspace(2.0e-3, 0.9e-3, 39).tolist(), -1.0e-4])
-    text = BEAM.format(order=4, samples=20, augmentation=1.0e3).replace(" /\n&certificate", ", two_sided = .true. /\n&certificate")
+    text = BEAM.format(order=4, samples=20, augmentation=1.0e3)
+    text = text.replace(" /\n&error_estimate", ", two_sided = .true. /\n&error_estimate")
     return text + (
         "&solver first_guess = 'linear', max_iterations = 7, fallback = .false. /\n"
         "&sweep parameter = 'load(2)%cos', from = 60.0, to = 110.0, n = 25 /\n"

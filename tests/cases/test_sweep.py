@@ -28,7 +28,7 @@ BEAM = """
 &load dof = 'v3', tuple = 1, 0, cos = 100.0 /
 &load dof = 'v3', tuple = 0, 1, cos = 100.0 /
 &law type = 'rigid_wall', label = 'wall', dof = 'v3', gap = 1.5e-3, augmentation = 1.0e5 /
-&certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0 /
+&error_estimate truncation = 10.0, aliasing = 10.0, penetration = 10.0 /
 """
 WALL = BEAM.format(order=4, samples=20)
 GAPS, LOADS = [0.5e-3, 1.0e-3, 2.0e-3], [60.0, 100.0, 140.0, 180.0]
@@ -381,7 +381,7 @@ def test_times_of_all_ranks_are_stored(tmp_path):
         assert file["worker"][()].tolist() == [0, 1]
         assert np.bincount(file["rank"][()], minlength=2).tolist() == times["points"].tolist()
         solved = [file["solve_seconds"][()][file["rank"][()] == rank].sum() for rank in (0, 1)]
-        shares = [file[f"{part}_seconds"][()] for part in ("setup", "iteration", "certificate")]
+        shares = [file[f"{part}_seconds"][()] for part in ("setup", "iteration", "error_estimate")]
         assert np.min(shares) > 0.0 and (sum(shares) < file["solve_seconds"][()]).all()
     assert times["points"].sum() == 200
     assert (times["draws"] > 0).all() and times["draws"].sum() < 150, "blocks, not single points"

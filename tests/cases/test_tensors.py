@@ -89,7 +89,7 @@ def test_twenty_modes(tmp_path):
         f"&structure type = 'matrices', n_dofs = 20, labels = {listed}, mass = {', '.join(20 * ['1.0'])}"
         f" stiffness = {', '.join(str(float(i**1.9)) for i in range(1, 21))} /\n&tones frequency = 1.0, unknown = .true. /\n"
         "&harmonics order = 5 /\n" + LAW.replace("'a', 'b'", listed) + "&normal_mode energy = 0.1 /\n"
-        "&certificate is_on = .false. /\n&stability method = 'off' /\n"
+        "&error_estimate is_on = .false. /\n&stability method = 'off' /\n"
     )
     (residual,) = read(solve(text, tmp_path), "residual")
     assert residual < 1e-10

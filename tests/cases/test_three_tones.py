@@ -34,7 +34,7 @@ def model(name, tones):
     structure, dof, law, gap, harmonics = MODELS[name]
     lines = [structure, f"&tones frequency = {', '.join(repr(float(omega)) for omega, _ in tones)} /"]
     lines += [f"&harmonics {harmonics} /", "&sampling samples = 16 /", "&solver tolerance = 1e-14 /"]
-    lines.append("&certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0, impact = 10.0 /")
+    lines.append("&error_estimate truncation = 10.0, aliasing = 10.0, penetration = 10.0, impact = 10.0 /")
     for m, (_, force) in enumerate(tones):
         entries = ", ".join(str(int(m == k)) for k in range(len(tones)))
         lines.append(f"&load dof = '{dof}', tuple = {entries}, cos = {force!r} /")

@@ -134,7 +134,7 @@ def model(law, method, force=1.0, length=1.0):
 &load dof = 'x2', tuple = 0, 1, cos = {0.4 * force!r}, sin = {0.2 * force!r} /
 &law type = '{law}', {keys} /
 &solver method = '{method}' /
-&certificate is_on = .false. /
+&error_estimate is_on = .false. /
 """
 
 

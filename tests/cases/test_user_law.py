@@ -175,7 +175,7 @@ def test_check_finds_a_wrong_sign(wrong_law):
 
 def test_other_points_go_on_when_a_law_fails(wrong_law):
     source = wrong_law / "one_mass.nml"
-    keys = "&solver method = 'broyden' /\n&certificate is_on = .false. /\n"  # the certificate needs right derivatives
+    keys = "&solver method = 'broyden' /\n&error_estimate is_on = .false. /\n"  # the error estimate needs right derivatives
     source.write_text(ONE_MASS + keys + "&sweep parameter = 'law(1)%parameters', values = 0, 2, 0.1 /\n")
     done = run("solve", source, cwd=wrong_law)
     assert done.status == NOT_ALL_CONVERGED, done.stderr

@@ -23,7 +23,7 @@ MODELS = {
     + "&tones frequency=1.0, 1.41, 1.73 /\n&harmonics order=7 /\n&load dof='x1', tuple=1,0,0, cos=1 /\n"
     "&load dof='x1', tuple=0,1,0, cos=1 /\n&load dof='x1', tuple=0,0,1, cos=1 /\n" + STOP,
     "adaptive, 2 tones": oscillator(n_masses=2) + TWO_TONES + STOP + "&accuracy tolerance=1e-6 max_work=1e6 /\n",
-    "certificate": oscillator(n_masses=4) + TWO_TONES + STOP + "&harmonics order=15 /\n&certificate improvement_steps=50 /\n",
+    "error_estimate": oscillator(n_masses=4) + TWO_TONES + STOP + "&harmonics order=15 /\n&error_estimate improvement_steps=50 /\n",
     "time integration, cvode": oscillator(1e-4) + TWO_TONES + "&harmonics order=3 /\n" + STOP + NO_BALANCE,
     "time integration, steps": oscillator(1e-4, 40)
     + TWO_TONES

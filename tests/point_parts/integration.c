@@ -6,7 +6,7 @@
 #include <math.h>
 #include <stddef.h>
 
-enum { most_dofs = 8, most_laws = 8, n_parameters = 6 };
+enum { max_dofs = 8, max_laws = 8, n_parameters = 6 };
 enum kind {
    cubic_spring = 0, elastic_stop = 1, jenkins = 2, coulomb_tanh = 3, rigid_wall = 4, coulomb_rigid = 5,
    quadratic_damping = 6, cubic_damping = 7, polynomial = 8, piecewise_linear = 9,
@@ -136,7 +136,7 @@ static double force(const problem_t *p, int k, double t, const double *all, cons
 
 static void accelerate(const problem_t *p, double t, const double *q, const double *v, const double *s, double *a) {
    int n = p->n;
-   double z[most_laws], rates[most_laws];
+   double z[max_laws], rates[max_laws];
    for (int k = 0; k < p->n_laws; k++) z[k] = product(n, p->shape + k * n, q), rates[k] = product(n, p->shape + k * n, v);
    for (int i = 0; i < n; i++) a[i] = -product(n, p->stiffness + i * n, q) - product(n, p->damping + i * n, v);
    for (int k = 0; k < p->n_loads; k++) {
@@ -150,7 +150,7 @@ static void accelerate(const problem_t *p, double t, const double *q, const doub
 }
 
 static void step_smooth(const problem_t *p, double t, double h, double *q, double *v, double *s) {
-   double a[4][most_dofs], u[4][most_dofs], g[4][most_laws], there[most_dofs], places[most_laws];
+   double a[4][max_dofs], u[4][max_dofs], g[4][max_laws], there[max_dofs], places[max_laws];
    int n = p->n;
    for (int stage = 0; stage < 4; stage++) {
       double part = stage == 0 ? 0.0 : stage == 3 ? h : 0.5 * h;
@@ -173,7 +173,7 @@ static void step_smooth(const problem_t *p, double t, double h, double *q, doubl
 }
 
 static void step_rigid(const problem_t *p, double t, double h, double *q, double *v, const double *s) {
-   double a[most_dofs];
+   double a[max_dofs];
    int n = p->n;
    for (int i = 0; i < n; i++) q[i] += 0.5 * h * v[i];
    accelerate(p, t + 0.5 * h, q, v, s, a);
@@ -219,7 +219,7 @@ static void slide(const problem_t *p, const double *q, double *s) {
 long assess_integration(const problem_t *p, double *q, double *v, double *s, double h, long n_steps, long first, long stride, double bound,
                  double *out) {
    int is_rigid = 0;
-   if (p->n > most_dofs || p->n_laws > most_laws) return -1;
+   if (p->n > max_dofs || p->n_laws > max_laws) return -1;
    for (int k = 0; k < p->n_laws; k++) is_rigid |= p->kind[k] == rigid_wall || p->kind[k] == coulomb_rigid;
    for (long i = 0; i < n_steps; i++) {
       if (i >= first && (i - first) % stride == 0) {

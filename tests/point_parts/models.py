@@ -24,7 +24,7 @@ LATER = (  # drawn where they are named: laws, and what is written as other grou
     "hertz", "electrostatic", "bouc_wen", "parametric", "polynomial_coupled", "squeeze_film", "short_bearing", "rolling_bearing",
     "contact_3d", "dynamic_stiffness", "restitution", "base",
 )  # fmt: skip
-LEAST_DOFS = {"polynomial_coupled": 2, "squeeze_film": 2, "short_bearing": 2, "rolling_bearing": 2, "contact_3d": 3}
+MIN_DOFS = {"polynomial_coupled": 2, "squeeze_film": 2, "short_bearing": 2, "rolling_bearing": 2, "contact_3d": 3}
 WIDE = ("quadratic_damping", "cubic_damping", "polynomial", "piecewise_linear", "iwan", *PLANE)
 
 
@@ -124,7 +124,7 @@ def random_model(seed: int, number: int, is_wide: bool = False, kinds: tuple[str
     some of LATER, the models have one after the other."""
     draw = np.random.default_rng([seed, number])
     later = kinds[number % len(kinds)] if kinds else ""
-    least = LEAST_DOFS.get(later, 1)
+    least = MIN_DOFS.get(later, 1)
     model = _structure(draw, int(draw.integers(least, 4)))
     while least > 1 and model.labels[0].startswith("q"):  # modes of a beam move each by itself
         model = _structure(draw, int(draw.integers(least, 4)))

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { most_values = 40, most_loads = 4, most_waves = most_values + most_loads, most_stops = 2, halvings = 30, doublings = 24 };
+enum { max_values = 40, max_loads = 4, max_waves = max_values + max_loads, max_stops = 2, halvings = 30, doublings = 24 };
 enum { n_levels = halvings + doublings + 1 };
 
 /* Which stops are closed is a number, a bit each; all arrays by rows, one block for each such number. Waves are the modes, of a pair
@@ -28,7 +28,7 @@ typedef struct {
 
 typedef struct {
    double length[n_levels];                /* [s] */
-   double complex turned[n_levels][most_waves];
+   double complex turned[n_levels][max_waves];
 } levels_t;
 
 static double complex turn(double phase) { return cos(phase) + sin(phase) * I; }
@@ -69,7 +69,7 @@ static void to_state(const pieces_t *p, int closed, const double complex *y, dou
 }
 
 static void to_waves(const pieces_t *p, int closed, double t, const double *x, double complex *y) {
-   double free[most_values];
+   double free[max_values];
    memset(y, 0, (size_t)p->n_modes * sizeof *y);
    set_loads(p, t, y);
    to_state(p, closed, y, free);
@@ -89,11 +89,11 @@ static int closed_at(const pieces_t *p, double z) {
  * Gives the number of looks done: fewer where more than `most` steps are needed, which
  * returns how many are left. */
 long pieces_integration(const pieces_t *p, double *x, double t, double look, long n_looks, long *most, double *out) {
-   double complex waves[2][most_waves], *y = waves[0], *next = waves[1], *swapped;
-   levels_t levels[1 << most_stops];
+   double complex waves[2][max_waves], *y = waves[0], *next = waves[1], *swapped;
+   levels_t levels[1 << max_stops];
    double z = 0.0;
-   if (p->n > most_values || p->n_loads > most_loads || p->n_stops > most_stops) return -1;
-   double complex unit[most_waves];
+   if (p->n > max_values || p->n_loads > max_loads || p->n_stops > max_stops) return -1;
+   double complex unit[max_waves];
    for (int j = 0; j < n_waves(p); j++) unit[j] = 1.0;
    for (int closed = 0; closed < 1 << p->n_stops; closed++) {
       for (int l = 0; l < n_levels; l++) {

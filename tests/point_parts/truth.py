@@ -19,8 +19,8 @@ RIGID_STEP = 0.015  # of these, in radians of the fastest motion
 RIGID_STEP_OF_ERRORS = 0.003
 LOOKS = 64  # in a period of the slowest tone, for each tone in it
 NEXT, PARTED = 1e-8, 100.0  # distance of neighbours relative to the motion, and how many times that they are apart when they part
-HIGHEST_OF_BEAT, MOST_BEATS = 20, 1000
-MOST_PERIODS, REPEATED = 12, 2e-2  # until a motion repeats, and how well, relative to it
+HIGHEST_OF_BEAT, MAX_BEATS = 20, 1000
+MAX_PERIODS, REPEATED = 12, 2e-2  # until a motion repeats, and how well, relative to it
 AT_REST = 1e-6  # motion of a coordinate relative to that of all degrees of freedom
 N_PARAMETERS = 6  # of a law in integration.c
 SMALLEST = 2e-2  # motion of a coordinate relative to the largest one: where it sticks it keeps what the second start adds
@@ -90,7 +90,7 @@ def error_of(library: ctypes.CDLL, model: Model, motion: Motion) -> float:
 
 def repeats_after(library: ctypes.CDLL, model: Model) -> int:
     """Periods of the only tone after which the motion repeats that a time integration from the linear one ends in; 0: not within
-    MOST_PERIODS."""
+    MAX_PERIODS."""
     w = float(model.omega[0])
     static = sum((cosine for harmonic, cosine, _ in model.loads if not any(harmonic)), np.zeros(len(model.mass)))
     load = sum((cosine - 1j * sine for harmonic, cosine, sine in model.loads if any(harmonic)), np.zeros(len(model.mass)))
@@ -101,7 +101,7 @@ def repeats_after(library: ctypes.CDLL, model: Model) -> int:
     if q is None:
         return 0
     moved = np.linalg.norm(q - q.mean(0))
-    for n in range(1, MOST_PERIODS + 1):
+    for n in range(1, MAX_PERIODS + 1):
         if np.linalg.norm(q[n * LOOKS :] - q[: -n * LOOKS]) < REPEATED * moved:
             return n
     return 0
@@ -120,16 +120,16 @@ def neighbours_part(library: ctypes.CDLL, model: Model, motion: Motion) -> bool:
 
 def slowest_beat(omega: np.ndarray) -> int:
     """Periods of the slowest tone in which harmonics of two tones, up to HIGHEST_OF_BEAT, pass through each other, at most
-    MOST_BEATS."""
+    MAX_BEATS."""
     slowest = np.inf
     for i, j in itertools.combinations(range(len(omega)), 2):
         orders = np.arange(1, HIGHEST_OF_BEAT + 1)
         slowest = min(slowest, np.abs(np.subtract.outer(orders * omega[i], orders * omega[j])).min())
-    return int(min(MOST_BEATS, np.ceil(omega.min() / slowest))) if np.isfinite(slowest) else 1
+    return int(min(MAX_BEATS, np.ceil(omega.min() / slowest))) if np.isfinite(slowest) else 1
 
 
-def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=RIGID_STEP, least_kept=1, is_whole=False):
-    """Times and displacements of the last periods, `least_kept` or more, or, `is_whole`, of all."""
+def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=RIGID_STEP, min_kept=1, is_whole=False):
+    """Times and displacements of the last periods, `min_kept` or more, or, `is_whole`, of all."""
     inverse = np.linalg.inv(model.mass)
     frequencies, decay = model.modes()
     shape = np.array([law.shape for law in model.laws])
@@ -160,7 +160,7 @@ def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=
     step = period / (looks * stride)
     beat = np.abs(np.subtract.outer(model.omega, model.omega))
     beats = int(np.ceil(model.omega.min() / beat[beat > 0].min())) if len(model.omega) > 1 else 1
-    kept = max(20, min(100, 2 * beats), least_kept)
+    kept = max(20, min(100, 2 * beats), min_kept)
     slowest = decay[decay > 0].min()
     periods = int(np.clip(12 / (slowest * period), 200, 2500)) + kept
     arrays = {

@@ -64,9 +64,9 @@ contains
       point%coefficients = reshape(numbers(i, 2*n_harmonics*n_dofs), [2, n_harmonics, n_dofs])
       point%force_coefficients = reshape(numbers(-i, 2*n_harmonics*n_law_dofs), [2, n_harmonics, n_law_dofs])
       point%corrected_coefficients = 2*point%force_coefficients
-      point%certificate%defects%penetration = 0.25_wp*i
-      point%certificate%combination = [7, -11]
-      point%certificate%power_laws = [0.125_wp*i]
+      point%error_estimate%defects%penetration = 0.25_wp*i
+      point%error_estimate%combination = [7, -11]
+      point%error_estimate%power_laws = [0.125_wp*i]
    end function numbered_point
 
    pure function numbers(first, n)

@@ -25,14 +25,14 @@ TIME_LIMIT = 12.0  # processor seconds of a run
 ORDERS = {1: (45, 90, 180), 2: (9, 13, 18)}  # of the reference, one after the other until it has nothing to speak of beyond
 REFINE = 1.2  # ratio of orders on the way to a reference that is not reached at once
 SAMPLES = {1: 16, 2: 8}  # of the reference, times the order of each tone
-MOST_TUPLES = 4000  # of a reference, whose matrices are dense
+MAX_TUPLES = 4000  # of a reference, whose matrices are dense
 FINER = (1.3, 4)  # times these samples, where Newton's method goes round between contacts of samples
-FEWEST_SAMPLES = {1: 600, 2: 72}
+MIN_SAMPLES = {1: 600, 2: 72}
 BEYOND = 0.1  # largest tail of a reference, relative to the tolerance
 BEYOND_TWO = 0.5
 SHARE_OF_CURVE = 30  # points of a curve that are looked at
 ONE_OF_MANY = "one of many"
-ANSWERS = ("converged", "time_domain")
+ANSWERS = ("converged", "integrated")
 RESUMED_AFTER = (0.02, 0.4)  # seconds until a run is stopped
 GIVEN_UP = "references given up"
 PATIENCE = 20.0  # processor seconds of the references of a model, after which only the direct way to one is tried
@@ -253,9 +253,9 @@ class Stored:
     def _system(self, orders: tuple[int, ...], times: float = 1) -> tuple[System, np.ndarray]:
         """The model in a box, and the stored motion there."""
         m = len(orders)
-        if np.prod([2 * n + 1 for n in orders]) > MOST_TUPLES:
+        if np.prod([2 * n + 1 for n in orders]) > MAX_TUPLES:
             raise MemoryError(f"a box of orders {', '.join(map(str, orders))}")
-        box = Box(orders, tuple(_fast(int(times * max(SAMPLES[m] * n, FEWEST_SAMPLES[m]))) for n in orders))
+        box = Box(orders, tuple(_fast(int(times * max(SAMPLES[m] * n, MIN_SAMPLES[m]))) for n in orders))
         return System(self.model, box), box.of(self.tuples, self.coefficients[..., 0], self.coefficients[..., 1])
 
     def _climbed(self, system: System) -> tuple[Answer, float]:

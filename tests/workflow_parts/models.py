@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from point_parts.models import (
-    KINDS, LEAST_DOFS, Law, Model, _coordinate, _later_laws, _law, _listed, _move_base, _scale, _structure,
+    KINDS, MIN_DOFS, Law, Model, _coordinate, _later_laws, _law, _listed, _move_base, _scale, _structure,
 )  # fmt: skip
 
 SWEPT = ("frequency", "load", "gap", "stiffness", "damping")
@@ -162,7 +162,7 @@ def _later(draw, law: str, kinds: tuple[str, ...]) -> Workflow:
         kinds = tuple(kind for kind in kinds if kind != "load")
     shares = np.array([SHARES[WORKFLOWS.index(kind)] for kind in kinds], dtype=float)
     kind = str(draw.choice(kinds, p=shares / shares.sum()))
-    least = LEAST_DOFS.get(law, 1)
+    least = MIN_DOFS.get(law, 1)
     model = _structure(draw, int(draw.integers(least, 4)))
     while least > 1 and model.labels[0].startswith("q"):
         model = _structure(draw, int(draw.integers(least, 4)))

@@ -14,8 +14,8 @@ import numpy as np
 from point_parts.models import KINDS, Model
 
 SOLVED = 1e-7  # residual relative to the motion
-MOST_STEPS = 25
-MOST_HALVINGS = 7
+MAX_STEPS = 25
+MAX_HALVINGS = 7
 OUTER = 0.75  # entries of tuples beyond this share of the order are the tail
 
 
@@ -276,7 +276,7 @@ def _newton(system: System, z, residual, omega) -> Answer:
     size = max(system.box.norm(z), 1e-300)
     r, matrix = residual(z, True)
     norm = np.linalg.norm(r)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         if norm < SOLVED * size:
             return Answer(z, omega, is_solved=True)
         try:
@@ -284,7 +284,7 @@ def _newton(system: System, z, residual, omega) -> Answer:
         except np.linalg.LinAlgError:
             break
         share = 1.0
-        for _ in range(MOST_HALVINGS):
+        for _ in range(MAX_HALVINGS):
             trial, _ = residual(z - share * step, False)
             if np.linalg.norm(trial) < (1 - 0.1 * share) * norm:
                 break
@@ -327,7 +327,7 @@ def on_curve(system_at, z, value, scale) -> Answer:
     size = max(system.box.norm(z), 1e-300)
     weights = np.tile(system.box.weights, (len(z), 1)).ravel()
     h = 1e-6 * scale
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         system, omega = system_at(value)
         r, matrix = system.residual(z, omega, system.model.damping)
         if np.linalg.norm(r) < SOLVED * size and _ > 0:
@@ -386,7 +386,7 @@ def autonomous(system: System, q, omega: float, mode: Mode | None = None, dampin
             full[:, n + 1] = (all_of(q, w, xi + h, False) - all_of(q, w, xi - h, False)) / (2 * h)
         return r, full
 
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         r, full = all_of(q, omega, damping)
         norm = np.linalg.norm(r)
         if norm < SOLVED * size or not np.isfinite(norm):
@@ -396,7 +396,7 @@ def autonomous(system: System, q, omega: float, mode: Mode | None = None, dampin
         except np.linalg.LinAlgError:
             break
         share = min(1.0, 0.1 * omega / max(abs(step[n].real), 1e-300))
-        for _ in range(MOST_HALVINGS):
+        for _ in range(MAX_HALVINGS):
             xi = damping - share * step[n + 1].real if mode else 0.0
             there = q - share * step[:n].reshape(q.shape), omega - share * step[n].real, xi
             if np.linalg.norm(all_of(*there, False)) < (1 - 0.1 * share) * norm:

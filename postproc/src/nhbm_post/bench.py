@@ -95,7 +95,7 @@ class Bench:
 
     @property
     def is_solved(self) -> np.ndarray:
-        """Whether each point is solved, within the limits of the certificate or not."""
+        """Whether each point is solved, within the limits of the error estimate or not."""
         return np.isin(self.column("status"), SOLVED)
 
     @property

@@ -207,7 +207,7 @@ def _parser() -> argparse.ArgumentParser:
         verbs.report_page,
         "a page of HTML that holds the whole file",
         "Writes one page of HTML of 5 MB at most, for which a browser needs no network: curves with stability and events; a click "
-        "on a point shows its spectrum, motion, orbit, moving shape and certificate; input and origin.",
+        "on a point shows its spectrum, motion, orbit, moving shape and error estimate; input and origin.",
     )
     options.add_model(sub)
     sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="page to write (default: FILE.html)")
@@ -453,10 +453,10 @@ def _parser() -> argparse.ArgumentParser:
         if name != "convergence":
             sub.add_argument(
                 "--part",
-                choices=("total", "cpu", "setup", "solver", "certificate"),
+                choices=("total", "cpu", "setup", "solver", "error_estimate"),
                 default="total",
-                help="which time (default: total, the wall time of all but the certificate; cpu: its processor time, which a busy "
-                "machine hardly changes)",
+                help="which time (default: total, the wall time of all but the error estimate; cpu: its processor time, which a "
+                "busy machine hardly changes)",
             )
         else:
             sub.add_argument("--over", metavar="PATH", help="axis: a swept parameter or a size (default: what varies)")
@@ -464,7 +464,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "--improved",
                 action="store_true",
-                help="draw also the error of the improved motion (&certificate improvement_steps)",
+                help="draw also the error of the improved motion (&error_estimate improvement_steps)",
             )
             sub.add_argument(
                 "--reference",

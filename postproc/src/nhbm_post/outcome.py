@@ -5,14 +5,14 @@ The program has them in src/solve/hb_outcome.f90; a file brings its own numbers 
 
 from __future__ import annotations
 
-PENDING, CONVERGED, FAILED, CRASHED, UNUSED, TIME_DOMAIN = 0, 1, 6, 12, 17, 18
+PENDING, CONVERGED, FAILED, CRASHED, UNUSED, INTEGRATED = 0, 1, 6, 12, 17, 18
 # No motion was reached that could be looked at.
 EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
-# There is a motion: of the balance, where all but the first miss a threshold of the certificate and do not count as converged, or
-# integrated.
-SOLVED = (CONVERGED, 7, 8, 9, 16, TIME_DOMAIN, 21)
+# There is a motion: of the balance, where all but the first exceed a limit of the error estimate and do not count as
+# converged, or integrated.
+SOLVED = (CONVERGED, 7, 8, 9, 16, INTEGRATED, 21)
 # Statuses of motions without a fault.
-ANSWERS = {CONVERGED: "converged", TIME_DOMAIN: "found by time integration"}
+ANSWERS = {CONVERGED: "converged", INTEGRATED: "found by time integration"}
 
 TEXTS = {
     "pending": "not solved yet",
@@ -33,10 +33,10 @@ TEXTS = {
     "timed_out": "timed out: the processor time limit of the point was reached",
     "impact": "impact: solved, but it depends on the unknown restitution",
     "unused": "unused: spare row of a curve that ended earlier",
-    "time_domain": "time domain: found by time integration instead of the balance",
+    "integrated": "integrated: found by time integration instead of the balance",
     "subharmonic": "subharmonic: the motion repeats after several periods only",
     "broadband": "broadband: time integration finds no motion with these tones",
-    "several": "several: time integration finds several motions",
+    "multiple_attractors": "multiple attractors: time integration finds several motions",
 }
 NAMES = dict(enumerate(TEXTS))
 

@@ -1,4 +1,4 @@
-"""One HTML page with the contents of a result file: curves, and for each point its spectrum, motion, orbit, shape and certificate.
+"""One HTML page with the contents of a result file: curves, and for each point spectrum, motion, orbit, shape and error estimate.
 
 The page needs no network and no other file: data as JSON, coefficients as 32-bit floats, drawn by the script in page.html.
 """
@@ -33,8 +33,8 @@ _N_DOFS = 60
 _N_CURVES = 14
 _N_SHAPES, _N_SHAPE_HARMONICS, _SHAPE_NUMBERS = 12, 5, 120_000
 
-# Row of the certificate: dataset, words, unit.
-_CERTIFICATE = (
+# Row of the error estimate: dataset, words, unit.
+_ERROR_ESTIMATE = (
     ("truncation_estimate", "Estimated error by truncation", ""),
     ("aliasing_estimate", "Estimated error by aliasing", ""),
     ("residual", "Residual", ""),
@@ -164,7 +164,7 @@ def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[:most]}\n... {len(text) - most} more characters, in the result file"
 
 
-def _coefficients(results: Results, points: list[int], most_pairs: int):
+def _coefficients(results: Results, points: list[int], max_pairs: int):
     """Degrees of freedom, tuples, row of each point (-1: none) and coefficients (rows, dofs, tuples, 2), NaN for missing ones."""
     _first(results)
     labels = results.labels()
@@ -184,10 +184,10 @@ def _coefficients(results: Results, points: list[int], most_pairs: int):
     row_of = np.full(len(by_tuple), -1)
     row_of[shown] = np.arange(shown.size)
     notes = []
-    n_dofs = int(np.clip(most_pairs // (len(solved) * shown.size), 1, min(_N_DOFS, len(dofs))))
+    n_dofs = int(np.clip(max_pairs // (len(solved) * shown.size), 1, min(_N_DOFS, len(dofs))))
     if n_dofs < len(dofs):
         notes.append(f"{n_dofs} of {len(dofs)} degrees of freedom are in this page")
-    most = max(1, most_pairs // (n_dofs * shown.size))
+    most = max(1, max_pairs // (n_dofs * shown.size))
     if most < len(solved):
         notes.append(f"{most} of {len(solved)} solved points have their motion in this page")
         solved = _evenly(solved, most)
@@ -254,13 +254,13 @@ def _in_words(texts: list[str]) -> dict:
 
 
 def _rows(results: Results, points: list[int], is_solved: np.ndarray, frequencies: np.ndarray) -> Iterator[tuple[str, list]]:
-    """Label and texts of each value of the certificate, None at points that lack it."""
+    """Label and texts of each value of the error estimate, None at points that lack it."""
     factor, hertz = results.frequency_scale()
     for parameter in results.parameters.values():
         yield parameter.label, [parameter.value_text(value) for value in parameter.values[points]]
     for m, omega in enumerate(factor * frequencies.T):
         yield f"Tone {m + 1}", [f"{w:.7g} {hertz}" if solved else None for w, solved in zip(omega, is_solved)]
-    for column, label, unit in _CERTIFICATE:
+    for column, label, unit in _ERROR_ESTIMATE:
         if not results.has(column):
             continue
         values = (factor if unit == "rad/s" else 1.0) * results.per_point(column)[points]

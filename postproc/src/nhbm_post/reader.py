@@ -310,7 +310,7 @@ class Results:
         return self._columns[name]
 
     def power_laws(self, point: int) -> np.ndarray:
-        """Mean loss in each law [W], (n_laws); NaN without a certificate."""
+        """Mean loss in each law [W], (n_laws); NaN without an error estimate."""
         return np.asarray(self._dataset("power_laws")[point], dtype=float)
 
     # Choice of points

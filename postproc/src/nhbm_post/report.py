@@ -138,7 +138,7 @@ def _frequency_text(results: Results, point: int, tone: int) -> str:
 
 def _last_column(results: Results, point: int, dof: str) -> str:
     """Largest amplitudes of a solved point, the cause of a failure, or the different motions."""
-    if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion", "locked", "several"):
+    if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion", "locked", "multiple_attractors"):
         return results.message(point) or "-"
     try:
         series = results.series(point, dof, allow_unconverged=True)

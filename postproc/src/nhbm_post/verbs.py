@@ -465,7 +465,7 @@ def _series(results: Results, point: int, dof: str | None, arguments):
 
 def _legend(results: Results, point: int, points: list[int]) -> str:
     """The values in which the point differs from the others in the picture, or the method if it is the only one."""
-    series_text = "time integration" if results.status_name(point) == "time_domain" else "harmonic balance"
+    series_text = "time integration" if results.status_name(point) == "integrated" else "harmonic balance"
     differing = [
         results.shown(p).text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
     ]

@@ -12,7 +12,7 @@ import scipy.sparse.linalg as spla
 from nhbm.errors import ModelError
 
 LARGEST_DENSE = 3000  # degrees of freedom, where ARPACK fails
-MOST_RESTARTS = 40  # of ARPACK, which needs a few
+MAX_RESTARTS = 40  # of ARPACK, which needs a few
 
 
 class Factors:
@@ -79,7 +79,7 @@ def lowest_modes(stiffness: Any, mass: Any, n_modes: int, shift: float = 0.0, fa
     start = np.cos(np.arange(1.0, n + 1.0))
     try:
         values, shapes = spla.eigsh(
-            stiffness, k=n_modes, M=mass, sigma=-shift, which="LM", OPinv=factors.operator(), v0=start, maxiter=MOST_RESTARTS
+            stiffness, k=n_modes, M=mass, sigma=-shift, which="LM", OPinv=factors.operator(), v0=start, maxiter=MAX_RESTARTS
         )
         order = np.argsort(values)
         if values[order[0]] + shift > 0.0:

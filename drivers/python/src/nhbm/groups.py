@@ -14,7 +14,7 @@ from nhbm.keys import check_keys, keys_of, missing_key
 REPEATED = "load", "law", "start", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several
 GROUPS = (
     "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode",
-    "solver", "certificate", "stability",
+    "solver", "error_estimate", "stability",
     "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them

@@ -619,7 +619,7 @@ class Model:
         path = self._resolved(path)
         groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
         if order is not None:
-            groups["certificate"] = {"is_on": False}  # what is not returned is not made
+            groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
         session = self._live(request(tolerance, order, **groups)).session
         best, found, doubt = -1.0, None, ""
         session.begin_curve()

@@ -10,8 +10,9 @@ import xarray as xr
 from nhbm.errors import imported
 
 # The same shapes as in the pictures of nhbm-post.
-_MARKS = {"fold": ("fold", "o"), "peak": ("peak", "^"), "branch": ("branch point", "D"), "flip": ("period doubling", "s"),
-          "torus": ("Neimark-Sacker point", "h"), "split": ("change of stability", "p"), "graze": ("graze", "v"),
+_MARKS = {"fold": ("fold", "o"), "peak": ("peak", "^"), "branch": ("branch point", "D"),
+          "period_doubling": ("period doubling", "s"), "neimark_sacker": ("Neimark-Sacker point", "h"),
+          "symmetry_breaking": ("change of stability", "p"), "grazing": ("grazing", "v"),
           "minimum": ("minimum", "<"), "amplitude": ("given amplitude", ">"), "resonance": ("phase resonance", "8")}  # fmt: skip
 _VERDICTS = ("stable", "-", "stable"), ("unstable", "--", "unstable"), ("unknown", ":", "stability not known")
 _MOST_LINES = 10  # of one picture with a legend

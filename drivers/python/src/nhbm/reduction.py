@@ -31,8 +31,8 @@ METHODS = ("krylov", *MODAL)
 LARGEST_REDUCED = 2000
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
 ASYMMETRY = 1.0e-9  # of the largest entry, which is rounding
-MOST_CIRCULATORY = 60  # degrees of freedom that get static shapes because the skew-symmetric part of the stiffness acts on them
-LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of retained degrees of freedom
+MAX_CIRCULATORY = 60  # degrees of freedom that get static shapes because the skew-symmetric part of the stiffness acts on them
+MIN_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of retained degrees of freedom
 RIGID = 1.0e-3  # frequencies below this share of the band are those of rigid bodies
 KRYLOV_TOLERANCE = 1.0e-10  # of the flexibility
 GOLDEN = 0.381966  # offset of frequencies that a space was not tuned to
@@ -160,7 +160,7 @@ def _without_circulation(model: Structure) -> Structure:
     rest = abs(model.stiffness - symmetric)
     rest.data[rest.data <= ASYMMETRY * abs(symmetric).max()] = 0.0
     where = np.flatnonzero(np.asarray(rest.sum(axis=1)).ravel())
-    if len(where) > MOST_CIRCULATORY:
+    if len(where) > MAX_CIRCULATORY:
         where = where[:0]
     forces = {f"circulatory {dof}": (np.array([dof]), np.ones(1)) for dof in where}
     return replace(model, stiffness=symmetric, loads=model.loads | forces)
@@ -225,7 +225,7 @@ def _free_interface(model: Any, retained: Any, n_modes: Any) -> np.ndarray:
         left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (static[retained], flexible)))
     except np.linalg.LinAlgError:
         raise ModelError("the retained degrees of freedom do not move independently: keep fewer") from None
-    some = left > LEAST_LEFT
+    some = left > MIN_LEFT
     static = static @ (forces[:, some] / scale[:, None] / np.sqrt(left[some]))
     boundary, inner = _boundary_and_inner(np.hstack([modes / np.sqrt(values + shift), static]), retained)
     more = loads - boundary @ loads[retained]
@@ -251,7 +251,7 @@ class _KrylovSpace:
         self.model, self.up_to, self.shift = model, up_to, SHIFT * up_to
         self.rests = _rests(model)
         touched = np.unique(np.concatenate([np.concatenate(rest.nonzero()) for rest in self.rests] + [np.zeros(0, int)]))
-        self.is_general = len(touched) > MOST_CIRCULATORY
+        self.is_general = len(touched) > MAX_CIRCULATORY
         self.retained = retained if self.is_general else list(dict.fromkeys([*retained, *touched.tolist()]))
         unit = np.zeros((model.n_dofs, len(self.retained)))
         unit[self.retained, np.arange(len(self.retained))] = 1.0

@@ -22,7 +22,7 @@ BY_SPEED = (
 )  # fmt: skip
 MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural", *BY_SPEED)
 MAX_LABEL = 16
-MOST_ENTRIES = int(np.iinfo(np.int32).max)  # of a matrix in the library
+MAX_ENTRIES = int(np.iinfo(np.int32).max)  # of a matrix in the library
 
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
 
@@ -78,8 +78,8 @@ class Structure:
                 raise ModelError(f"matrix '{name}' is complex; the imaginary part of a stiffness is the matrix `structural`")
             matrix = sp.csr_matrix(matrix, dtype=float)
             matrix.sum_duplicates()
-            if matrix.nnz > MOST_ENTRIES:
-                raise ModelError(f"matrix '{name}' has {matrix.nnz} entries; at most {MOST_ENTRIES} are possible: reduce the model")
+            if matrix.nnz > MAX_ENTRIES:
+                raise ModelError(f"matrix '{name}' has {matrix.nnz} entries; at most {MAX_ENTRIES} are possible: reduce the model")
             setattr(self, name, matrix)
         if self.labels is None:
             self.labels = [f"x{i + 1}" for i in range(self.mass.shape[0])]

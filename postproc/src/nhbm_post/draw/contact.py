@@ -26,7 +26,7 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
     is_line = extent[[first, second]].min() < 1e-3 * max(extent.max(), 1e-300)
     along = int(np.argmax(extent))
     with style.look():
-        n_columns = min(len(values), style.most_columns(0.4, 1.3 * _PANEL))
+        n_columns = min(len(values), style.max_columns(0.4, 1.3 * _PANEL))
         n_rows = -(-len(values) // n_columns)
         ratio = extent[second] / max(extent[first], 1e-300)
         is_to_scale = 0.2 <= ratio <= 2.0

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import FancyArrowPatch, Patch
 
 from ..errors import ReaderError, UsageError
-from ..outcome import TIME_DOMAIN
+from ..outcome import INTEGRATED
 from ..reader import Results
 from . import style
 from .spectrum import DECADES, amplitude_norm, colour_bar, draw_map, draw_stem, style_3d
@@ -49,7 +49,7 @@ def draw_correction(
         raise ReaderError(f"{results.path}: the motion of '{dof}' at point {point} is zero: nothing to draw")
     if not np.abs(corrected - motion).max() > _TOUCH * np.ptp(motion):
         why = "the rigid contact at it is not reached" if results.has_rigid_law else "no law of this model is a rigid contact"
-        if results.status[point] == TIME_DOMAIN:
+        if results.status[point] == INTEGRATED:
             why = "it was found by time integration, where impacts replace the correction"
         raise UsageError(
             f"{results.path}: nothing is corrected in the motion of '{dof}' at point {point}, since {why}; "

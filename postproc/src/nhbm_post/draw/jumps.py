@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 # Events at which stability need not change. At a graze it may: if it coincides with a fold, the stability beyond both is used.
-_PASSED = ("regular", "peak", "value", "start", "end", "minimum", "amplitude", "resonance", "graze")
+_PASSED = ("regular", "peak", "value", "start", "end", "minimum", "amplitude", "resonance", "grazing")
 
 
 def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray) -> list[tuple[float, float, float]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..outcome import ANSWERS, CONVERGED, PENDING, SOLVED, TIME_DOMAIN, words
+from ..outcome import ANSWERS, CONVERGED, PENDING, SOLVED, INTEGRATED, words
 from ..reader import Results
 from . import style
 
@@ -42,7 +42,7 @@ _MARKS = {
     "aliased": Mark("s", "#56B4E9"),
     "penetrating": Mark("v", "#CC79A7"),
     "impact": Mark("<", "#F0E442"),
-    "several": Mark("D", "#009E73"),
+    "multiple_attractors": Mark("D", "#009E73"),
     "stalled": Mark("x", style.FAILURE),
     "out_of_budget": Mark("+", style.FAILURE),
     "singular": Mark("1", style.FAILURE),
@@ -58,7 +58,7 @@ _MARKS = {
     "broadband": Mark("p", style.INK),
     "pending": Mark("|", style.WALL),
 }
-DOTS = {CONVERGED: "o", TIME_DOMAIN: "d"}  # shapes of answers, in the colour of their curve
+DOTS = {CONVERGED: "o", INTEGRATED: "d"}  # shapes of answers, in the colour of their curve
 # Statuses that are newer than this table.
 _SOLVED_MARK = Mark("8", "#F0E442")
 _UNSOLVED_MARK = Mark("H", style.FAILURE)

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
-from ..outcome import ANSWERS, CONVERGED, PENDING, SOLVED, TIME_DOMAIN
+from ..outcome import ANSWERS, CONVERGED, PENDING, SOLVED, INTEGRATED
 from ..parameter import Parameter
 from ..reader import Results
 from ..text import list_text, tuple_text
@@ -300,7 +300,7 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_sta
     alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
     dot = {"color": look["color"], "linestyle": "none", "markersize": 3.4 if is_joined else 5.0}
     for code, shape in marks.DOTS.items():
-        is_marked = not is_joined or curve.has_dots or (code == TIME_DOMAIN and curve.is_converged.any())
+        is_marked = not is_joined or curve.has_dots or (code == INTEGRATED and curve.is_converged.any())
         for verdict, face in _dot_faces(look["color"], by_stability).items():
             at = (known if is_marked else alone) & (status == code) & ((stability == verdict) | (not by_stability))
             ax.plot(x_factor * x[at], factor * y[at], **dot, marker=shape, markerfacecolor=face, gid=ANSWERS[code])
@@ -321,20 +321,20 @@ _SPECIAL = {
     "fold": _shape("o", 5.5),
     "peak": _shape("^", 6.0),
     "branch": _shape("D", 5.5),
-    "flip": _shape("s", 5.5),
-    "torus": _shape("h", 7.0),
-    "split": _shape("p", 6.5),
-    "graze": _shape("v", 6.0),
+    "period_doubling": _shape("s", 5.5),
+    "neimark_sacker": _shape("h", 7.0),
+    "symmetry_breaking": _shape("p", 6.5),
+    "grazing": _shape("v", 6.0),
     "minimum": _shape("<", 6.0),
     "amplitude": _shape(">", 6.0),
     "resonance": _shape("8", 6.0),
 }
 _WORDS = {
     "branch": ("branch point", "branch points"),
-    "flip": ("period doubling", "period doublings"),
-    "torus": ("Neimark-Sacker point", "Neimark-Sacker points"),
-    "split": ("change of stability", "changes of stability"),
-    "graze": ("graze", "grazes"),
+    "period_doubling": ("period doubling", "period doublings"),
+    "neimark_sacker": ("Neimark-Sacker point", "Neimark-Sacker points"),
+    "symmetry_breaking": ("change of stability", "changes of stability"),
+    "grazing": ("grazing point", "grazing points"),
     "minimum": ("minimum", "minima"),
     "amplitude": ("given amplitude", "given amplitudes"),
     "resonance": ("phase resonance", "phase resonances"),
@@ -444,7 +444,7 @@ def _status_keys(curves: list[Curve]) -> list[Line2D]:
     for curve in curves:
         for name, is_solved, group in marks.by_status(curve.results, curve.points):
             counts[name, is_solved] = counts.get((name, is_solved), 0) + group.size
-    return marks.keys(counts, n_answers) if counts or n_answers[TIME_DOMAIN] else []
+    return marks.keys(counts, n_answers) if counts or n_answers[INTEGRATED] else []
 
 
 def _axis_key(axis: Parameter) -> tuple:

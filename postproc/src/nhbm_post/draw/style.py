@@ -107,7 +107,7 @@ def figure(width: float, height: float, is_arranged: bool = True) -> Figure:
     return fig
 
 
-def most_columns(margin: float, width: float) -> int:
+def max_columns(margin: float, width: float) -> int:
     """Panels of a width in inches beside each other, three at most, that fit into the chosen width with readable type."""
     if not chosen().is_scaled:
         return 3

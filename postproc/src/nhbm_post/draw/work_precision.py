@@ -15,11 +15,11 @@ from . import style
 
 # Parts of the wall time that an axis can show.
 PARTS = {
-    "total": "Wall time without certificate",
-    "cpu": "Processor time without certificate",
+    "total": "Wall time without error estimate",
+    "cpu": "Processor time without error estimate",
     "setup": "Wall time of the set-up",
     "solver": "Wall time of the iterations",
-    "certificate": "Wall time of the certificate",
+    "error_estimate": "Wall time of the error estimate",
 }
 # Axes with a symbol, by the end of their path.
 _SYMBOLS = {"order": "N", "n_unknowns": "n"}
@@ -130,7 +130,7 @@ def draw_cost(bench: Bench, *, part: str = "total", over: str = "n_unknowns"):
 def _drawable(bench: Bench, over: str, errors: Errors) -> tuple[list[Curve], list[np.ndarray]]:
     """Curves with at least one error, each with the errors of all points; improved ones after the original ones."""
     if errors.improved is not None and not np.isfinite(errors.improved).any():
-        raise UsageError(f"{bench.path}: no point has an improved motion; it needs &certificate improvement_steps")
+        raise UsageError(f"{bench.path}: no point has an improved motion; it needs &error_estimate improvement_steps")
     curves, values = [], []
     for curve in bench.curves(over):
         if np.isfinite(errors.plain[curve.points]).any():
@@ -169,7 +169,7 @@ def _curve_look(i: int) -> dict:
 
 
 def _hollow(ax, bench: Bench, points, x, y, look) -> None:
-    """White centre for solved points that exceed a threshold of the certificate."""
+    """White centre for solved points that exceed a threshold of the error estimate."""
     missed = points[~bench.is_converged[points]]
     ax.plot(
         x[missed], y[missed], linestyle="none", marker=look["marker"], markersize=look["markersize"], zorder=4,
@@ -229,7 +229,7 @@ def _finish(fig, ax, bench: Bench, title: str, *details: str) -> None:
     lost = bench.n_points - int(bench.is_solved.sum())
     notes = [*details]
     if (bench.is_solved & ~bench.is_converged).any():
-        notes.append("hollow: solved, but missing a threshold of the certificate")
+        notes.append("hollow: solved, but missing a threshold of the error estimate")
     if lost:
         notes.append(f"{lost} of {bench.n_points} points not solved")
     head = f"{title}: {bench.title}" if bench.title else title

@@ -1,11 +1,11 @@
 !> Grazes of a curve of motions with impacts: the number of impacts in a period changes there, and the curve has a corner.
-submodule (hb_impact_curve) hb_impact_curve_graze
+submodule (hb_impact_curve) hb_impact_curve_grazing
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_curve, only: curve_t
    use hb_curve_step, only: longest_chord
    implicit none
 
-   integer, parameter :: most_halvings = 30
+   integer, parameter :: max_halvings = 30
    real(wp), parameter :: into = 1.0e-5_wp                            ! beyond a graze, as nearest: speed of the impact 3e-3
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of the distance to a graze ahead
 
@@ -16,7 +16,7 @@ contains
    !> The speed of that impact is proportional to the distance from the graze, and multipliers to its inverse. Newton's
    !> method therefore finds the motions without the impact from afar, and the graze on them; those with it from the graze
    !> alone. Source: A. B. Nordmark, J. Sound Vib. 145 (1991) 279-297.
-   module procedure pass_graze
+   module procedure pass_grazing
       type(curve_t) :: here
       type(known_t) :: known
       integer, allocatable :: beyond(:)
@@ -60,12 +60,12 @@ contains
       associate (units => here%units)
          along = norm2((corner - here%x)/units)
          self%waiting = [waiting_t ::]
-         call add_waiting(self%waiting, curve_kind%graze, along, corner)
+         call add_waiting(self%waiting, curve_kind%grazing, along, corner)
          call add_corners(self, known, along, corner)
          call add_waiting(self%waiting, curve_kind%regular, along + norm2((found - corner)/units), found)
          self%first_waiting = 1
       end associate
-   end procedure pass_graze
+   end procedure pass_grazing
 
    !> Adds folds and extreme responses at a corner, with what is known before it.
    subroutine add_corners(self, before, position, x)
@@ -132,7 +132,7 @@ contains
             step = share(i/2)*curve%config%longest_step
             along = -along
             found = corner + step*along
-            call put_behind_graze(self, inward, step, found)
+            call put_behind_grazing(self, inward, step, found)
             call correct(self, along, found, is_found)
             if (is_found) is_found = norm2((found - corner)/curve%units) <= longest_chord*step .and. &
                                      .not. has_wanted(self, corner, found)
@@ -148,7 +148,7 @@ contains
 
    !> Moves a point to where the map has the smallest defect with an impact more: the distance from the border beyond which
    !> there is one varies with the square of the speed of the impact.
-   subroutine put_behind_graze(self, inward, longest, x)
+   subroutine put_behind_grazing(self, inward, longest, x)
       class(impact_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: inward(:), longest
       real(wp), intent(inout) :: x(:)
@@ -157,14 +157,14 @@ contains
 
       border = [-longest, longest]
       fewest = impacts_beyond(border(1))
-      do k = 1, most_halvings
+      do k = 1, max_halvings
          middle = 0.5_wp*sum(border)
          n = impacts_beyond(middle)
          border(merge(1, 2, n == fewest)) = middle
       end do
       best = border(2)
       least = huge(1.0_wp)
-      do k = 0, most_halvings
+      do k = 0, max_halvings
          n = impacts_beyond(border(2) + 0.5_wp**k*longest)
          if (n <= fewest .or. .not. all(ieee_is_finite(r))) cycle
          if (norm2(r) >= least) cycle
@@ -181,7 +181,7 @@ contains
          r = self%defect(x + distance*inward)
          impacts_beyond = sum(self%orbit%impacts)
       end function impacts_beyond
-   end subroutine put_behind_graze
+   end subroutine put_behind_grazing
 
    !> Moves a point ahead of a stalled curve to where there are fewer impacts, if there are any such points. The curve touches
    !> the border of these motions, and its tangent may miss them; the defect of a slow impact crosses it: the multiplier is large.
@@ -193,8 +193,8 @@ contains
 
       ahead = x
       across = [self%defect(ahead), 0.0_wp]
-      do i = 0, merge(2*most_halvings + 1, -1, all(ieee_is_finite(across)))   ! to both sides, the nearest first
-         x = ahead + (-1)**i*0.5_wp**(most_halvings - i/2)*across
+      do i = 0, merge(2*max_halvings + 1, -1, all(ieee_is_finite(across)))   ! to both sides, the nearest first
+         x = ahead + (-1)**i*0.5_wp**(max_halvings - i/2)*across
          if (sum(self%impacts_at(x)) < sum(self%known%impacts)) exit
       end do
    end subroutine leave_impact
@@ -310,16 +310,16 @@ contains
    end subroutine correct
 
    !> Ends the branch with its last point from which the walls are struck as often: beyond it the curve has no tangent.
-   module procedure end_at_graze
+   module procedure end_at_grazing
       real(wp) :: found(size(self%curve%x)), position
 
       self%curve%status = outcome%pending
       call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%known%impacts, found, position)
       self%waiting = [waiting_t ::]
-      call add_waiting(self%waiting, curve_kind%graze, position, found)
+      call add_waiting(self%waiting, curve_kind%grazing, position, found)
       self%first_waiting = 1
       self%ends_here = .true.
-   end procedure end_at_graze
+   end procedure end_at_grazing
 
    !> Whether a wall is struck a different number of times shortly behind the point of the curve.
    module procedure grazes_ahead
@@ -331,4 +331,4 @@ contains
             self%impacts_at(self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction))
       end do
    end procedure grazes_ahead
-end submodule hb_impact_curve_graze
+end submodule hb_impact_curve_grazing

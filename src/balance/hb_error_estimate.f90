@@ -1,9 +1,9 @@
 !> A-posteriori error estimate of a solution, and its defects in the laws between samples.
-!> A small residual only shows that the truncated, sampled problem is solved. The certificate evaluates the same
+!> A small residual only shows that the truncated, sampled problem is solved. The error estimate evaluates the same
 !> motion with about twice the order on a finer grid: the unbalanced forces there are what the solution neglects, and
 !> one step towards balancing them estimates its error. The estimate depends on the motion, its set and its grid
 !> alone, not on how they were found. Source: docs/why/theory.md, section 7.
-module hb_certificate
+module hb_error_estimate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
@@ -32,7 +32,8 @@ module hb_certificate
    use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
    private
-   public :: certificate_t, certify, certify_linear, choose_wider_set, finer_samples, near_commensurate, wanted_motions_t
+   public :: error_estimate_t, estimate_error, estimate_linear_error, choose_wider_set, finer_samples, near_commensurate, &
+      wanted_motions_t
    public :: wider_orders
 
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
@@ -41,10 +42,10 @@ module hb_certificate
    !> Requested motions beside the estimates.
    type :: wanted_motions_t
       integer :: improvement_steps = 0                                !! towards the motion in the wider set; 0: none
-      logical :: refined = .false.                                    !! `refined` of a certificate, also with several tones
+      logical :: refined = .false.                                    !! `refined` of an error estimate, also with several tones
    end type wanted_motions_t
 
-   type :: certificate_t
+   type :: error_estimate_t
       real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
       real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
       real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
@@ -70,13 +71,13 @@ module hb_certificate
       complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors removed [m], (all
                                                                       !! dofs, tuples of `around`); with several tones if
                                                                       !! requested
-   end type certificate_t
+   end type error_estimate_t
 
 contains
 
-   !> Computes the certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and the requested motions.
-   subroutine certify(self, structure, loads, balance, u, wanted, error, bordered)
-      type(certificate_t), intent(out) :: self
+   !> Computes the error estimate of the motion `u` (n_coefficients, n_dofs) of a balance, and the requested motions.
+   subroutine estimate_error(self, structure, loads, balance, u, wanted, error, bordered)
+      type(error_estimate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(amplitudes_t), intent(in) :: loads                         !! [N]
       type(balance_t), intent(inout), target :: balance
@@ -118,11 +119,11 @@ contains
       end if
       if (associated(balance%cached_wide)) call balance%cached_wide%give_back(wide%stiffness)
       call wide%destroy()
-   end subroutine certify
+   end subroutine estimate_error
 
    !> Creates the balance of the same motion in the wider set and on the finer grid.
    subroutine make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
-      type(certificate_t), intent(in) :: self
+      type(error_estimate_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
       type(amplitudes_t), intent(in) :: loads                         !! [N]
       type(balance_t), intent(in) :: balance
@@ -152,9 +153,9 @@ contains
       call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, error)
    end subroutine make_wide_balance
 
-   !> Computes the certificate of a motion without laws: without errors, only powers and energies.
-   subroutine certify_linear(self, structure, tones, frequencies, loads, c)
-      type(certificate_t), intent(out) :: self
+   !> Computes the error estimate of a motion without laws: without errors, only powers and energies.
+   subroutine estimate_linear_error(self, structure, tones, frequencies, loads, c)
+      type(error_estimate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(tones_t), intent(in) :: tones
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
@@ -166,7 +167,7 @@ contains
       call near_commensurate(tones, self%combination, self%combination_frequency)
       self%power_in = loads%power_into(c, frequencies)
       call new_mean_energy(self%energy, structure, c, frequencies)
-   end subroutine certify_linear
+   end subroutine estimate_linear_error
 
    !> A box of about twice the order around the set.
    subroutine choose_wider_set(narrow, set, error)
@@ -217,14 +218,14 @@ contains
       real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (n_harmonics)
       integer, intent(in) :: slow(:)                                  !! tuple k with k.omega near 0
       integer, allocatable :: tuples(:, :)
-      integer, parameter :: least_order = 4                          ! sum of entries not excited directly by loads and steep laws
+      integer, parameter :: min_order = 4                          ! sum of entries not excited directly by loads and steep laws
       real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
       integer :: d, h, i
 
       associate (set => balance%harmonics, stiffness => balance%stiffness, laws => balance%law_set%laws)
          tuples = reshape([integer ::], [size(slow), 0])
          do h = 1, set%n_harmonics
-            if (sum(abs(set%tuples(:, h))) < least_order .or. carried(h) < large*maxval(carried)) cycle
+            if (sum(abs(set%tuples(:, h))) < min_order .or. carried(h) < large*maxval(carried)) cycle
             ! resonant: a minor part of the stiffness is left beside the inertia
             if (any([(abs(stiffness%entry(d, d, h)) < minor*stiffness%magnitude(d, h), d=1, balance%n_dofs)])) &
                tuples = reshape([tuples, shifted(set%tuples(:, h:h), slow)], [size(slow), size(tuples, 2) + 2])
@@ -283,7 +284,7 @@ contains
    !> The few samples in contact with rigid laws, such as sticking under friction, may leave the tangent almost
    !> singular, or a different one if rounding decides whether a sample is in contact.
    subroutine solve_on_finer_grid(self, balance, wide, u, error)
-      type(certificate_t), intent(inout) :: self
+      type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
@@ -327,7 +328,7 @@ contains
    !> with its exact tangent. The second step starts from the end of the first: contacts reached only by the harmonics
    !> outside respond there.
    subroutine estimate_errors(self, balance, wide, u, error, bordered)
-      type(certificate_t), intent(inout) :: self
+      type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
       type(balance_t), intent(inout), target :: wide
       real(wp), intent(in) :: u(:, :)
@@ -405,7 +406,7 @@ contains
 
    !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
    subroutine keep_step(self, balance, wide, which, big, first, size_of_motion)
-      type(certificate_t), intent(inout) :: self
+      type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance, wide
       integer, intent(in) :: which(:)                                 !! parameters of the balance among the unknowns
       real(wp), intent(in) :: big(:, :)                               !! the motion in the wider set [m]
@@ -430,7 +431,7 @@ contains
 
    !> Whether the motion of all degrees of freedom is computed in the wider set too.
    pure logical function keeps_all(self, balance)
-      type(certificate_t), intent(in) :: self
+      type(error_estimate_t), intent(in) :: self
       type(balance_t), intent(in) :: balance
 
       keeps_all = size(balance%omega) == 1 .or. self%wanted%refined
@@ -488,7 +489,7 @@ contains
    !> change. The harmonics just outside show little of it, because the force of the truncated motion has a finite
    !> duration, not the spectrum of an impact. Without a solution the estimates are unchanged.
    subroutine compare_with_half(self, harmonics, problem, x, n, size_of_motion)
-      type(certificate_t), intent(inout) :: self
+      type(error_estimate_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in) :: x(:)                                    !! its solution
@@ -542,7 +543,7 @@ contains
 
    !> Rigid contact and friction on the finer grid, and the power dissipated by each law there.
    subroutine check_contact(self, structure, balance, wide, u, error)
-      type(certificate_t), intent(inout) :: self
+      type(error_estimate_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
@@ -613,4 +614,4 @@ contains
          k(m) = k(m) + 1
       end do
    end subroutine near_commensurate
-end module hb_certificate
+end module hb_error_estimate

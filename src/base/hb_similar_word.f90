@@ -1,6 +1,6 @@
 !> The known word that is closest to a misspelt one. Source of the distance: Damerau-Levenshtein, restricted to one swap of
 !> neighbours per position.
-module hb_closest_word
+module hb_similar_word
    use hb_text, only: lower, string_t
    implicit none
    private
@@ -95,4 +95,4 @@ contains
       if (min(len(word), len(known)) >= 3 .and. (index(known, word) == 1 .or. index(word, known) == 1)) return
       distance = huge(distance)
    end function distance_if_close
-end module hb_closest_word
+end module hb_similar_word

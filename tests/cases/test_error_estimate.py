@@ -1,4 +1,4 @@
-"""The certificate of a point against the true error: the distance to a solution of much higher order."""
+"""The error estimate of a point against the true error: the distance to a solution of much higher order."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ CONVERGED, TRUNCATED, ALIASED, PENETRATING, IMPACT = 1, 7, 8, 9, 16
 def test_estimate_is_within_a_factor_of_three_of_the_true_error(name, tmp_path):
     model, orders = CASES[name]
     values = ", ".join(str(order) for order in orders)
-    thresholds = "&certificate truncation = 10.0, penetration = 10.0 /\n"
+    thresholds = "&error_estimate truncation = 10.0, penetration = 10.0 /\n"
     sweep = f"&harmonics order = 1 /\n&sweep parameter = 'harmonics%order', values = {values} /\n"
     result = solve(model + thresholds + sweep, tmp_path)
     motion, truncation, aliasing = read(result, "coefficients", "truncation_estimate", "aliasing_estimate")
@@ -212,9 +212,9 @@ def test_near_commensurate_tones_are_flagged(tmp_path):
 
 def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
     model = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
-    model += "&sweep parameter = 'certificate%truncation', values = 1e-3, 0.1, 0.1, 0.1, axis = 1 /\n"
-    model += "&sweep parameter = 'certificate%aliasing', values = 0.1, 1e-6, 0.1, 0.1, axis = 1 /\n"
-    model += "&sweep parameter = 'certificate%penetration', values = 0.1, 0.1, 1e-3, 0.1, axis = 1 /\n"
+    model += "&sweep parameter = 'error_estimate%truncation', values = 1e-3, 0.1, 0.1, 0.1, axis = 1 /\n"
+    model += "&sweep parameter = 'error_estimate%aliasing', values = 0.1, 1e-6, 0.1, 0.1, axis = 1 /\n"
+    model += "&sweep parameter = 'error_estimate%penetration', values = 0.1, 0.1, 1e-3, 0.1, axis = 1 /\n"
     status, coefficients = read(solve(model, tmp_path, status=1), "status", "coefficients")
     assert status.tolist() == [TRUNCATED, ALIASED, PENETRATING, CONVERGED]
     assert (coefficients == coefficients[-1]).all()
@@ -242,7 +242,7 @@ def test_an_impact_that_restitution_decides_on_is_reported(tones, order, status,
     if not two:
         model = model.replace("&load dof = 'x1', tuple = 0, 1, cos = 0.6 /\n", "").replace("tuple = 1, 0", "tuple = 1")
     model += f"&law type = 'rigid_wall', dof = 'x1', gap = 0.5 /\n&harmonics order = {order} /\n"
-    model += f"&sampling samples = {64 if two else 1024} /\n&certificate truncation = 1.0, penetration = 1.0 /\n"
+    model += f"&sampling samples = {64 if two else 1024} /\n&error_estimate truncation = 1.0, penetration = 1.0 /\n"
     model += "&integration transient = 150.0, duration = 300.0, step = 0.05 /\n"
     result = solve(model, tmp_path, status=None)
     found, estimate = (values[0] for values in read(result, "status", "impact_estimate"))
@@ -269,7 +269,7 @@ def test_error_of_an_unknown_frequency_is_stored(tmp_path):
 
 def test_powers_balance(tmp_path):
     model = CASES["rigid wall"][0] + "&harmonics order = 8 /\n"
-    model += "&certificate penetration = 1.0 /\n"  # of a truncated motion, by 2 %
+    model += "&error_estimate penetration = 1.0 /\n"  # of a truncated motion, by 2 %
     names = ("power_in", "power_damping", "power_laws", "truncation_estimate")
     power_in, damping, laws, error = (float(np.sum(values[0])) for values in read(solve(model, tmp_path), *names))
     assert power_in > 0.0
