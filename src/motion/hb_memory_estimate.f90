@@ -161,8 +161,8 @@ contains
    pure function memory_text(bytes) result(text)
       type(memory_estimate_t), intent(in) :: bytes
       character(250) :: text
-      character(11), parameter :: names(7) = [character(11) :: &
-         "structure", "linear part", "samples", "tangent", "fallback", "error_estimate", "results"]
+      character(14), parameter :: names(7) = [character(14) :: &
+         "structure", "linear part", "samples", "tangent", "fallback", "error estimate", "results"]
       real(wp) :: parts(7)
       integer :: i, k
 

@@ -39,7 +39,7 @@ module bench_points
       integer :: cpu = 6                                              !! `total` as processor time, of all threads
    end type part_t
    type(part_t), parameter :: part = part_t()
-   character(*), parameter :: part_names(6) = [character(11) :: "setup", "solver", "recovery", "error_estimate", "total", "cpu"]
+   character(*), parameter :: part_names(6) = [character(14) :: "setup", "solver", "recovery", "error_estimate", "total", "cpu"]
    character(*), parameter :: part_words(6) = [character(75) :: &
       "wall time of the set-up: input, dynamic stiffness, plans, first guess", "wall time of the iterations", &
       "wall time of the recovery: motion of all degrees of freedom, forces", "wall time of the error estimate", &
