@@ -40,7 +40,7 @@ module kernel_times
    end type kernel_t
    type(kernel_t), parameter :: kernel = kernel_t()
    character(*), parameter :: kernel_names(5) = [character(11) :: "residual", "tangent", "newton_step", "solution", "point"]
-   character(*), parameter :: kernel_words(5) = [character(55) :: "one residual", "assembly of the tangent", &
+   character(*), parameter :: kernel_words(5) = [character(56) :: "one residual", "assembly of the tangent", &
       "one Newton step: tangent, factorisation, step, residual", "set-up and solution of the equations", &
       "a whole point: input, solution, recovery, error estimate"]
    character(*), parameter, private :: lu = "LU factorisation of a full matrix of the same size"
