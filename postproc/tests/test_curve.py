@@ -12,7 +12,7 @@ from nhbm_post.draw.jumps import jumps_at_folds
 from nhbm_post.measure import Measure
 from nhbm_post.report import info
 
-KINDS = "none regular start fold peak value end branch flip torus split graze minimum amplitude resonance"
+KINDS = "none regular start fold peak value end branch period_doubling neimark_sacker symmetry_breaking grazing minimum amplitude resonance"
 START, REGULAR, FOLD, PEAK, END = 2, 1, 3, 4, 6
 CONVERGED, UNUSED = 1, 17
 # An S: up to the fold at 3, back to that at 2, up again. Two rows are not used.

@@ -210,7 +210,7 @@ class Results:
 
     @property
     def solved(self) -> np.ndarray:
-        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, time_domain, several."""
+        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, integrated, multiple_attractors."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
     @property

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 STATUSES = (
     "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating collapsed no_motion crashed "
-    "diverged locked timed_out impact unused time_domain subharmonic broadband several"
+    "diverged locked timed_out impact unused integrated subharmonic broadband multiple_attractors"
 ).split()
-SOLVED = "converged truncated aliased penetrating impact time_domain several".split()  # there is a motion
+SOLVED = "converged truncated aliased penetrating impact integrated multiple_attractors".split()  # there is a motion
 CUT_SHORT, GRAZED = 8, 9  # as `reason`: a curve continues beyond its last point; it ends at a grazing impact
 AMPLITUDES = (
     "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
