@@ -12,7 +12,10 @@ from nhbm_post.draw.jumps import jumps_at_folds
 from nhbm_post.measure import Measure
 from nhbm_post.report import info
 
-KINDS = "none regular start fold peak value end branch period_doubling neimark_sacker symmetry_breaking grazing minimum amplitude resonance"
+KINDS = (
+    "none regular start fold peak value end branch period_doubling neimark_sacker symmetry_breaking grazing minimum amplitude "
+    "resonance"
+)
 START, REGULAR, FOLD, PEAK, END = 2, 1, 3, 4, 6
 CONVERGED, UNUSED = 1, 17
 # An S: up to the fold at 3, back to that at 2, up again. Two rows are not used.
@@ -102,7 +105,7 @@ def test_bifurcations_and_grazes_are_marked(tmp_path):
         ("grazing", 3.0),
     ):
         assert [x for mark in lines(fig, kind) for x in mark.get_xdata()] == [position], kind
-    assert {"1 period doubling", "1 Neimark-Sacker point", "1 change of stability", "1 graze"} <= set(legend_of(fig))
+    assert {"1 period doubling", "1 Neimark-Sacker point", "1 change of stability", "1 grazing point"} <= set(legend_of(fig))
 
 
 def test_unstable_parts_are_dashed(tmp_path):

@@ -210,7 +210,8 @@ class Results:
 
     @property
     def solved(self) -> np.ndarray:
-        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, integrated, multiple_attractors."""
+        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, integrated or one of
+        multiple_attractors."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
     @property
