@@ -12,7 +12,7 @@ module hb_session
    use hb_column_view, only: column_view_t
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
    use hb_curve_request, only: curve_request_t, usual_points
-   use hb_document, only: document_t, parameter_t
+   use hb_document, only: document_t, new_document, parameter_t
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
    use hb_gradient, only: find_gradient
@@ -38,15 +38,18 @@ module hb_session
    use hb_outcome, only: is_solved, outcome, reason
    use hb_parameter_path, only: identifier
    use hb_point, only: solve_point
+   use hb_properties, only: properties_t
    use hb_record_columns, only: record_columns, verdict_columns
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
-   use hb_text, only: to_text
+   use hb_text, only: is_name, to_text
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
    implicit none
    private
    public :: session_cancellation_t, session_t
+
+   character(*), parameter :: not_begun = "no input was begun; call nhbm_input_begin before"
 
    !> struct nhbm_progress.
    type, bind(c) :: progress_t
@@ -87,6 +90,7 @@ module hb_session
       type(model_t) :: model
       type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
       logical :: has_input = .false.                                  !! `read` was called without an error
+      logical :: is_begun = .false.                                   !! an input from numbers, which `end_input` ends
       logical :: has_curve = .false.                                  !! `curve_next` may return a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
@@ -110,6 +114,11 @@ module hb_session
    contains
       procedure :: set_structure_source => session_set_structure_source
       procedure :: read => session_read
+      procedure :: begin_input => session_begin_input
+      procedure :: add_group => session_add_group
+      procedure :: set_text => session_set_text
+      procedure :: set_values => session_set_values
+      procedure :: end_input => session_end_input
       procedure :: set_key => session_set_key
       procedure :: find_parameter => session_find_parameter
       procedure :: set_parameter => session_set_parameter
@@ -152,10 +161,97 @@ contains
       character(*), intent(in) :: name                                !! for messages
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
-      logical :: is_new
+
+      call forget_input(self)
+      call read_namelist(self%document, name, text, error)
+      if (.not. allocated(error)) call read_document(self, error)
+   end subroutine session_read
+
+   !> Begins an input without text, which replaces the previous one: groups and their values follow, then `end_input`.
+   subroutine session_begin_input(self)
+      class(session_t), intent(inout) :: self
+
+      call forget_input(self)
+      call new_document(self%document)
+      self%is_begun = .true.
+   end subroutine session_begin_input
+
+   !> Adds a group to the input that was begun. Later values belong to it.
+   subroutine session_add_group(self, name, error)
+      class(session_t), intent(inout), target :: self
+      character(*), intent(in) :: name                                !! such as "law"
+      type(error_t), allocatable, intent(out) :: error
+      type(properties_t), pointer :: group
+
+      if (.not. self%is_begun) then
+         call fail(error, not_begun)
+      else if (.not. is_name(name)) then
+         call fail(error, "'"//name//"' is not the name of a group")
+      else
+         group => self%document%add(name)
+      end if
+   end subroutine session_add_group
+
+   !> Sets a key of the last group to its values, reals, integers or logicals. Matrices are given by rows.
+   subroutine session_set_values(self, key, values, error)
+      class(session_t), intent(inout), target :: self
+      character(*), intent(in) :: key
+      class(*), intent(in) :: values(:)
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_key(self, key, error)
+      if (allocated(error)) return
+      if (size(values) == 0) then
+         call fail(error, "key '"//key//"' has no values")
+      else
+         call self%document%groups%holders(self%document%groups%n)%group%set(key, values)
+      end if
+   end subroutine session_set_values
+
+   !> Sets a key of the last group to a text.
+   subroutine session_set_text(self, key, text, error)
+      class(session_t), intent(inout), target :: self
+      character(*), intent(in) :: key, text
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_key(self, key, error)
+      if (.not. allocated(error)) call self%document%groups%holders(self%document%groups%n)%group%set(key, text)
+   end subroutine session_set_text
+
+   !> Fails unless the key can be set in the input that was begun.
+   subroutine check_key(self, key, error)
+      class(session_t), intent(in) :: self
+      character(*), intent(in) :: key
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. self%is_begun) then
+         call fail(error, not_begun)
+      else if (self%document%groups%n == 0) then
+         call fail(error, "there is no group for the key '"//key//"'; add one before")
+      else if (.not. is_name(key)) then
+         call fail(error, "'"//key//"' is not a key")
+      end if
+   end subroutine check_key
+
+   !> Reads a model from the input that was begun. Fails with all errors of the input.
+   subroutine session_end_input(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      if (self%is_begun) then
+         self%is_begun = .false.
+         call read_document(self, error)
+      else
+         call fail(error, not_begun)
+      end if
+   end subroutine session_end_input
+
+   subroutine forget_input(self)
+      class(session_t), intent(inout) :: self
 
       call self%destroy()
       self%has_input = .false.
+      self%is_begun = .false.
       self%model%is_read = .false.
       self%result = motion_result_t()
       self%law_doubt = law_doubt_t()
@@ -165,15 +261,21 @@ contains
       if (allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
       if (allocated(self%parameters)) deallocate (self%parameters)
       allocate (self%parameters(0))
-      call read_namelist(self%document, name, text, error)
-      if (.not. allocated(error)) &
-         call self%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
+   end subroutine forget_input
+
+   !> Reads a model from the present document.
+   subroutine read_document(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_new
+
+      call self%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
       if (allocated(error)) return
       call share_time(self, self%n_points)
       self%callbacks%is_followed = self%document%count("curve") > 0
       call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
       self%has_input = .not. allocated(error)
-   end subroutine session_read
+   end subroutine read_document
 
    !> Sets the values of a key, `law(stop)%gap = 1e-3`.
    subroutine session_set_key(self, path, values, error)

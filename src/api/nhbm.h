@@ -115,6 +115,32 @@ NHBM_EXPORT int nhbm_destroy(nhbm_model **model);
  * folder of `name`. The group &sweep is ignored. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
 NHBM_EXPORT int nhbm_read_input(nhbm_model *model, const char *text, const char *name);
 
+/* ---- Inputs from numbers ----
+ *
+ *     nhbm_input_begin(model);
+ *     nhbm_input_add_group(model, "law");
+ *     nhbm_input_set_text(model, "type", "rigid_wall");
+ *     nhbm_input_set_real(model, "gap", 1.5e-3);
+ *     ...
+ *     if (nhbm_input_end(model) != NHBM_SUCCESS) fputs(nhbm_get_last_error(), stderr);
+ *
+ * The groups and keys are those of docs/user/input.md. NHBM_INVALID_STATE: no input was begun. NHBM_INVALID_ARGUMENT: a name is not
+ * written as one, or n is 0. All other errors are reported by nhbm_input_end. */
+
+/* Begins an input, which replaces the previous one, its results and its parameters. */
+NHBM_EXPORT int nhbm_input_begin(nhbm_model *model);
+
+/* Adds a group. The functions that follow set its keys; a key that is set again has its last values. */
+NHBM_EXPORT int nhbm_input_add_group(nhbm_model *model, const char *name);
+NHBM_EXPORT int nhbm_input_set_text(nhbm_model *model, const char *key, const char *text);
+NHBM_EXPORT int nhbm_input_set_logical(nhbm_model *model, const char *key, int value); /* 0: false */
+NHBM_EXPORT int nhbm_input_set_real(nhbm_model *model, const char *key, double value);
+NHBM_EXPORT int nhbm_input_set_reals(nhbm_model *model, const char *key, size_t n, const double *values); /* a matrix by rows */
+NHBM_EXPORT int nhbm_input_set_integers(nhbm_model *model, const char *key, size_t n, const int *values);
+
+/* Ends the input. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
+NHBM_EXPORT int nhbm_input_end(nhbm_model *model);
+
 /* Returns the input with all permitted keys and their values; an invalid value is replaced by the last valid one. */
 NHBM_EXPORT int nhbm_get_input(const nhbm_model *model, const char **text);
 

@@ -25,6 +25,7 @@ int doubt_step(void);
 int wrong_structure_step(void);
 int ending_step(void);
 int law_step(void);
+int numbers_step(void);
 
 /* m x'' + c x' + (k + a) x = F cos(w t), the spring a being a law. */
 static const char *const oscillator =
@@ -561,6 +562,41 @@ int law_step(void)
    nhbm_unregister_law("mine");
    CHECK(nhbm_read_input(other, text, "oscillator") == NHBM_INVALID_INPUT);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-12);
+   nhbm_destroy(&model);
+   nhbm_destroy(&other);
+   return 0;
+}
+
+/* An input from numbers is that of the text: the same motion, bit for bit, and the text of one can be read as the other. */
+int numbers_step(void)
+{
+   nhbm_model *model = created(), *other = created();
+   const double frequency[] = {0.9};
+   const int order[] = {2}, tuple[] = {1}, one[] = {1};
+   const char *text;
+   double complex first;
+
+   CHECK(nhbm_input_begin(model) == NHBM_SUCCESS);
+   CHECK(!nhbm_input_add_group(model, "structure") && !nhbm_input_set_text(model, "type", "chain"));
+   CHECK(!nhbm_input_set_integers(model, "n_masses", 1, one) && !nhbm_input_set_text(model, "ends", "free"));
+   CHECK(!nhbm_input_set_real(model, "mass", 7.0) && !nhbm_input_set_real(model, "MASS", 2.0)); /* the last value counts */
+   CHECK(!nhbm_input_set_real(model, "coupling_stiffness", 0.0) && !nhbm_input_set_real(model, "ground_stiffness", 1.0));
+   CHECK(!nhbm_input_set_real(model, "damping_mass", 0.2));
+   CHECK(!nhbm_input_add_group(model, "tones") && !nhbm_input_set_reals(model, "frequency", 1, frequency));
+   CHECK(!nhbm_input_add_group(model, "harmonics") && !nhbm_input_set_integers(model, "order", 1, order));
+   CHECK(!nhbm_input_add_group(model, "load") && !nhbm_input_set_text(model, "dof", "x1"));
+   CHECK(!nhbm_input_set_integers(model, "tuple", 1, tuple) && !nhbm_input_set_real(model, "cos", 0.3));
+   CHECK(!nhbm_input_add_group(model, "law") && !nhbm_input_set_text(model, "type", "polynomial"));
+   CHECK(!nhbm_input_set_text(model, "label", "spring") && !nhbm_input_set_text(model, "dof", "x1"));
+   CHECK(!nhbm_input_set_real(model, "stiffness", 3.0));
+   CHECK(!nhbm_input_add_group(model, "error_estimate") && !nhbm_input_set_logical(model, "is_on", 0));
+   CHECK(nhbm_input_end(model) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   first = first_harmonic(model);
+   CHECK(cabs(first - answer(3.0, 0.9)) < 1e-12);
+   CHECK(nhbm_get_given_input(model, &text) == NHBM_SUCCESS && nhbm_read_input(other, text, "numbers") == NHBM_SUCCESS);
+   CHECK(nhbm_solve(other, NHBM_COLD_START) == NHBM_SUCCESS && first_harmonic(other) == first);
+   CHECK(nhbm_set_key(model, "law(spring)%stiffness", "5.0") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(cabs(first_harmonic(model) - answer(5.0, 0.9)) < 1e-12);
    nhbm_destroy(&model);
    nhbm_destroy(&other);
    return 0;

@@ -26,6 +26,7 @@ int callbacks_step(void);
 int structure_misuse_step(void);
 int law_misuse_step(void);
 int threads_step(void);
+int numbers_misuse_step(void);
 
 static const char *const duffing =
    "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,\n"
@@ -92,6 +93,9 @@ static int read_input(nhbm_model *m) { return nhbm_read_input(m, duffing, "duffi
 static int get_input(nhbm_model *m) { return nhbm_get_input(m, &text); }
 static int get_given_input(nhbm_model *m) { return nhbm_get_given_input(m, &text); }
 static int get_libraries(nhbm_model *m) { return nhbm_get_libraries(m, &text); }
+static const double two_reals[] = {1.0, 2.0};
+static const int two_integers[] = {1, 2};
+
 static int set_key(nhbm_model *m) { return nhbm_set_key(m, "tones%frequency", "0.9"); }
 static int find_parameter(nhbm_model *m) { return nhbm_find_parameter(m, "tones%frequency", &handle); }
 static int set_parameter(nhbm_model *m) { return nhbm_set_parameter(m, handle, 0.9); }
@@ -116,6 +120,14 @@ static int get_time_column(nhbm_model *m) { return nhbm_get_time_column(m, "time
 static int get_time_column_names(nhbm_model *m) { return nhbm_get_time_column_names(m, &text); }
 static int get_labels(nhbm_model *m) { return nhbm_get_labels(m, "dof", &text); }
 static int get_message(nhbm_model *m) { return nhbm_get_message(m, &text); }
+static int input_begin(nhbm_model *m) { return nhbm_input_begin(m); }
+static int input_add_group(nhbm_model *m) { return nhbm_input_add_group(m, "law"); }
+static int input_set_text(nhbm_model *m) { return nhbm_input_set_text(m, "type", "chain"); }
+static int input_set_logical(nhbm_model *m) { return nhbm_input_set_logical(m, "is_on", 1); }
+static int input_set_real(nhbm_model *m) { return nhbm_input_set_real(m, "gap", 1.0); }
+static int input_set_reals(nhbm_model *m) { return nhbm_input_set_reals(m, "mass", 1, two_reals); }
+static int input_set_integers(nhbm_model *m) { return nhbm_input_set_integers(m, "order", 1, two_integers); }
+static int input_end(nhbm_model *m) { return nhbm_input_end(m); }
 static int destroy(nhbm_model *m) { return nhbm_destroy(&m); }
 
 static const struct {
@@ -127,7 +139,9 @@ static const struct {
    {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
    {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
    {verify_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
-   {describe_time_column, true}, {get_doubt, true}, {read_input, false}, {destroy, false},
+   {describe_time_column, true}, {get_doubt, true}, {input_add_group, true}, {input_set_text, true}, {input_set_logical, true},
+   {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true}, {input_begin, false},
+   {read_input, false}, {destroy, false},
 };
 enum { n_functions = sizeof functions/sizeof functions[0] };
 
@@ -163,6 +177,36 @@ static bool is_usable(nhbm_model *model)
    if (!model || nhbm_get_column(model, "coefficients", &found) || !found.data) return false;
    if (memcmp(first, (const double *)found.data + 2, sizeof first) != 0) return false;
    return nhbm_destroy(&model) == NHBM_SUCCESS;
+}
+
+/* ---- Inputs from numbers ---- */
+
+int numbers_misuse_step(void)
+{
+   nhbm_model *model = solved();
+
+   CHECK(nhbm_input_add_group(model, "law") == NHBM_INVALID_STATE && SAYS("nhbm_input_begin"));
+   CHECK(nhbm_input_end(model) == NHBM_INVALID_STATE && SAYS("nhbm_input_begin"));
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS); /* the input has remained */
+   CHECK(nhbm_input_begin(model) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_STATE);
+   CHECK(nhbm_input_set_real(model, "mass", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("no group"));
+   CHECK(nhbm_input_add_group(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_add_group"));
+   CHECK(nhbm_input_add_group(model, "a group") == NHBM_INVALID_ARGUMENT && SAYS("not the name"));
+   CHECK(nhbm_input_add_group(model, "structure") == NHBM_SUCCESS);
+   CHECK(nhbm_input_set_text(model, "type", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_text"));
+   CHECK(nhbm_input_set_text(model, NULL, "chain") == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_input_set_logical(model, NULL, 1) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_logical"));
+   CHECK(nhbm_input_set_real(model, "", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_real"));
+   CHECK(nhbm_input_set_reals(model, "mass", 1, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_reals"));
+   CHECK(nhbm_input_set_reals(model, "mass", 0, two_reals) == NHBM_INVALID_ARGUMENT && SAYS("no values"));
+   CHECK(nhbm_input_set_reals(model, "mass", (size_t)-1, two_reals) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_input_set_integers(model, "n_masses", 1, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_integers"));
+   CHECK(nhbm_input_set_text(model, "type", "chian") == NHBM_SUCCESS && nhbm_input_end(model) == NHBM_INVALID_INPUT);
+   CHECK(SAYS("&structure") && SAYS("'chain'") && nhbm_input_end(model) == NHBM_INVALID_STATE);
+   CHECK(nhbm_input_begin(model) == NHBM_SUCCESS && nhbm_input_add_group(model, "lwa") == NHBM_SUCCESS);
+   CHECK(nhbm_input_end(model) == NHBM_INVALID_INPUT && SAYS("&lwa") && SAYS("&law"));
+   CHECK(is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
+   return 0;
 }
 
 /* ---- Arguments ---- */

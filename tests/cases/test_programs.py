@@ -39,6 +39,16 @@ def test_programs_of_an_earlier_header_run(tmp_path):
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-10)
 
 
+def test_the_wall_in_c_has_the_number_of_the_paper(tmp_path):
+    """The same number as the program in Fortran, of which tests/configure/install.cmake asserts it."""
+    compiler = shutil.which("cc") or pytest.skip("no C compiler")
+    source = ROOT / "examples" / "wall" / "wall.c"
+    command = [compiler, "-std=c11", "-Wall", "-Wextra", "-Werror", *INCLUDES, source, LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}"]
+    subprocess.run([*command, "-o", "wall"], cwd=tmp_path, check=True)
+    done = subprocess.run(["./wall"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert float(done.stdout.split()[-2]) == pytest.approx(1.0939e-3, abs=1e-7)
+
+
 def test_programs_in_c_and_fortran_have_the_same_numbers(tmp_path):
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     source = ROOT / "drivers" / "examples" / "duffing.c"

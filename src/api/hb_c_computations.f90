@@ -1,0 +1,247 @@
+!> The functions of nhbm.h that compute, and the callbacks during computations. The header documents them.
+module hb_c_computations
+   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funptr, c_int, c_null_ptr, c_ptr, &
+      c_size_t
+   use hb_c_handles, only: c_status, release_handle
+   use hb_c_model, only: address_of_reals, any_null, begin_call, end_call, end_call_with_text, handle_t
+   use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: is_solved
+   implicit none
+   private
+
+   integer(c_int), parameter :: cold_start = 0_c_int, warm_start = 1_c_int
+
+   !> struct nhbm_motion.
+   type, bind(c) :: c_motion_t
+      integer(c_size_t) :: n_tones
+      integer(c_size_t) :: n_harmonics
+      integer(c_size_t) :: n_dofs
+      type(c_ptr) :: frequency
+      type(c_ptr) :: tuples
+      type(c_ptr) :: coefficients
+      real(c_double) :: truncation_estimate
+      real(c_double) :: aliasing_estimate
+      type(c_ptr) :: frequency_estimate
+      integer(c_int) :: status
+      integer(c_int) :: n_unstable
+   end type c_motion_t
+
+contains
+
+   integer(c_int) function nhbm_set_interrupt_callback(model, callback, context) &
+      bind(c, name="nhbm_set_interrupt_callback") result(status)
+      type(c_ptr), value :: model, context
+      type(c_funptr), value :: callback
+      type(handle_t), pointer :: handle
+
+      status = begin_call(model, "nhbm_set_interrupt_callback", handle)
+      if (status /= c_status%success) return
+      handle%session%cancellation%interrupt = callback
+      handle%session%cancellation%interrupt_context = context
+      call release_handle(model)
+   end function nhbm_set_interrupt_callback
+
+   integer(c_int) function nhbm_set_progress_callback(model, callback, context) &
+      bind(c, name="nhbm_set_progress_callback") result(status)
+      type(c_ptr), value :: model, context
+      type(c_funptr), value :: callback
+      type(handle_t), pointer :: handle
+
+      status = begin_call(model, "nhbm_set_progress_callback", handle)
+      if (status /= c_status%success) return
+      handle%session%cancellation%report = callback
+      handle%session%cancellation%report_context = context
+      call release_handle(model)
+   end function nhbm_set_progress_callback
+
+   integer(c_int) function nhbm_solve(model, start) bind(c, name="nhbm_solve") result(status)
+      type(c_ptr), value :: model
+      integer(c_int), value :: start
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_solve", handle, needs_input=.true.)
+      if (status /= c_status%success) return
+      if (start == cold_start .or. start == warm_start) then
+         call handle%session%solve(start == warm_start, error)
+         status = end_call(model, error, c_status%invalid_input)
+      else
+         call fail(error, "nhbm_solve: start must be NHBM_COLD_START or NHBM_WARM_START")
+         status = end_call(model, error, c_status%invalid_argument)
+      end if
+   end function nhbm_solve
+
+   integer(c_int) function nhbm_set_point_count(model, n_points) bind(c, name="nhbm_set_point_count") result(status)
+      type(c_ptr), value :: model
+      integer(c_size_t), value :: n_points
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_set_point_count", handle)
+      if (status /= c_status%success) return
+      if (n_points >= 0_c_size_t .and. n_points <= int(huge(1), c_size_t)) then
+         handle%session%n_points = int(n_points)
+      else
+         call fail(error, "nhbm_set_point_count: n_points must be at most 2147483647")
+      end if
+      status = end_call(model, error, c_status%invalid_argument)
+   end function nhbm_set_point_count
+
+   integer(c_int) function nhbm_curve_begin(model) bind(c, name="nhbm_curve_begin") result(status)
+      type(c_ptr), value :: model
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_curve_begin", handle, needs_input=.true.)
+      if (status /= c_status%success) return
+      call handle%session%curve_begin(error)
+      status = end_call(model, error, c_status%invalid_input)
+   end function nhbm_curve_begin
+
+   integer(c_int) function nhbm_curve_next(model, has_point) bind(c, name="nhbm_curve_next") result(status)
+      type(c_ptr), value :: model, has_point
+      integer(c_int), pointer :: has
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      nullify (has)
+      if (c_associated(has_point)) then
+         call c_f_pointer(has_point, has)
+         has = 0_c_int
+      end if
+      status = begin_call(model, "nhbm_curve_next", handle, texts=[has_point], needs_input=.true.)
+      if (status /= c_status%success) return
+      if (.not. handle%session%has_begun_curve()) then
+         call fail(error, "nhbm_curve_next: there is no curve; nhbm_curve_begin begins one, and setting a value or another "// &
+                   "computation ends it")
+         status = end_call(model, error, c_status%invalid_state)
+         return
+      end if
+      if (handle%session%has_curve) then
+         call handle%session%curve_next(error)
+         if (.not. allocated(error)) has = 1_c_int
+      end if
+      status = end_call(model, error, c_status%invalid_input)
+   end function nhbm_curve_next
+
+   integer(c_int) function nhbm_integrate(model) bind(c, name="nhbm_integrate") result(status)
+      type(c_ptr), value :: model
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_integrate", handle, needs_input=.true.)
+      if (status /= c_status%success) return
+      call handle%session%integrate(error)
+      status = end_call(model, error, c_status%invalid_input)
+   end function nhbm_integrate
+
+   integer(c_int) function nhbm_verify(model, max_periods) bind(c, name="nhbm_verify") result(status)
+      type(c_ptr), value :: model
+      integer(c_int), value :: max_periods
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_verify", handle, needs_input=.true.)
+      if (status /= c_status%success) return
+      status = c_status%invalid_state
+      if (handle%session%may_verify()) status = c_status%invalid_input
+      if (max_periods < 0_c_int) status = c_status%invalid_argument
+      call handle%session%verify(int(max_periods), error)
+      status = end_call(model, error, status)
+   end function nhbm_verify
+
+   integer(c_int) function nhbm_verify_motion(model, motion, max_periods) bind(c, name="nhbm_verify_motion") result(status)
+      type(c_ptr), value :: model, motion
+      integer(c_int), value :: max_periods
+      type(handle_t), pointer :: handle
+      type(motion_result_t) :: result
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_verify_motion", handle, texts=[motion], needs_input=.true.)
+      if (status /= c_status%success) return
+      call take_motion(motion, result, error)
+      status = c_status%invalid_argument
+      if (.not. allocated(error)) then
+         if (max_periods >= 0_c_int) status = c_status%invalid_input
+         call handle%session%verify_motion(result, int(max_periods), error)
+      end if
+      status = end_call(model, error, status)
+   end function nhbm_verify_motion
+
+   !> Copies a motion of C. Fails for lengths that are zero or too large, and for arrays that are NULL.
+   subroutine take_motion(address, motion, error)
+      type(c_ptr), intent(in) :: address
+      type(motion_result_t), intent(out) :: motion
+      type(error_t), allocatable, intent(out) :: error
+      type(c_motion_t), pointer :: given
+      real(c_double), pointer :: coefficients(:, :, :), frequency(:), frequency_estimate(:)
+      integer(c_int), pointer :: tuples(:, :)
+      integer(c_size_t), parameter :: largest = int(huge(1), c_size_t)
+
+      call c_f_pointer(address, given)
+      associate (n => [given%n_tones, given%n_harmonics, given%n_dofs])
+         if (any(n < 1_c_size_t .or. n > largest)) then
+            call fail(error, "nhbm_verify_motion: n_tones, n_harmonics and n_dofs must be at least 1")
+         else if (any_null([given%frequency, given%tuples, given%coefficients])) then
+            call fail(error, "nhbm_verify_motion: frequency, tuples and coefficients must not be NULL")
+         else if (.not. is_solved(int(given%status))) then
+            call fail(error, "nhbm_verify_motion: the status is not that of a motion")
+         end if
+         if (allocated(error)) return
+         call c_f_pointer(given%frequency, frequency, [n(1)])
+         call c_f_pointer(given%tuples, tuples, [n(1), n(2)])
+         call c_f_pointer(given%coefficients, coefficients, [2_c_size_t, n(2), n(3)])
+         motion%status = int(given%status)
+         motion%frequency = real(frequency, wp)
+         motion%harmonics%tuples = int(tuples)
+         motion%coefficients = real(coefficients, wp)
+         motion%error_estimate%combination = 0*int(tuples(:, 1))         ! the estimates are known, or NaN
+         motion%error_estimate%truncation = real(given%truncation_estimate, wp)
+         motion%error_estimate%aliasing = real(given%aliasing_estimate, wp)
+         motion%stability%n_unstable = int(given%n_unstable)
+         if (.not. c_associated(given%frequency_estimate)) return
+         call c_f_pointer(given%frequency_estimate, frequency_estimate, [n(1)])
+         motion%error_estimate%frequency_error = real(frequency_estimate, wp)
+      end associate
+   end subroutine take_motion
+
+   integer(c_int) function nhbm_get_warnings(model, warnings) bind(c, name="nhbm_get_warnings") result(status)
+      type(c_ptr), value :: model, warnings
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+      character(:), allocatable :: text
+
+      status = begin_call(model, "nhbm_get_warnings", handle, text=warnings, needs_input=.true.)
+      if (status /= c_status%success) return
+      call handle%session%warnings(text, error)
+      if (allocated(error)) then
+         status = end_call(model, error, c_status%invalid_input)
+      else
+         status = end_call_with_text(model, "nhbm_get_warnings", text, handle%text, warnings)
+      end if
+   end function nhbm_get_warnings
+
+   integer(c_int) function nhbm_get_natural_frequencies(model, n, frequencies) bind(c, name="nhbm_get_natural_frequencies") &
+      result(status)
+      type(c_ptr), value :: model, n, frequencies
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+      integer(c_size_t), pointer :: number
+      type(c_ptr), pointer :: address
+
+      status = begin_call(model, "nhbm_get_natural_frequencies", handle, texts=[n, frequencies], needs_input=.true.)
+      if (status /= c_status%success) return
+      call c_f_pointer(n, number)
+      call c_f_pointer(frequencies, address)
+      number = 0_c_size_t
+      address = c_null_ptr
+      call handle%session%natural_frequencies(handle%frequencies, error)
+      if (.not. allocated(error)) then
+         number = size(handle%frequencies, kind=c_size_t)
+         if (number > 0_c_size_t) address = address_of_reals(handle%frequencies)
+      end if
+      status = end_call(model, error, c_status%invalid_input)
+   end function nhbm_get_natural_frequencies
+end module hb_c_computations
