@@ -22,7 +22,7 @@ def without_packages(script: Path, *arguments: str) -> subprocess.CompletedProce
 
 
 @pytest.mark.parametrize(
-    "name", ["accuracy", "error_estimate", "compare", "curves", "hard", "points", "jumps", "large", "time_domain", "performance"]
+    "name", ["accuracy", "error_estimates", "compare", "curves", "hard", "points", "jumps", "large", "time_domain", "performance"]
 )
 def test_script_finds_an_environment(name):
     done = without_packages(TESTS / name, "--help")

@@ -12,7 +12,7 @@ from nhbm.errors import imported
 # The same shapes as in the pictures of nhbm-post.
 _MARKS = {"fold": ("fold", "o"), "peak": ("peak", "^"), "branch": ("branch point", "D"),
           "period_doubling": ("period doubling", "s"), "neimark_sacker": ("Neimark-Sacker point", "h"),
-          "symmetry_breaking": ("change of stability", "p"), "grazing": ("grazing", "v"),
+          "symmetry_breaking": ("change of stability", "p"), "grazing": ("grazing point", "v"),
           "minimum": ("minimum", "<"), "amplitude": ("given amplitude", ">"), "resonance": ("phase resonance", "8")}  # fmt: skip
 _VERDICTS = ("stable", "-", "stable"), ("unstable", "--", "unstable"), ("unknown", ":", "stability not known")
 _MOST_LINES = 10  # of one picture with a legend
