@@ -10,9 +10,9 @@ module hb_error_estimate
    use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
-   use hb_energy, only: impact_energy
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
+   use hb_impact_energy, only: impact_energy
    use hb_kinds, only: wp
    use hb_law, only: defects_t
    use hb_linear_part, only: linear_part_t, new_linear_part

@@ -9,6 +9,7 @@
 module hb_impact_orbit
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_coordinates, only: coordinates_t
+   use hb_difference_limit, only: distance_at, limit_t
    use hb_error, only: error_t
    use hb_floquet, only: stability_of_map
    use hb_harmonics, only: harmonics_t
@@ -19,9 +20,9 @@ module hb_impact_orbit
    use hb_model_problem, only: moving_value_t, refusal_t
    use hb_motion_series, only: motion_series_t
    use hb_movement, only: movement_t, new_movement, set_movement
-   use hb_period_map, only: at_rest, distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
    use hb_problem, only: problem_t
    use hb_stability, only: stability_t
+   use hb_state_map, only: at_rest, far_from_events, farthest_phase, new_state_map, state_map_t
    use hb_structure, only: max_dense
    use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integration_record_t
@@ -123,7 +124,7 @@ contains
       logical, intent(out) :: is_done
 
       call self%set_parameters([1], [value], is_done)
-      if (is_done) call self%map%carry(self%section*self%period(), part*self%period(), x, after, is_done)
+      if (is_done) call self%map%advance(self%section*self%period(), part*self%period(), x, after, is_done)
       if (.not. is_done) after = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine carry
 
@@ -162,7 +163,7 @@ contains
 
       x = [state%q, state%v, state%s]/self%map%scale
       associate (period => self%period())
-         call self%map%carry(state%time, (1.0_wp - modulo(state%time/period - self%section, 1.0_wp))*period, x, &
+         call self%map%advance(state%time, (1.0_wp - modulo(state%time/period - self%section, 1.0_wp))*period, x, &
                              after, is_done)
       end associate
       if (is_done) x = after

@@ -8,8 +8,9 @@ module hb_integrated_floquet
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_motion_series, only: motion_series_t, new_motion_series
-   use hb_period_map, only: find_period_map, new_period_map, new_state_map, period_map_t, state_map_t, work_of_period_map
+   use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t
+   use hb_state_map, only: new_state_map, state_map_t
    use hb_structure, only: max_dense, structure_t
    use hb_thresholds, only: same_motion
    implicit none
@@ -123,11 +124,11 @@ contains
       if (is_free) then
          self%estimate = max(self%estimate, norm2(matmul(map%matrix, map%shift) - map%shift)/norm2(map%shift))
          call deflate(map%matrix, map%shift)
-         call deflate(map%first, map%shift)
+         call deflate(map%at_motion, map%shift)
       end if
       call assess_matrix(self, map%matrix, series%omega(1))
       before%estimate = map%estimate
-      call assess_matrix(before, map%first, series%omega(1))
+      call assess_matrix(before, map%at_motion, series%omega(1))
       call self%compare_with(before)
    end subroutine integration_period
 
@@ -188,7 +189,7 @@ contains
       logical, intent(out) :: is_done
       real(wp) :: after(self%size)
 
-      call self%integration%carry(self%time, self%length, self%x, after, is_done)
+      call self%integration%advance(self%time, self%length, self%x, after, is_done)
       if (.not. is_done) return
       self%time = self%time + self%length
       self%x = after
