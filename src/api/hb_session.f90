@@ -41,7 +41,7 @@ module hb_session
    use hb_properties, only: properties_t
    use hb_record_columns, only: record_columns, verdict_columns
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
-   use hb_text, only: is_name, to_text
+   use hb_text, only: is_name, lower, to_text
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
@@ -185,7 +185,7 @@ contains
 
       if (.not. self%is_begun) then
          call fail(error, not_begun)
-      else if (.not. is_name(name)) then
+      else if (.not. is_name(lower(name))) then
          call fail(error, "'"//name//"' is not the name of a group")
       else
          group => self%document%add(name)
@@ -228,7 +228,7 @@ contains
          call fail(error, not_begun)
       else if (self%document%groups%n == 0) then
          call fail(error, "there is no group for the key '"//key//"'; add one before")
-      else if (.not. is_name(key)) then
+      else if (.not. is_name(lower(key))) then
          call fail(error, "'"//key//"' is not a key")
       end if
    end subroutine check_key
