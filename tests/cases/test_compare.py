@@ -67,6 +67,23 @@ def test_a_record_is_written_and_its_differences_are_printed(tmp_path):
     assert " iterations" in subprocess.run(command, capture_output=True, text=True).stdout
 
 
+def test_the_limit_is_of_processor_time(tmp_path):
+    def solve(name, text):
+        path = tmp_path / name
+        path.write_text(f"#!{sys.executable}\nimport time\n{text}\nraise SystemExit('no input')\n")
+        path.chmod(0o755)
+        return compare.solve(str(path), ROOT / "inputs" / "paper" / "table2.nml", 1.0, compare.read_work)
+
+    assert solve("waits", "time.sleep(1.5)") == "refused: no input"
+    assert solve("works", "while time.process_time() < 30: pass") == "not within 1 s"
+
+
+def test_kernels_that_the_processor_does_not_have_are_skipped(monkeypatch):
+    assert compare.missing_instructions(["Prescott"]) == {}
+    monkeypatch.setattr(Path, "read_text", lambda path: "flags\t\t: pni avx")
+    assert compare.missing_instructions(["Sandybridge", "Haswell"]) == {"Haswell": {"avx2", "fma"}}
+
+
 def test_an_unknown_kernel_is_refused():
     done = subprocess.run([sys.executable, str(ROOT / "tests" / "kernels"), "Pentium"], capture_output=True, text=True)
     assert done.returncode == 2
