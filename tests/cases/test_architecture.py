@@ -3,6 +3,7 @@ program."""
 
 from __future__ import annotations
 
+import functools
 import re
 import subprocess
 import sys
@@ -50,6 +51,7 @@ def layer_of(path: Path) -> str:
     return path.relative_to(SRC).parts[0]
 
 
+@functools.cache
 def statements(path: Path) -> list[tuple[int, str]]:
     """Statements with their line numbers: without comments and texts, continued lines joined, one per item."""
     result: list[tuple[int, str]] = []
@@ -70,6 +72,8 @@ def statements(path: Path) -> list[tuple[int, str]]:
 
 def _without_texts(line: str) -> str:
     """Line without its comment, and with empty texts, so that words of a message do not count as code."""
+    if '"' not in line and "'" not in line:
+        return line.partition("!")[0]
     code, quote = "", ""
     for c in line:
         if quote:
