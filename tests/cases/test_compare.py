@@ -40,6 +40,11 @@ def test_differences_within_the_estimate_do_not_count():
     assert "motions differ" in compare.run_differences([point(amplitude=1.0)], [point(amplitude=1.01)], False)[0]
 
 
+def test_rounding_errors_around_zero_do_not_count():
+    assert compare.run_differences([point(amplitude=1e-18)], [point(amplitude=-2e-18)], False) == []
+    assert compare.run_differences([point(amplitude=0.0)], [point(amplitude=1e-9)], False) != []
+
+
 def test_statuses_and_stability_count():
     assert compare.run_differences([point()], [point(status="truncated")], False) == ["point 1: status converged and truncated"]
     assert compare.run_differences([point()], [point(is_stable=-1)], False) == ["point 1: is_stable 1 and -1"]
