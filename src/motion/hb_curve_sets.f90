@@ -19,6 +19,7 @@ module hb_curve_sets
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
+   use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_solver_types, only: report_t
    implicit none
@@ -86,6 +87,8 @@ contains
          call restore_curve(self, first, refined%error)
          self%n_levels = 1
          if (.not. allocated(refined%error)) call step_here(refined)
+      else if (refined%n_levels > 1 .and. self%curve%status == outcome%pending .and. .not. allocated(refined%error)) then
+         call find_passed_events(self, first, refined%here)
       end if
       call move_alloc(refined%error, error)
    end subroutine step_to_tolerance
@@ -320,7 +323,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_state_t) :: here
       type(level_t) :: smaller
-      real(wp) :: ahead
+      type(set_differences_t) :: differences
       logical :: is_filled, is_found, is_smaller
 
       smaller = top_at(self, self%curve%x)
@@ -328,14 +331,12 @@ contains
       if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
       here = self%curve_state_t
-      associate (direction => self%curve%direction)
-         ahead = direction(size(direction))
-      end associate
       call change_set(self, smaller, is_found, error)
       if (allocated(error)) return
-      associate (direction => self%curve%direction)
-         if (is_found) is_found = ahead*direction(size(direction)) > 0.0_wp   ! otherwise a fold would be reported twice
-      end associate
+      if (is_found) then                                              ! otherwise an event would be reported twice, or never
+         call find_differences(here, self%curve_state_t, differences)
+         is_found = .not. differences%any()
+      end if
       if (.not. is_found) call restore_curve(self, here, error)
    end subroutine shrink
 

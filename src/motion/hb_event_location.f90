@@ -11,7 +11,7 @@ module hb_event_location
    use hb_thresholds, only: agreement, clearly, minor, next_to_none, rounding, sharp
    implicit none
    private
-   public :: bifurcation_event_t, find_events, response_event_t
+   public :: bifurcation_event_t, find_events, n_outside, response_event_t
 
    ! of each kind of bifurcation
    integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]

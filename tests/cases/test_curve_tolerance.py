@@ -53,6 +53,24 @@ def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
         assert coarse == pytest.approx(fine, rel=2e-3)
 
 
+MODE = """
+&structure type='chain', n_masses=2, ends='fixed', mass=1.0, coupling_stiffness=1.0 /
+&tones unknown=.true. /
+&law type='cubic_spring', dof='x1', stiffness=0.5 /
+&normal_mode energy=0.1, mode=1 /
+&curve parameter='normal_mode%energy', from=0.1, to=1e4, points=800, max_step=0.02 /
+"""
+
+
+@pytest.mark.parametrize("tolerance", ["1e-3", "1e-4"])
+def test_branch_points_are_found_where_the_set_grows(tolerance, tmp_path):
+    """By shooting: the multiplier of the half period passes -1. The set grows close to the second and third energy: these are
+    behind on the large set and ahead on the small one."""
+    with Results(solve(MODE + f"&accuracy tolerance={tolerance} /\n", tmp_path)) as results:
+        energies = results.curve.values[results.select({"curve_kind": "branch"})]
+    assert energies == pytest.approx([40.9748, 2730.785, 6684.03], rel=3e-4)
+
+
 @pytest.mark.parametrize(
     ("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), pytest.param(0.72, "'x1'", marks=pytest.mark.long)]
 )

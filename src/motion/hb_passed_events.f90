@@ -1,0 +1,160 @@
+!> Events that a new set of harmonics has behind a point of a curve, where the previous set had them ahead.
+!> The position of an event depends on the set. If the set changes at a point of the curve between the two positions,
+!> neither the step before nor the step after contains the event. The functions of all events are therefore compared at
+!> that point on both sets; where their signs differ, the curve is followed backward on the new set, until they have the
+!> signs of the previous set.
+module hb_passed_events
+   use hb_curve_request, only: curve_kind
+   use hb_event_location, only: find_events, n_outside
+   use hb_followed_motion, only: curve_state_t, followed_motion_t, known_t, waiting_t
+   use hb_kinds, only: wp
+   use hb_outcome, only: outcome
+   implicit none
+   private
+   public :: find_differences, find_passed_events, set_differences_t
+
+   integer, parameter :: max_steps = 40                               ! backward
+
+   !> Events whose functions have different signs on two sets.
+   type :: set_differences_t
+      logical :: in_fold = .false.
+      logical :: in_branch = .false.
+      logical :: in_grazing = .false.
+      logical :: in_stability = .false.                               !! number of multipliers outside the unit circle
+      logical, allocatable :: in_response(:)                          !! (responses of the request)
+   contains
+      procedure :: any => set_differences_any
+      procedure :: include => set_differences_include
+   end type set_differences_t
+
+contains
+
+   !> Compares the functions of events; those that are not known on both sets do not differ.
+   pure subroutine find_differences(before, after, differences)
+      class(curve_state_t), intent(in) :: before, after
+      type(set_differences_t), intent(out) :: differences
+      integer :: i
+
+      associate (a => before%known, b => after%known)
+         differences%in_fold = a%rise*b%rise < 0.0_wp
+         differences%in_branch = before%curve%orientation*after%curve%orientation < 0.0_wp
+         if (allocated(a%extremes) .and. allocated(b%extremes)) then
+            if (size(a%extremes, 2) == size(b%extremes, 2)) differences%in_grazing = any(a%extremes*b%extremes < 0.0_wp)
+         end if
+         allocate (differences%in_response(0))
+         if (allocated(a%functions) .and. allocated(b%functions)) &
+            differences%in_response = [(a%functions(i)*b%functions(i) < 0.0_wp, i=1, size(a%functions))]
+         if (a%stability%resolves_circle() .and. b%stability%resolves_circle()) &
+            differences%in_stability = n_outside(a%stability) /= n_outside(b%stability)
+      end associate
+   end subroutine find_differences
+
+   !> Whether the sets differ in any event.
+   pure logical function set_differences_any(self) result(has)
+      class(set_differences_t), intent(in) :: self
+
+      has = self%in_fold .or. self%in_branch .or. self%in_grazing .or. self%in_stability .or. any(self%in_response)
+   end function set_differences_any
+
+   !> Whether a located point is one in which the sets differ.
+   pure logical function set_differences_include(self, point) result(includes)
+      class(set_differences_t), intent(in) :: self
+      type(waiting_t), intent(in) :: point
+
+      select case (point%kind)
+      case (curve_kind%fold)
+         includes = self%in_fold
+      case (curve_kind%branch)
+         includes = self%in_branch
+      case (curve_kind%grazing)
+         includes = self%in_grazing
+      case (curve_kind%period_doubling, curve_kind%neimark_sacker, curve_kind%symmetry_breaking)
+         includes = self%in_stability
+      case (curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance)
+         includes = self%in_response(point%response)
+      case default
+         includes = .false.
+      end select
+   end function set_differences_include
+
+   !> Adds the events behind the start of the last step to the waiting points, at negative positions.
+   subroutine find_passed_events(self, before, here)
+      class(followed_motion_t), intent(inout), target :: self
+      type(curve_state_t), intent(in) :: before                       !! at the start of the step, on the previous set
+      type(curve_state_t), intent(in) :: here                         !! likewise, on the present set
+      type(curve_state_t) :: after
+      type(set_differences_t) :: differences, remaining
+      type(waiting_t), allocatable :: passed(:), waiting(:)
+      real(wp) :: position
+      integer :: first_waiting, i
+      logical :: is_closed, is_on_curve
+
+      call find_differences(before, here, differences)
+      if (.not. differences%any()) return
+      after = self%curve_state_t
+      call move_alloc(self%waiting, waiting)
+      first_waiting = self%first_waiting
+      is_closed = self%is_closed
+      self%curve_state_t = here
+      call self%prepare_step()
+      passed = [waiting_t ::]
+      position = 0.0_wp
+      do i = 1, max_steps
+         call find_on_step_before(self, position, differences, passed, is_on_curve)
+         if (.not. is_on_curve .or. position >= self%length) exit
+         call find_differences(before, self%curve_state_t, remaining)
+         if (.not. remaining%any()) exit
+      end do
+      after%curve%report = self%curve%report
+      self%curve_state_t = after
+      self%is_closed = is_closed
+      self%first_waiting = 1
+      self%waiting = [passed, waiting(first_waiting:)]
+      call self%renew()
+   end subroutine find_passed_events
+
+   !> Follows the curve backward by one step, and adds the events on it. The curve is then at the other end of the step.
+   subroutine find_on_step_before(self, position, differences, passed, is_on_curve)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(inout) :: position                             !! of the end of the step, behind the start of the search
+      type(set_differences_t), intent(in) :: differences
+      type(waiting_t), allocatable, intent(inout) :: passed(:)        !! from the first to the last along the curve
+      logical, intent(out) :: is_on_curve
+      type(curve_state_t) :: ending, start
+      integer :: i, n_branch_points
+      logical :: has_branched, is_lost
+      type(waiting_t), allocatable :: found(:)
+
+      associate (curve => self%curve)
+         ending = self%curve_state_t
+         n_branch_points = curve%n_branch_points
+         curve%direction = -curve%direction
+         curve%orientation = -curve%orientation
+         call curve%advance()
+         is_on_curve = curve%status == outcome%pending
+         if (.not. is_on_curve) return
+         call curve%turn()
+         has_branched = curve%n_branch_points > n_branch_points
+         curve%direction = -curve%direction
+         curve%orientation = -curve%orientation
+         call self%evaluate_here(self%known)
+         start = self%curve_state_t
+         curve%last_x = start%curve%x
+         curve%last_direction = start%curve%direction
+         curve%last_step = dot_product((ending%curve%x - start%curve%x)/curve%units, start%curve%direction/curve%units)
+         curve%x = ending%curve%x
+         curve%direction = ending%curve%direction
+         curve%orientation = ending%curve%orientation
+         self%waiting = [waiting_t ::]
+         call find_events(self, ending%known, has_branched, is_lost)
+         position = position + curve%last_step
+      end associate
+      found = pack(self%waiting, [(differences%include(self%waiting(i)), i=1, size(self%waiting))])
+      do i = 1, size(found)
+         found(i)%position = found(i)%position - position
+      end do
+      passed = [found, passed]
+      start%curve%report = self%curve%report
+      self%curve_state_t = start
+   end subroutine find_on_step_before
+end module hb_passed_events
