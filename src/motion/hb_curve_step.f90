@@ -1,12 +1,13 @@
 !> A step of a curve of motions. Its length is limited so that the corrector converges and the events on it can be
 !> located.
 module hb_curve_step
+   use hb_curve, only: curve_t, event_t
    use hb_curve_request, only: curve_kind
    use hb_event_location, only: find_events
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, max_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_thresholds, only: faint, next_to_none
+   use hb_thresholds, only: agreement, faint, next_to_none
    implicit none
    private
    public :: largest_change, longest_chord, step
@@ -16,6 +17,14 @@ module hb_curve_step
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step; 1e-4: ten times as slow
    real(wp), parameter :: largest_change = 0.5_wp                     !! of a motion or an amplitude on a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
+
+   !> The part of a coefficient along its change on a step: zero where its phase changes by half a turn.
+   type, extends(event_t) :: coefficient_event_t
+      integer :: cos = 0, sin = 0                                     ! positions of the coefficient among the unknowns
+      complex(wp) :: weight = (0.0_wp, 0.0_wp)                        ! that makes both ends of the step of order 1
+   contains
+      procedure :: value => coefficient_event_value
+   end type coefficient_event_t
 
 contains
 
@@ -106,12 +115,14 @@ contains
    !> continues in the direction of the other: neither tangents nor determinants reveal a jump between them, but the
    !> phase of the coefficient changes by half a turn. The phase also does so where the coefficient passes through
    !> zero. Therefore the curve is examined in between, where the chord is closest to zero: it must exist there and be
-   !> near the chord.
+   !> near the chord. The gap between two parts may be far shorter than the step, so the zero itself is located as well:
+   !> between two parts there is none.
    logical function has_leapt(self)
       class(followed_motion_t), intent(inout), target :: self
+      type(coefficient_event_t) :: event
       complex(wp) :: before, behind
       real(wp), allocatable :: middles(:)
-      real(wp) :: share, size_of_motion, x(size(self%curve%x))
+      real(wp) :: position, share, size_of_motion, x(size(self%curve%x))
       integer :: d, h
       logical :: is_on_curve
 
@@ -137,12 +148,27 @@ contains
                                                 off_the_line*curve%last_step
                if (.not. has_leapt) has_leapt = abs(coefficient_of(x) - (before + share*(behind - before))) > &
                                                 largest_change*max(abs(before), abs(behind))
+               if (.not. has_leapt .and. curve%status == outcome%pending) then
+                  event = zero_of_coefficient()
+                  call curve%find_zero(event, [0.0_wp, curve%last_step], [event%value(curve, curve%last_x), &
+                                                                          event%value(curve, curve%x)], x, position, is_on_curve)
+                  has_leapt = .not. is_on_curve
+               end if
                if (has_leapt .or. curve%status /= outcome%pending) return
             end do
          end do
       end associate
 
    contains
+
+      pure type(coefficient_event_t) function zero_of_coefficient() result(event)
+         associate (set => self%problem%model%harmonics)
+            event%cos = d*set%n_coefficients + set%cos_at(h)
+            event%sin = d*set%n_coefficients + set%sin_at(h)
+         end associate
+         event%weight = conjg(behind - before)/(abs(behind - before)*max(abs(before), abs(behind))*self%weights(event%cos))
+         event%tolerance = agreement
+      end function zero_of_coefficient
 
       pure complex(wp) function coefficient_of(x)
          real(wp), intent(in) :: x(:)
@@ -154,4 +180,12 @@ contains
          end associate
       end function coefficient_of
    end function has_leapt
+
+   real(wp) function coefficient_event_value(self, curve, x) result(value)
+      class(coefficient_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+
+      value = real(self%weight*cmplx(x(self%cos), x(self%sin), wp))
+   end function coefficient_event_value
 end module hb_curve_step
