@@ -54,6 +54,8 @@ module hb_normal_mode
       procedure :: value => goal_event_value
    end type goal_event_t
 
+   real(wp), parameter :: near_resonance = 1.0e-2_wp                  ! of the frequency: modes that interact at small amplitudes
+
 contains
 
    !> Phase and amplitude of a mode, of all coefficients: rate and value at zero phase, or sine and cosine of the fundamental.
@@ -156,8 +158,8 @@ contains
       real(wp), intent(inout) :: u(:, :)
       type(curve_t) :: curve
       type(goal_event_t) :: event
-      type(path_point_t) :: point
-      real(wp) :: reached
+      type(path_point_t) :: last, point
+      real(wp) :: reached, share
       integer :: i
       logical :: is_found, is_possible
 
@@ -167,10 +169,13 @@ contains
       event%goal = goal
       event%balance => search%balance
       reached = 0.0_wp
-      call solve_at(search, goal, goal%share, search%path_config(), .true., u)
+      share = goal%share
+      call solve_at(search, goal, share, search%path_config(), .true., u)
+      if (search%report%status /= outcome%converged) call solve_on_resonant_modes(search, goal, share, u)
+      if (search%report%status == outcome%converged .and. share >= 1.0_wp) return
       is_found = .false.
       if (search%report%status == outcome%converged) then
-         reached = goal%share
+         reached = share
          point = point_of(search, search%phase%unknowns([u]))
          call begin_curve(search, point, curve)
          if (.not. allocated(goal%energy)) then                       ! the peak determines the penetration of a stop
@@ -178,13 +183,19 @@ contains
             curve%functional(:size(u)) = sign(1.0_wp, goal%value)*goal%functionals(:, 2)
          end if
          do i = 1, max_steps
+            last = point
             call step_along(search, curve, point)
             if (curve%status /= outcome%pending) exit
-            reached = max(reached, 1.0_wp + event%value(curve, curve%x))
-            if (reached >= 1.0_wp) then
+            share = 1.0_wp + event%value(curve, curve%x)
+            if (share >= 1.0_wp) then
                call curve%locate(event, is_found)
-               exit
+               if (is_found) exit
+               call curve%retreat()                                   ! the step has led to another part of the curve
+               if (curve%status /= outcome%pending) exit
+               point = last
+               cycle
             end if
+            reached = max(reached, share)
             call renew(search, curve, point)
             call curve%turn()
          end do
@@ -236,6 +247,67 @@ contains
          u(set%sin_at(h), :) = -goal%share*aimag(deflection)
       end associate
    end subroutine start_on_mode
+
+   !> Solves with a first guess in the chosen mode and a second one whose frequency is a multiple of its own: at such an
+   !> internal resonance there may be no motion near the mode alone, however small it is.
+   subroutine solve_on_resonant_modes(search, goal, share, u)
+      type(search_t), intent(inout) :: search
+      type(goal_t), intent(in) :: goal
+      real(wp), intent(out) :: share                                  !! of the path, at the motion found
+      real(wp), intent(inout) :: u(:, :)
+      real(wp), parameter :: shares(3) = [1.0_wp, 0.1_wp, 0.01_wp]
+      real(wp), parameter :: ratios(6) = [0.3_wp, -0.3_wp, 1.0_wp, -1.0_wp, 3.0_wp, -3.0_wp]   ! of the largest deflections
+      integer, allocatable :: tuple(:)
+      integer :: h, i, k, multiple, s
+      logical :: is_sine
+
+      share = goal%share
+      do s = 1, size(shares)
+         do k = 1, search%base%n_linear
+            associate (frequency => search%base%modes%frequency(k), own => search%base%modes%frequency(search%modes(1)))
+               multiple = nint(frequency/own)
+               if (k == search%modes(1) .or. multiple < 1 .or. abs(frequency - multiple*own) > near_resonance*own) cycle
+            end associate
+            allocate (tuple, source=0*search%balance%harmonics%tuples(:, 1))
+            tuple(search%tones(1)) = multiple
+            h = search%balance%harmonics%index_of(tuple)
+            deallocate (tuple)
+            if (h == 0) cycle
+            do i = 1, 2*size(ratios)
+               is_sine = i > size(ratios)
+               call guess(shares(s), k, h, ratios(merge(i - size(ratios), i, is_sine)), is_sine)
+               if (search%report%status /= outcome%pending) return
+               call solve_at(search, goal, shares(s), search%path_config(), .false., u)
+               if (search%report%status /= outcome%converged) cycle
+               share = shares(s)
+               return
+            end do
+         end do
+      end do
+      search%report%status = outcome%stalled
+
+   contains
+
+      subroutine guess(part, k, h, ratio, is_sine)
+         real(wp), intent(in) :: part, ratio
+         integer, intent(in) :: k, h
+         logical, intent(in) :: is_sine
+         real(wp) :: size_of_mode
+         complex(wp) :: deflection(size(u, 2))
+
+         search%report%status = outcome%pending
+         call start_on_mode(search, goal, u)
+         if (search%report%status /= outcome%pending) return
+         u = search%base%u + part/goal%share*(u - search%base%u)
+         size_of_mode = maxval(abs(u - search%base%u))
+         associate (set => search%balance%harmonics, shape => search%base%modes%shapes(:, k))
+            deflection = ratio*size_of_mode*shape/shape(maxloc(abs(shape), dim=1))
+            if (is_sine) deflection = (0.0_wp, -1.0_wp)*deflection
+            u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(deflection)
+            u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(deflection)
+         end associate
+      end subroutine guess
+   end subroutine solve_on_resonant_modes
 
    !> Distance of a motion beyond the goal, as a fraction of the amplitude; 0 at the goal.
    real(wp) function goal_event_value(self, curve, x) result(value)
