@@ -16,6 +16,7 @@ module explanation
    use hb_text, only: number_of, split, string_t, to_text
    use hb_thresholds, only: well_solved
    use hb_remedies, only: remedy_of
+   use run_texts, only: is_regular_end
    implicit none
    private
    public :: explain_failures, explain_point, find_kinds, status_lines
@@ -37,13 +38,14 @@ contains
       type(failure_kind_t), allocatable :: kinds(:)
       character(:), allocatable :: text
       type(string_t), allocatable :: said(:)
-      integer :: i, k
+      integer :: faults(size(status)), i, k
 
       allocate (lines(0), said(0))
+      faults = without_ends(status, plan)
       do i = outcome%converged + 1, ubound(outcome_names, 1)
-         call kinds_of_status(i, status, names%result, most_read, kinds)
+         call kinds_of_status(i, faults, names%result, most_read, kinds)
          if (size(kinds) == 0) cycle
-         call add(to_text(count(status == i))//" "//outcome_text(i)//" (first: point "//to_text(kinds(1)%first - 1)//")")
+         call add(to_text(count(faults == i))//" "//outcome_text(i)//" (first: point "//to_text(kinds(1)%first - 1)//")")
          do k = 1, min(size(kinds), max_kinds)
             text = "point "//name_of(kinds(k)%first, plan)
             if (size(kinds) > 1) text = text//others_of(kinds(k))
@@ -78,7 +80,7 @@ contains
 
       allocate (paragraphs(0), said(0))
       do i = outcome%converged + 1, ubound(outcome_names, 1)
-         call kinds_of_status(i, record%status, names%result, record%n_points, kinds)
+         call kinds_of_status(i, without_ends(record%status, plan), names%result, record%n_points, kinds)
          do k = 1, size(kinds)
             text = paragraph(kinds(k), record, names, plan, document)
             n = index(text, command_mark)
@@ -89,6 +91,16 @@ contains
          end do
       end do
    end subroutine explain_failures
+
+   !> Statuses, in which the regular ends of curves are no failures.
+   pure function without_ends(status, plan) result(faults)
+      integer, intent(in) :: status(:)                                !! (n_points)
+      type(sweep_plan_t), intent(in) :: plan
+      integer :: faults(size(status)), i
+
+      faults = status
+      where ([(is_regular_end(status(i), i, plan), i=1, size(status))]) faults = outcome%converged
+   end function without_ends
 
    !> Whether a command has not been printed before; it is noted. Each command has one result file.
    logical function is_new(command, said)

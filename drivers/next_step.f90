@@ -146,7 +146,9 @@ contains
       if (run%kind%status == outcome%timed_out) limit = reason%time_limit
       select case (limit)
       case (reason%lost_curve)
-         if (has_restitution(run)) then                              ! the period map has no finer equations
+         if (run%kind%status == outcome%out_of_budget) then            ! given up, as its errors were too large
+            text = with_more_harmonics(run)
+         else if (has_restitution(run)) then                              ! the period map has no finer equations
             text = solve_with(run, "curve%max_step="//to_text(real_of(run, "curve", "max_step")/more))
          else
             text = with_finer_equations(run)

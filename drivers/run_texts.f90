@@ -4,17 +4,17 @@ module run_texts
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_outcome, only: is_solved, outcome, outcome_text, reason
+   use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text, reason
    use hb_results_layout, only: rank_times_t, times_of_row
    use hb_results_record, only: message_of
-   use hb_run_summary, only: number_answered, run_summary_t
+   use hb_run_summary, only: has_answer, number_answered, run_summary_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, to_text
    use hb_thresholds, only: agreement
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: answers_text, curve_lines, find_gaps, found_frequency, max_line, stability_text, timing_lines
+   public :: answers_text, curve_lines, find_gaps, found_frequency, is_regular_end, max_line, stability_text, timing_lines
 
    integer, parameter :: max_line = 160                               !! length of the lines that are returned
    integer, parameter :: max_points = 60                             ! of curves
@@ -147,6 +147,9 @@ contains
       n = count(reasons == reason%grazing)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
          "no motion was found beyond; try a sweep from there, or another start"]
+      n = count([(is_regular_end(status(i), i, plan), i=1, plan%n_points)])
+      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")// &
+                          " ended where the motion of an unknown tone vanishes"]
       n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" returned to "//to_text(plan%curve%start)// &
          " without reaching the other end of the range: try start = "// &
@@ -162,12 +165,26 @@ contains
             line = name(:max(7, len_trim(name)))
          end associate
          line = line//" at "//rounded%describe(point)//", point "//to_text(point - 1)
-         if (.not. is_solved(status(point))) line = line//", "//outcome_text(status(point))
-         if (kind(point) /= curve_kind%start) return
-         message = message_of(path, point)                            ! such as that it begins at the other end
+         if (.not. is_solved(status(point))) then
+            line = line//", "//outcome_text(status(point))
+         else if (.not. has_answer(status(point))) then
+            line = line//", not converged: "//trim(outcome_names(status(point)))
+         end if
+         if (all(kind(point) /= [curve_kind%start, curve_kind%end])) return
+         message = message_of(path, point)                            ! such as that it begins at the other end, or why it ends
          if (len(message) > 0) line = line//": "//message
       end function line_of
    end subroutine curve_lines
+
+   !> Whether a point without a motion is the regular end of a curve: that of an unknown tone vanishes, as at a Hopf point.
+   pure logical function is_regular_end(status, point, plan)
+      integer, intent(in) :: status
+      integer, intent(in) :: point                                    !! from 1
+      type(sweep_plan_t), intent(in) :: plan
+
+      is_regular_end = .false.
+      if (allocated(plan%curve)) is_regular_end = status == outcome%collapsed .and. modulo(point - 1, plan%n_fastest()) > 0
+   end function is_regular_end
 
    !> Counts the steps along curves on which the number of growing disturbances changes without a point on the step or
    !> next to it that explains this. Steps with an unknown number are passed over.

@@ -30,7 +30,7 @@ module verb_solve
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
    use result_location, only: place_result
-   use run_texts, only: answers_text, curve_lines, found_frequency, max_line, stability_text, timing_lines
+   use run_texts, only: answers_text, curve_lines, found_frequency, is_regular_end, max_line, stability_text, timing_lines
    use switched_inputs, only: switched_input
    implicit none
    private
@@ -102,7 +102,8 @@ contains
          "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
-      if (number_answered(summary) + summary%counts(outcome%unused) < summary%n_points) status = not_all_right
+      if (number_answered(summary) + n_ends(study%plan, path) + summary%counts(outcome%unused) < summary%n_points) &
+         status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
       if (is_reported) call write_summary(summary, study, path)
@@ -112,6 +113,19 @@ contains
          " left; nhbm resume "//path//" solves "//trim(merge("it  ", "them", summary%n_left == 1))// &
          trim(merge(chain_note, repeat(" ", len(chain_note)), study%n_chains() > 0 .and. study%n_chains() < study%plan%n_points)))
    end subroutine run
+
+   !> Number of points that are regular ends of curves.
+   integer function n_ends(plan, path)
+      type(sweep_plan_t), intent(in) :: plan
+      character(*), intent(in) :: path                                !! of the result file
+      integer :: i
+      integer, allocatable :: statuses(:)
+
+      n_ends = 0
+      if (.not. allocated(plan%curve)) return
+      statuses = numbers_of(path, "status")
+      n_ends = count([(is_regular_end(statuses(i), i, plan), i=1, size(statuses))])
+   end function n_ends
 
    !> Follows the motions that leave the curves of a finished run, each in its own result file, if the input requests
    !> it.

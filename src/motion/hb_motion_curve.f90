@@ -16,7 +16,7 @@ module hb_motion_curve
    use hb_error, only: error_t
    use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, join, level_of, level_t
+   use hb_level, only: estimate_of, estimate_of_motion, join, level_of, level_t
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
@@ -28,8 +28,9 @@ module hb_motion_curve
    use hb_thresholds, only: faint, nearby_steps, next_to_none, reliable
    implicit none
    private
-   public :: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
+   public :: is_unreliable, motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
 
+   integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
@@ -40,6 +41,7 @@ module hb_motion_curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
+      integer :: n_unreliable = 0                                     !! the last steps of this branch whose errors are not known
       logical :: ends_here = .false.                                  !! this branch ends at the last of the waiting points, a graze
    contains
       procedure :: begin => motion_curve_begin
@@ -317,6 +319,7 @@ contains
          direction(size(direction)) = self%first_sense*self%sense()
       end if
       self%has_collapsed = .false.
+      self%n_unreliable = 0
       self%length = 0.0_wp
       self%reported = [reported_extreme_t ::]
       self%estimate = huge(1.0_wp)
@@ -434,7 +437,11 @@ contains
       started = wall_clock()
       before = self%curve%report
       if (self%first_waiting > size(self%waiting)) then
-         call self%go(error)
+         if (self%n_unreliable >= max_unreliable) then
+            self%curve%status = outcome%out_of_budget
+         else
+            call self%go(error)
+         end if
          if (allocated(error)) return
       end if
       if (verdict_on_work() == verdict%interrupted) then             ! the events on the step may be incomplete
@@ -535,6 +542,8 @@ contains
       type(curve_position_t) :: position
 
       call store_met_motion(self, point%x, self%level)
+      if (point%kind == curve_kind%regular) &
+         self%n_unreliable = merge(self%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result)))
       position%kind = point%kind
       position%parameter = point%x(size(point%x))
       position%length = self%sense()*(self%length + point%position)
@@ -567,6 +576,13 @@ contains
       call find_curve_gradient(self, point, result)
    end subroutine add_position
 
+   !> Whether an estimated error has no meaning, except that it is large.
+   elemental logical function is_unreliable(estimate)
+      real(wp), intent(in) :: estimate
+
+      is_unreliable = estimate >= reliable
+   end function is_unreliable
+
    !> The numbers that store unknowns or a direction of the curve: themselves.
    pure function motion_curve_pack(self, x) result(packed)
       class(motion_curve_t), intent(in) :: self
@@ -595,6 +611,9 @@ contains
             text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
          else if (self%has_collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
+         else if (self%n_unreliable >= max_unreliable) then
+            text = "the curve is lost at the value "//to_text(value)//": the estimated errors of the last "// &
+                   to_text(max_unreliable)//" points are too large to be meaningful"
          else
             text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
          end if

@@ -8,7 +8,7 @@ module hb_motion_ridge
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_step, only: largest_change
    use hb_error, only: error_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: pi, wp
    use hb_level, only: distance, level_of, level_t
    use hb_model, only: model_t
    use hb_motion_curve, only: motion_curve_t
@@ -21,6 +21,10 @@ module hb_motion_ridge
    private
    public :: motion_ridge_t, new_motion_curve
 
+   real(wp), parameter :: resonant_angle = 0.1_wp                     ! [rad] of multipliers that are about to meet
+   real(wp), parameter :: twin_step = 0.01_wp                         ! of the longest step: near a point that merges with another
+   integer, parameter :: max_twin_steps = 50                          ! likewise
+
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are
    !> relative to the range of the second value.
    type, extends(motion_curve_t) :: motion_ridge_t
@@ -29,6 +33,7 @@ module hb_motion_ridge
       type(curve_position_t), private :: last                         ! the last point, with the tangent of the short curve there
       real(wp), private :: value = 0.0_wp                             ! second value there
       real(wp), private :: step = 0.0_wp
+      logical, private :: has_left = .false.                          ! the point tried last is outside the range of the first value
    contains
       procedure :: begin => motion_ridge_begin
       procedure :: continue_from => motion_ridge_continue_from
@@ -201,13 +206,16 @@ contains
             self%step = min(request%longest_step, 1.5_wp*self%step)
             call take(self, value, kind, result)
          else if (.not. allocated(error)) then
-            result = nothing
-            result%status = outcome%stalled
-            if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
-            if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
-            result%message = "continuation of the located point failed beyond the value "//to_text(self%value)// &
-               ": it merges with another one, or leaves the range of 'over'"
-            self%is_done = .true.
+            if (.not. work_is_over()) call report_end(self, result, is_found, error)
+            if (.not. is_found) then
+               result = nothing
+               result%status = outcome%stalled
+               result%reason = reason%lost_curve
+               if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
+               if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
+               result%message = "continuation of the located point failed beyond the value "//to_text(self%value)
+               self%is_done = .true.
+            end if
          else
             self%is_done = .true.
          end if
@@ -215,6 +223,73 @@ contains
       call cancellation%leave()
       result%solver_seconds = wall_clock() - started - result%error_estimate_seconds
    end subroutine motion_ridge_next
+
+   !> Reports the last point again as the end of the ridge, if there is a reason for it to end there.
+   subroutine report_end(self, result, is_regular, error)
+      class(motion_ridge_t), intent(inout), target :: self
+      type(motion_result_t), intent(out) :: result
+      logical, intent(out) :: is_regular
+      type(error_t), allocatable, intent(out) :: error
+      character(80) :: text
+
+      is_regular = .true.
+      if (self%has_left) then
+         text = "it leaves the range of 'over'"
+      else if (self%request%over%kind == curve_kind%neimark_sacker .and. self%last%angle < resonant_angle) then
+         text = "the multipliers meet at 1, a 1:1 resonance"
+      else if (self%request%over%kind == curve_kind%neimark_sacker .and. pi - self%last%angle < resonant_angle) then
+         text = "the multipliers meet at -1, a 1:2 resonance"
+      else
+         call find_twin(self, is_regular, error)
+         if (allocated(error)) return
+         text = "it merges with another one"
+         if (self%request%over%kind == curve_kind%fold) text = "two folds merge, at a cusp or where a closed curve vanishes"
+         if (self%request%over%kind == curve_kind%peak) text = "the peak merges with a minimum"
+      end if
+      if (is_regular) call try(self, self%value, result, is_regular, error)
+      if (allocated(error) .or. .not. is_regular) return
+      call take(self, self%value, curve_kind%end, result)
+      result%message = "the located point ends here: "//trim(text)
+   end subroutine report_end
+
+   !> Whether there is another point of the kind next to the last one, with which it is about to merge: a peak merges
+   !> with a minimum.
+   subroutine find_twin(self, is_there, error)
+      class(motion_ridge_t), intent(inout), target :: self
+      logical, intent(out) :: is_there
+      type(error_t), allocatable, intent(out) :: error
+      type(curve_position_t) :: position
+      type(curve_request_t) :: close
+      integer :: attempt, i, n
+      logical :: is_found
+
+      is_there = .false.
+      close = self%inner
+      close%longest_step = twin_step*close%longest_step
+      if (self%request%over%kind == curve_kind%peak) then
+         close%responses = [close%responses, close%responses]
+         close%responses(size(self%inner%responses) + 1:)%kind = curve_kind%minimum
+      end if
+      position = self%last
+      call set_values(self, self%value, self%last%unknowns(size(self%last%unknowns)), error)
+      do attempt = 1, 2                                               ! along the curve, then in the opposite direction
+         if (allocated(error)) return
+         call self%short%destroy()
+         call self%short%begin_next_to(self%model, close, position, is_found, error)
+         if (allocated(error) .or. .not. is_found) return
+         n = 0
+         do i = 1, max_twin_steps
+            call self%short%go(error)
+            if (allocated(error)) return
+            if (self%short%curve%status /= outcome%pending) exit
+            n = n + count(self%short%waiting%kind == self%request%over%kind .or. self%short%waiting%kind == curve_kind%minimum)
+            is_there = n > 1
+            if (is_there) return
+            self%short%first_waiting = size(self%short%waiting) + 1
+         end do
+         position%direction = -position%direction
+      end do
+   end subroutine find_twin
 
    !> Searches for the point at another second value, near the last one: along the curve there, then in the opposite
    !> direction.
@@ -228,6 +303,7 @@ contains
       integer :: attempt
 
       is_found = .false.
+      self%has_left = .false.
       call set_values(self, value, self%last%unknowns(size(self%last%unknowns)), error)
       if (allocated(error)) return
       position = self%last
@@ -242,8 +318,9 @@ contains
       if (allocated(error) .or. .not. is_found) return
       call keep_direction(self, result)
       associate (over => self%request%over, at => result%curve%unknowns(size(result%curve%unknowns)))
-         is_found = (at - over%from)*(at - over%to) <= 0.0_wp
+         self%has_left = (at - over%from)*(at - over%to) > 0.0_wp
       end associate
+      is_found = .not. self%has_left
       if (is_found) &
          is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
    end subroutine try

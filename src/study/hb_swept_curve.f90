@@ -14,7 +14,7 @@ module hb_swept_curve
    use hb_level, only: estimate_of
    use hb_model, only: model_t
    use hb_model_reader, only: update_model
-   use hb_motion_curve, only: motion_curve_t
+   use hb_motion_curve, only: is_unreliable, motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved, outcome, reason
@@ -72,6 +72,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t), allocatable :: positions(:)
       integer, allocatable :: status(:)
+      real(wp), allocatable :: estimates(:)
       type(document_t), target :: document
       integer :: last
       logical :: is_new
@@ -86,8 +87,9 @@ contains
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
-      allocate (positions(source%plan%curve%n_points), status(source%plan%curve%n_points))
-      call results%read_curve(first, status, positions, error)
+      allocate (positions(source%plan%curve%n_points), status(source%plan%curve%n_points), &
+                estimates(source%plan%curve%n_points))
+      call results%read_curve(first, status, positions, estimates, error)
       if (allocated(error)) return
       last = last_step(status, positions%kind)
       if (last == 0) return
@@ -95,12 +97,26 @@ contains
          call go_to(self, positions(1)%parameter, failure)
       if (.not. allocated(failure)) &
          call self%curve%continue_from(self%model, self%request, positions(:last), failure)
+      self%curve%n_unreliable = n_unreliable(positions(:last), estimates(:last))
       self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
       self%last_parameter = positions(last)%parameter
       self%last_branch = positions(last)%branch
    end subroutine new_swept_curve
+
+   !> Number of the last steps of the last branch whose estimated errors have no meaning.
+   pure integer function n_unreliable(positions, estimates) result(n)
+      type(curve_position_t), intent(in) :: positions(:)
+      real(wp), intent(in) :: estimates(:)                            !! of the errors there
+      integer :: i
+
+      n = 0
+      do i = 1, size(positions)
+         if (positions(i)%kind == curve_kind%start) n = 0
+         if (positions(i)%kind == curve_kind%regular) n = merge(n + 1, 0, is_unreliable(estimates(i)))
+      end do
+   end function n_unreliable
 
    !> The last of the stored points from which a curve can continue, without gaps before it; 0: none.
    pure integer function last_step(status, kind) result(last)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
-from program import solve
+from curve_models import DUFFING
+from program import NOT_ALL_CONVERGED, run, solve
 
 def values_at(results: Results, kind: str) -> np.ndarray:
     """Values along the curve at its points of a kind."""
@@ -26,6 +27,54 @@ def test_no_step_leads_to_the_part_of_opposite_phase(tmp_path):
         assert len(values_at(results, "fold")) == 2
         assert values_at(results, "end")[-1] == 6.0
         assert values_at(results, "peak") == pytest.approx([2.495], rel=5e-3)
+
+
+def test_curves_of_folds_end_where_two_merge(tmp_path):
+    """Below the load of the cusp the response has one value at every frequency."""
+    text = (
+        DUFFING + "&curve parameter='load(1)%cos', from=0.18, to=0.02, follow='fold', over='tones%frequency', over_from=0.5,\n"
+        "   over_to=2.5 /\n"
+    )
+    path = solve(text, tmp_path)
+    said = run("info", path.name, cwd=tmp_path).stdout
+    assert "two folds merge" in said, said
+    with Results(path) as results:
+        last = results.used[-1]
+        assert results.status_name(last) == "converged"
+        assert any("two folds merge" in text for text in results.curve_ends())
+
+
+def test_curves_of_bifurcations_end_at_resonances(tmp_path):
+    """Neimark-Sacker points of a forced van der Pol oscillator end on a fold, where the multipliers meet at 1."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, damping=0.0, stiffness=1.0 /
+&tones frequency=1.0 /
+&harmonics order=7 /
+&law type='van_der_pol', dof='x1', strength=0.3 /
+&load dof='x1', tuple=1, cos=0.4 /
+&curve parameter='load(1)%cos', from=0.4, to=0.05, follow='neimark_sacker', over='tones%frequency', over_from=0.7, over_to=1.3 /
+"""
+    with Results(solve(text, tmp_path)) as results:
+        assert "1:1 resonance" in results.message(results.used[-1])
+
+
+def test_curves_of_unreliable_motions_end(tmp_path):
+    """A stiff stop with one harmonic: the errors are as large as the motions, so the curve does not use up its rows."""
+    text = """
+&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.002 /
+&tones frequency=0.2 /
+&harmonics order=1 /
+&load dof='x1', tuple=1, cos=1.0 /
+&law type='elastic_stop', dof='x1', stiffness=1e4, gap=0.01 /
+&curve parameter='tones%frequency', from=0.2, to=8.0, points=1000, max_step=0.002, peak_of='x1' /
+"""
+    path = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
+    with Results(path) as results:
+        last = results.used[-1]
+        assert results.status_name(last) == "out_of_budget" and "too large to be meaningful" in results.message(last)
+        assert len(results.used) < 100
+    said = run("why", path.name, cwd=tmp_path).stdout
+    assert "oversampling" not in said, said
 
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(1.7286, 0.58229918), (2.0, 0.59654305)])

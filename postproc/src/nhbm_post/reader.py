@@ -233,6 +233,9 @@ class Results:
         for point in np.flatnonzero(np.isin(reasons, list(_ENDS_OF_CURVES))):
             why = self.message(point) or _ENDS_OF_CURVES[int(reasons[point])]
             sentences.append(f"a curve ended at point {point}: {why}")
+        for point in np.flatnonzero((self.curve_kind() == "end") & ~np.isin(reasons, list(_ENDS_OF_CURVES))):
+            if self.message(point):
+                sentences.append(f"a curve ended at point {point}: {self.message(point)}")
         return sentences
 
     def curve_kind(self) -> np.ndarray:
