@@ -36,6 +36,8 @@ module verb_solve
    private
    public :: load_study, run_resume, run_solve
 
+   real(wp), parameter :: same_end = 1.0e-5_wp                        ! of the range: motions end where others leave the curve
+
 contains
 
    !> Runs the verb `solve`; without an error it returns an exit status.
@@ -138,6 +140,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(sweep_plan_t) :: plan
       type(leaving_t), allocatable :: leaving(:)
+      real(wp), allocatable :: ends(:)                                ! of the motions followed so far
       integer :: i, its_status
 
       if (.not. allocated(study%plan%curve) .or. status == incomplete) return
@@ -146,7 +149,14 @@ contains
       call note_curve_values(path, plan, error)
       if (.not. allocated(error)) call find_leaving(path, plan%n_points, leaving, error)
       if (allocated(error)) return
+      allocate (ends(0))
       do i = 1, size(leaving)
+         associate (value => plan%curve_values(leaving(i)%point), range => abs(plan%curve%to - plan%curve%from))
+            if (leaving(i)%kind == curve_kind%period_doubling .and. any(abs(ends - value) <= same_end*range)) then
+               if (rank_of(comm) == 0) call say(location_of(path, leaving(i)%point)//": the motions followed before end here")
+               cycle
+            end if
+         end associate
          call run_one(leaving(i))
          if (allocated(error)) return
          status = max(status, its_status)
@@ -181,6 +191,7 @@ contains
             deallocate (error)
          else
             call run(switched, options, where, is_there, comm, its_status, error, n_rows)
+            if (.not. allocated(error)) call add_ends(ends, switched%plan, where, error)
             if (allocated(error) .or. from%kind /= curve_kind%grazing .or. its_status /= not_all_right .or. n_rows > 1) return
             its_status = success                                      ! the motion after the graze need not be a torus
             if (rank_of(comm) > 0) return
@@ -189,6 +200,22 @@ contains
          end if
       end subroutine run_one
    end subroutine run_switched
+
+   !> Adds the values at which the curves of a file end.
+   subroutine add_ends(ends, plan, path, error)
+      real(wp), allocatable, intent(inout) :: ends(:)
+      type(sweep_plan_t), intent(in) :: plan
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      type(sweep_plan_t) :: noted
+      integer, allocatable :: kinds(:)
+
+      noted = plan
+      call note_curve_values(path, noted, error)
+      if (allocated(error)) return
+      kinds = numbers_of(path, "curve_kind")
+      ends = [ends, pack(noted%curve_values, kinds == curve_kind%end)]
+   end subroutine add_ends
 
    !> Removes the files of motions that leave the curves of an old result file that is about to be replaced.
    subroutine remove_switched(path)

@@ -3,7 +3,7 @@
 module hb_curve_step
    use hb_curve, only: curve_t, event_t
    use hb_curve_request, only: curve_kind
-   use hb_event_location, only: find_events
+   use hb_event_location, only: find_events, retained_doubling
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, max_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
@@ -128,6 +128,8 @@ contains
 
       has_leapt = .false.
       if (self%curve%last_step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
+      has_leapt = abs(retained_doubling(self)) <= faint                       ! to the motion of the whole period
+      if (has_leapt) return
       if (size(self%problem%which) > 1) return                                ! unknown tones have no given phases
       allocate (middles(0))
       associate (curve => self%curve, set => self%problem%model%harmonics, n => self%problem%n_unknowns)

@@ -7,11 +7,12 @@ module hb_event_location
    use hb_curve_request, only: curve_kind, located_response_t
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
+   use hb_level, only: carry
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, max_multipliers, stability_method, stability_t
-   use hb_thresholds, only: agreement, clearly, minor, next_to_none, rounding, sharp
+   use hb_thresholds, only: agreement, clearly, faint, minor, next_to_none, rounding, sharp
    implicit none
    private
-   public :: bifurcation_event_t, find_events, n_outside, response_event_t
+   public :: bifurcation_event_t, find_events, n_outside, response_event_t, retained_doubling
 
    ! of each kind of bifurcation
    integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]
@@ -79,7 +80,12 @@ contains
          call find_bifurcations(self, search)
          call find_values(self, search)
          self%is_closed = is_back(self)
-         if (self%is_closed) call add(self, curve_kind%end, curve%last_step, self%start%x)
+         if (self%is_closed) then
+            call add(self, curve_kind%end, curve%last_step, self%start%x)
+            self%waiting(size(self%waiting))%is_crossing = self%has_left_branch()
+         else
+            call find_junction(self)
+         end if
          call add(self, curve_kind%regular, curve%last_step, curve%x)
          self%waiting(size(self%waiting))%stability = known%stability
       end associate
@@ -326,6 +332,112 @@ contains
       call sharpen(self, kind, piece%ends, is_there)
       if (.not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
    end subroutine add_bifurcation
+
+   !> Finds where the branch ends because it returns to the curve that it has left: at another intersection by symmetry,
+   !> or where its period halves again. Beyond it the same motions follow, as their mirror images or shifted by a period.
+   subroutine find_junction(self)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp) :: position, x(size(self%curve%x))
+      integer :: i
+      logical :: is_there
+
+      if (self%length <= 0.0_wp) return
+      if (self%branch == 0 .and. allocated(self%request%origin)) then
+         if (self%request%origin%is_torus) return
+         call find_halving(self, x, position, is_there)
+      else if (self%has_left_branch()) then
+         call find_intersection(self, x, position, is_there)
+      else
+         return
+      end if
+      if (.not. is_there) return
+      self%is_closed = .true.
+      self%waiting = pack(self%waiting, [(.not. belongs_to_junction(self%waiting(i)), i=1, size(self%waiting))])
+      call add(self, curve_kind%end, position, x)
+      self%waiting(size(self%waiting))%is_crossing = .true.
+
+   contains
+
+      !> At the junction the value has an extremum, the determinant is zero, and responses are extremal by symmetry.
+      pure logical function belongs_to_junction(point)
+         type(waiting_t), intent(in) :: point
+
+         belongs_to_junction = any(point%kind == [curve_kind%fold, curve_kind%branch, curve_kind%symmetry_breaking, &
+                                                  curve_kind%peak, curve_kind%minimum]) .and. &
+                               abs(point%position - position) <= minor*self%curve%last_step
+      end function belongs_to_junction
+   end subroutine find_junction
+
+   !> Finds where the doubled period halves again: the value has an extremum there, and the part of the motion that repeats
+   !> after two periods alone passes through zero, or has become zero within the shortest step.
+   subroutine find_halving(self, x, position, is_there)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(out) :: x(:), position
+      logical, intent(out) :: is_there
+      real(wp) :: share
+      integer :: i
+
+      share = retained_doubling(self)
+      is_there = share <= faint
+      if (.not. is_there) return
+      i = findloc(self%waiting%kind, curve_kind%fold, dim=1)
+      is_there = i > 0 .or. share >= -faint
+      x = self%curve%x
+      position = self%curve%last_step
+      if (i == 0) return
+      x = self%waiting(i)%x
+      position = self%waiting(i)%position
+   end subroutine find_halving
+
+   !> Share of the part of a motion of doubled period that repeats after two periods alone, of its size at the start of the
+   !> step, that is left at the end of the step; 1 for other motions.
+   real(wp) function retained_doubling(self) result(share)
+      class(followed_motion_t), intent(in) :: self
+      real(wp) :: before, behind
+      integer :: d, h
+
+      share = 1.0_wp
+      if (self%branch /= 0 .or. .not. allocated(self%request%origin)) return
+      if (self%request%origin%is_torus) return
+      before = 0.0_wp
+      behind = 0.0_wp
+      associate (set => self%problem%model%harmonics, last_x => self%curve%last_x, x => self%curve%x, weights => self%weights)
+         do h = 1, set%n_harmonics
+            if (all(modulo(set%tuples(:, h), 2) == 0)) cycle
+            do d = 0, self%problem%n_dofs - 1
+               associate (parts => d*set%n_coefficients + [set%cos_at(h), set%sin_at(h)])
+                  before = before + sum((last_x(parts)/weights(parts))**2)
+                  behind = behind + sum(last_x(parts)*x(parts)/weights(parts)**2)
+               end associate
+            end do
+         end do
+      end associate
+      if (before > 0.0_wp) share = behind/before
+   end function retained_doubling
+
+   !> Finds another origin of branches on the step, at which the value has an extremum.
+   subroutine find_intersection(self, x, position, is_there)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(out) :: x(:), position
+      logical, intent(out) :: is_there
+      integer :: i, k
+
+      is_there = .false.
+      associate (curve => self%curve, units => self%curve%units)
+         do k = 1, size(self%origins)
+            if (k == self%branch .or. self%origins(k)%is_apart) cycle
+            x = carry(self%origins(k)%level%set, self%level%set, self%origins(k)%x, size(self%problem%which))
+            associate (gap => (x - curve%last_x)/units, direction => curve%last_direction/units)
+               position = dot_product(gap, direction)/norm2(direction)
+               if (position <= 0.0_wp .or. position > curve%last_step) cycle
+               if (norm2(gap - position*direction/norm2(direction)) > minor*curve%last_step) cycle
+            end associate
+            is_there = any([(self%waiting(i)%kind == curve_kind%fold .and. &
+                             abs(self%waiting(i)%position - position) <= minor*curve%last_step, i=1, size(self%waiting))])
+            if (is_there) return
+         end do
+      end associate
+   end subroutine find_intersection
 
    !> Moves the bifurcation found last to that of the integrated periodic motion: near a kink of a law the multipliers
    !> of a truncated motion have a first-order error in the truncation.

@@ -40,6 +40,7 @@ module hb_followed_motion
    !> A motion with the direction of a curve there.
    type :: origin_t
       logical :: is_apart = .false. !! separate from the previous curves; otherwise an intersection with another curve
+      logical :: is_traced = .false.                                  !! another branch has come here: this one is the same
       real(wp), allocatable :: x(:), direction(:)
       type(level_t) :: level                                          !! set and grid of both
    end type origin_t
@@ -52,6 +53,7 @@ module hb_followed_motion
       type(stability_t), allocatable :: stability                     !! if known
       type(motion_result_t), allocatable :: result                    !! its results, if already computed
       integer :: response = 0                                         !! number in the request of the response that is located there
+      logical :: is_crossing = .false.                                !! an end at which the branch meets another curve
    end type waiting_t
 
    !> A fold, peak or minimum that was reported.
@@ -681,11 +683,13 @@ contains
       self%curve%report = report
       is_crossed = point%kind == curve_kind%branch
       if (point%kind == curve_kind%start) is_crossed = self%has_left_branch()
+      is_crossed = is_crossed .or. point%is_crossing
       if (is_singular) tangent = self%curve%direction
       associate (u => point%x(:self%problem%n_unknowns), problem => self%curve%problem)
          units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%problem%which)]
          last = size(problem%values)
-         if (any(point%kind == [curve_kind%value, curve_kind%end])) tangent = [0.0_wp*tangent(2:), units(size(units))]
+         if (any(point%kind == [curve_kind%value, curve_kind%end]) .and. .not. is_crossed) &
+            tangent = [0.0_wp*tangent(2:), units(size(units))]
          problem%functionals(:, last) = tangent/units**2/norm2(tangent/units)
          problem%values(last) = dot_product(problem%functionals(:, last), point%x)
          call problem%rescale()

@@ -23,15 +23,16 @@ module hb_motion_curve
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t
-   use hb_stability, only: angle_of_pair
+   use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, stability_t
    use hb_text, only: to_text
    use hb_thresholds, only: faint, nearby_steps, next_to_none, reliable
    implicit none
    private
    public :: is_unreliable, motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
 
-   integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
+   integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
+   integer, parameter :: max_halvings = 12                            ! of the distance from an origin
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
@@ -173,7 +174,34 @@ contains
          if (is_found) is_found = norm2((self%first%x - from)/self%units_at(from)) <= longest_chord*first_parts(i)
          if (is_found) exit
       end do
+      if (is_found) call move_before_events(self, from)
    end subroutine find_first
+
+   !> Moves the first motion closer to the origin as long as there are period doublings between them.
+   subroutine move_before_events(self, from)
+      class(motion_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: from(:)                                 !! the origin
+      type(stability_t) :: at_first, at_origin
+      type(origin_t) :: nearer
+      integer :: i
+      logical :: is_found
+
+      if (self%request%origin%is_torus) return
+      call self%find_stability(from, self%model%stability%tolerance, at_origin)
+      if (.not. allocated(at_origin%multipliers)) return
+      do i = 1, max_halvings
+         call self%find_stability(self%first%x, self%model%stability%tolerance, at_first)
+         if (.not. allocated(at_first%multipliers)) return
+         if (bifurcation_value(bifurcation%doubling, at_first%multipliers)* &
+             bifurcation_value(bifurcation%doubling, at_origin%multipliers) > 0.0_wp) return
+         nearer = self%first
+         nearer%x = from + 0.5_wp*(self%first%x - from)
+         call self%find_on_plane(nearer%x, nearer%direction, is_found)
+         if (is_found) is_found = norm2((nearer%x - from)/self%units_at(from)) < norm2((self%first%x - from)/self%units_at(from))
+         if (.not. is_found) return
+         self%first = nearer
+      end do
+   end subroutine move_before_events
 
    !> Replaces `begin`: starts from a motion and tangent of another curve, in the plane across the tangent and
    !> slightly before the motion, so that the events there are ahead. `is_found` is false if there is no motion.
@@ -244,6 +272,9 @@ contains
          self%curve%step = last%step
          self%curve%orientation = last%orientation
          self%largest = last%largest_motion
+         do i = 1, size(stored)
+            if (stored(i)%kind == curve_kind%end .and. stored(i)%branch > 0) call note_traced(self, stored(i))
+         end do
          do i = size(stored), 2, -1                                   ! folds, peaks and minima on the branch of the last point
             if (stored(i)%kind == curve_kind%start .or. stored(i)%length*last%length < 0.0_wp) exit
             if (any(stored(i)%kind == [curve_kind%fold, curve_kind%peak, curve_kind%minimum])) &
@@ -378,6 +409,10 @@ contains
       self%first_waiting = size(self%waiting) + 1
       self%is_reversed = .not. is_last
       if (is_last) self%branch = self%branch + 1
+      do while (self%branch > 0 .and. self%branch <= size(self%origins))
+         if (.not. self%origins(self%branch)%is_traced) exit
+         self%branch = self%branch + 1
+      end do
       if (self%branch > size(self%origins) .and. self%n_reported + 1 < self%request%n_points) then
          call search_separate(self, self%met, x, is_found, error)
          if (allocated(error)) return
@@ -553,6 +588,7 @@ contains
          position%tuples = self%level%set%tuples
          position%n_samples = self%level%n_samples
       end if
+      if (point%is_crossing) call note_traced(self, position)
       if (all(point%kind /= [curve_kind%value, curve_kind%end, curve_kind%symmetry_breaking, curve_kind%grazing])) &
          position%direction = self%pack(self%curve%direction)
       select case (point%kind)
@@ -575,6 +611,23 @@ contains
       result%curve = position
       call find_curve_gradient(self, point, result)
    end subroutine add_position
+
+   !> Notes that this branch has come to the origin of another one.
+   subroutine note_traced(self, position)
+      class(motion_curve_t), intent(inout) :: self
+      type(curve_position_t), intent(in) :: position                  !! of an end
+      integer :: i, n
+
+      n = size(position%unknowns)
+      do i = 1, size(self%origins)
+         associate (origin => self%origins(i)%x, typical => self%request%moving%typical)
+            if (self%origins(i)%is_apart .or. i == position%branch) cycle
+            if (abs(origin(size(origin)) - position%unknowns(n)) > faint*typical) cycle
+            self%origins(i)%is_traced = self%origins(i)%is_traced .or. &
+               abs(norm2(origin(:size(origin) - 1)) - norm2(position%unknowns(:n - 1))) <= faint*norm2(origin(:size(origin) - 1))
+         end associate
+      end do
+   end subroutine note_traced
 
    !> Whether an estimated error has no meaning, except that it is large.
    elemental logical function is_unreliable(estimate)

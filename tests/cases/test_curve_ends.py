@@ -77,6 +77,43 @@ def test_curves_of_unreliable_motions_end(tmp_path):
     assert "oversampling" not in said, said
 
 
+def test_closed_branches_are_traced_once(tmp_path):
+    """Two equal oscillators: the motions in which they differ form one closed curve through both branch points."""
+    text = """
+&structure type='matrices', n_dofs=2, mass=1.0,1.0, damping=0.05,0.0,0.0,0.05, stiffness=1.05,-0.05,-0.05,1.05 /
+&tones frequency=0.6 /
+&harmonics order=11 /
+&load dof='x1', tuple=1, cos=0.2 /
+&load dof='x2', tuple=1, cos=0.2 /
+&law type='cubic_spring', dof='x1', stiffness=1.0 /
+&law type='cubic_spring', dof='x2', stiffness=1.0 /
+&curve parameter='tones%frequency', from=0.6, to=3.0, points=3000, switch=.true. /
+"""
+    with Results(solve(text, tmp_path)) as results:
+        branches = results.per_point("curve_branch")[results.used]
+        assert values_at(results, "branch") == pytest.approx([1.685549526, 1.259889455], rel=1e-7)
+        assert set(branches) == {0, 1}
+        starts = results.select({"curve_kind": "start"})
+        assert len(starts) == 2, "that of the curve and that of the branch"
+
+
+def test_doubled_periods_end_where_they_halve(tmp_path):
+    """Between two period doublings of the motion of one period: beyond the second the same motions would follow, a period later."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, damping=0.1, stiffness=1.0 /
+&tones frequency=3.6 /
+&harmonics order=30 /
+&load dof='x1', tuple=1, cos=1.0 /
+&law type='elastic_stop', dof='x1', stiffness=12.0, gap=0.1 /
+&curve parameter='tones%frequency', from=3.6, to=2.0, points=600, switch=.true. /
+"""
+    path = solve(text, tmp_path)
+    [doubled] = [other for other in tmp_path.glob("*_*.h5") if other != path]
+    with Results(doubled) as results:
+        assert values_at(results, "end")[-1] == pytest.approx(2.248613591, abs=1e-5)
+        assert values_at(results, "period_doubling") == pytest.approx([2.500778224, 2.397966151], rel=1e-5)
+
+
 @pytest.mark.parametrize(("amplitude", "frequency"), [(1.7286, 0.58229918), (2.0, 0.59654305)])
 def test_normal_modes_are_found_behind_a_turn_of_their_amplitude(amplitude, frequency, tmp_path):
     """By shooting along the same branch: the amplitude rises to 1.705, falls to 1.528, then rises through both."""
