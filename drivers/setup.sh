@@ -33,6 +33,7 @@ hb_optional_modules=(skfem=scikit-fem==12.0.2 xpplab=xpplab==0.1.2)
 hb_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 hb_venv=$hb_root/build/venv
 hb_left_out=$hb_root/build/left_out
+hb_sundials=$hb_root/build/sundials # what quickstart unpacks instead of installing libsundials-dev
 hb_status_packages=3 # exit status when packages are missing and may not be installed
 
 # Names a stage, with the time since the start of the script.
@@ -97,8 +98,8 @@ hb_apt_get() {
    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq -o Dpkg::Use-Pty=0 "$@"
 }
 
-# Installs what is missing and what this release has, without waiting for the disk after each file; a package that it does not have is left out, and so are all with `no` as the
-# first argument or on a system other than Debian: hb_install_packages yes|no PACKAGE...
+# Installs what is missing and what this release has, without waiting for the disk after each file; a package that it does not have is left
+# out, and so are all with `no` as the first argument or on a system other than Debian: hb_install_packages yes|no PACKAGE...
 hb_install_packages() {
    local missing available=() package status=0
    if ! command -v dpkg-query >/dev/null; then
@@ -130,6 +131,20 @@ hb_install_packages() {
    ((${#available[@]} == 0)) ||
       hb_apt_get install --yes --no-install-recommends -o Dpkg::Options::=--force-unsafe-io "${available[@]}" >/dev/null ||
       hb_fail "apt-get could not install the packages (see above)"
+}
+
+# Unpacks CVODE from Debian's packages into build/sundials: libsundials-dev depends on PETSc and hypre, 83 packages of Debian 12 that nhbm
+# does not use. The packages of its libraries are then in hb_sundials_packages. Fails where they cannot be had.
+hb_unpack_sundials() {
+   local package
+   mapfile -t hb_sundials_packages < <(apt-cache depends libsundials-dev |
+      sed -n 's/^ *Depends: \(libsundials-\(core\|cvode\|nvecserial\)[0-9].*\)/\1/p')
+   ((${#hb_sundials_packages[@]} > 0)) || return
+   [[ -f $hb_sundials/usr/include/cvode/cvode.h ]] && return
+   mkdir -p "$hb_sundials" &&
+      (cd "$hb_sundials" && apt-get -qq download libsundials-dev "${hb_sundials_packages[@]}" 2>/dev/null) || return
+   for package in "$hb_sundials"/*.deb; do dpkg-deb --extract "$package" "$hb_sundials" || return; done
+   rm -f "$hb_sundials"/*.deb
 }
 
 # The Python of the system, which knows its packages.
@@ -199,8 +214,11 @@ hb_await() {
 
 # Configures and builds a preset: hb_build PRESET JOBS [TARGET [option of cmake]...]
 hb_build() {
+   local sundials=()
    hb_say "Building the $1 preset in build/$1"
-   (cd "$hb_root" && cmake --preset "$1" -DPython3_EXECUTABLE="$(hb_python)" -DHB_PYTHON="$hb_venv/bin/python" "${@:4}") ||
+   if [[ -d $hb_sundials && -n $(hb_missing_packages libsundials-dev) ]]; then sundials=(-DCMAKE_PREFIX_PATH="$hb_sundials/usr"); fi
+   (cd "$hb_root" &&
+      cmake --preset "$1" -DPython3_EXECUTABLE="$(hb_python)" -DHB_PYTHON="$hb_venv/bin/python" "${sundials[@]}" "${@:4}") ||
       hb_fail "cmake could not configure $1"
    (cd "$hb_root" && cmake --build --preset "$1" --parallel "$2" --target "${3:-all}") || hb_fail "the $1 build failed"
 }
