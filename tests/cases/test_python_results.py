@@ -15,7 +15,7 @@ from in_process import DUFFING, STOP, duffing
 from program import ALL_CONVERGED, run
 
 import nhbm
-from nhbm import Model, ModelError
+from nhbm import Model, ModelError, dataset
 
 INTERNALS = {"curve_unknowns", "curve_direction", "curve_step", "iterations", "residual", "setup_seconds", "rank", "fallback"}
 
@@ -200,3 +200,13 @@ def test_any_motion_is_verified(points, tmp_path):
     with pytest.raises(ModelError, match="give one motion, such as"):
         model.verify(data)
     assert model["tones[0]"] == 0.9  # its values are those before
+
+
+def test_statuses_have_the_words_of_the_program():
+    """All of them, in their order; those with a motion are evaluated."""
+    motion = duffing().solve(order=5)
+    assert motion["status"].attrs["flag_meanings"].split() == dataset.STATUSES
+    assert set(dataset.SOLVED) <= set(dataset.STATUSES)
+    for status in dataset.SOLVED:
+        found = motion.assign(status=motion["status"].copy(data=np.array(status)))
+        assert np.isfinite(found.nhbm.response("x1")[0]), status
