@@ -17,7 +17,7 @@ module verb_check
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
-   use hb_model_warnings, only: commensurate_text, has_no_load, no_load_text
+   use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
    use hb_modes, only: modes_t, new_modes
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, rank_of
@@ -48,6 +48,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       type(doubts_t) :: doubts
+      character(:), allocatable :: implausible
       real(wp) :: end_of_time
       logical :: all_right
       integer :: point, stride
@@ -74,7 +75,8 @@ contains
       if (.not. all_right) status = not_all_right
       if (.not. all_right) return
       call write_cost(study, end_of_time - wall_clock())
-      if (doubts%n_commensurate + doubts%n_without_load > 0) then
+      call describe_implausible(study%model, implausible)
+      if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
       else
          call say("the input is valid")

@@ -8,11 +8,12 @@ module verb_solve
    use hb_error, only: error_t
    use explanation, only: status_lines
    use hb_file_location, only: check_source
+   use hb_idle_laws, only: idle_law_text
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
    use hb_model, only: model_t
-   use hb_model_warnings, only: commensurate_text
+   use hb_model_warnings, only: commensurate_text, describe_implausible
    use model_warnings, only: free_text, frozen_speed_text, model_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use next_step, only: run_names_t, shell_word
@@ -369,6 +370,9 @@ contains
          end if
       end if
       if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)
+      do i = 1, size(summary%is_idle)
+         if (summary%is_idle(i)) call say("warning: "//trim(idle_law_text(study%model%laws(i)%law%label)))
+      end do
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " to another branch between neighbouring points (see 'branch'), the first at "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &
@@ -488,8 +492,10 @@ contains
       type(string_t), intent(in) :: overrides(:)
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: lines(:)
       character(:), allocatable :: warning
       real(wp) :: memory
+      integer :: i
 
       memory = memory_share(comm)
       if (rank_of(comm) == 0) call new_study(study, name, text, overrides, error, memory)
@@ -500,6 +506,11 @@ contains
       if (allocated(error) .or. rank_of(comm) > 0) return
       warning = model_text(study%model, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
+      call describe_implausible(study%model, warning)
+      call split(warning, new_line("a"), lines)
+      do i = 1, size(lines)
+         if (len(warning) > 0) call say("warning: "//lines(i)%value)
+      end do
       warning = frozen_speed_text(study%plan, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
       warning = free_text(study%model)

@@ -158,6 +158,17 @@ contains
       status = end_call_with_text(model, "nhbm_get_doubt", text, handle%text, doubt)
    end function nhbm_get_doubt
 
+   integer(c_int) function nhbm_get_idle_laws(model, laws) bind(c, name="nhbm_get_idle_laws") result(status)
+      type(c_ptr), value :: model, laws
+      type(handle_t), pointer :: handle
+      character(:), allocatable :: text
+
+      status = begin_call(model, "nhbm_get_idle_laws", handle, text=laws, needs_input=.true.)
+      if (status /= c_status%success) return
+      call handle%session%idle_laws(text)
+      status = end_call_with_text(model, "nhbm_get_idle_laws", text, handle%text, laws)
+   end function nhbm_get_idle_laws
+
    !> Sets a column of C, unless it is NULL, to one without values.
    subroutine clear_column(address)
       type(c_ptr), intent(in) :: address

@@ -20,6 +20,7 @@ module hb_session
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
+   use hb_idle_laws, only: idle_laws_t
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
@@ -128,6 +129,7 @@ module hb_session
       procedure :: warnings => session_warnings
       procedure :: natural_frequencies => session_natural_frequencies
       procedure :: doubt => session_doubt
+      procedure :: idle_laws => session_idle_laws
       procedure :: solve => session_solve
       procedure :: curve_begin => session_curve_begin
       procedure :: curve_next => session_curve_next
@@ -414,6 +416,18 @@ contains
       if (len(text) > 0) text = text//new_line("a")
       text = text//self%law_doubt%text
    end subroutine session_doubt
+
+   !> Names the laws that exert no force on the last motion, one per line; empty: none.
+   subroutine session_idle_laws(self, text)
+      class(session_t), intent(in) :: self
+      character(:), allocatable, intent(out) :: text
+      type(idle_laws_t) :: idle
+
+      text = ""
+      if (.not. self%model%is_read) return
+      call idle%examine(self%model, self%result)
+      call idle%describe(self%model, text)
+   end subroutine session_idle_laws
 
    !> Solves the model with its present values, from the last motion if requested and available. The status of the
    !> result reports a failure to converge; an error is one of the model.

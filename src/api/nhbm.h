@@ -347,6 +347,10 @@ NHBM_EXPORT int nhbm_get_message(const nhbm_model *model, const char **message);
  * forces. Empty: nothing. */
 NHBM_EXPORT int nhbm_get_doubt(const nhbm_model *model, const char **doubt);
 
+/* Returns the laws that exert no force on the last motion, such as a stop that is not touched, one sentence per line; empty: none.
+ */
+NHBM_EXPORT int nhbm_get_idle_laws(const nhbm_model *model, const char **laws);
+
 #ifdef __cplusplus
 }
 #endif

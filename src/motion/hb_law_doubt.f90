@@ -1,12 +1,13 @@
 !> Whether the derivatives of user laws are those of their forces: compared at the first motion of a run. Newton's method converges
 !> to the right motion with wrong ones, but stability, curves and derivatives are then wrong.
 module hb_law_doubt
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_law_check, only: check_derivatives_at, derivative_check_t
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
+   use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved
    use hb_text, only: join
    implicit none
@@ -14,7 +15,6 @@ module hb_law_doubt
    public :: law_doubt_t
 
    integer, parameter :: n_samples = 64
-   real(wp), parameter :: golden = 0.618033988749895_wp               ! its multiples are spread evenly over the circle
 
    !> The comparison of a run, made once.
    type :: law_doubt_t
@@ -33,23 +33,14 @@ contains
       type(motion_result_t), intent(in) :: motion
       type(derivative_check_t) :: check
       real(wp), allocatable :: phases(:, :), q(:, :), v(:, :)
-      integer, allocatable :: dofs(:), tuples(:, :)
-      integer :: i, k, s
+      integer, allocatable :: dofs(:)
+      integer :: i, k
 
       if (self%is_done .or. .not. is_solved(motion%status)) return
       self%is_done = .true.
       if (.not. any([(is_compared(model%laws(i)%law), i=1, size(model%laws))])) return
-      if (.not. (allocated(motion%corrected_coefficients) .and. allocated(motion%frequency))) return
-      tuples = model%harmonics%tuples
-      if (allocated(motion%harmonics%tuples)) tuples = motion%harmonics%tuples
-      if (size(motion%corrected_coefficients, 2) /= size(tuples, 2)) return
-      allocate (phases(size(tuples, 1), n_samples))
-      do s = 1, n_samples
-         do k = 1, size(tuples, 1)
-            phases(k, s) = two_pi*modulo(s*golden**k, 1.0_wp)
-         end do
-      end do
-      call sample(motion%corrected_coefficients, tuples, motion%frequency, phases, q, v)
+      call sample_motion(model, motion, n_samples, phases, q, v)
+      if (.not. allocated(q)) return
       dofs = law_dofs_of(model%laws)
       do i = 1, size(model%laws)
          associate (law => model%laws(i)%law)
@@ -73,28 +64,4 @@ contains
 
       is_compared = law%is_users_own .and. law%n_states == 0 .and. .not. law%is_multiplier
    end function is_compared
-
-   !> Displacements and velocities of a motion at phases of its tones.
-   pure subroutine sample(coefficients, tuples, omega, phases, q, v)
-      real(wp), intent(in) :: coefficients(:, :, :)                   !! (cos and sin, n_harmonics, n_dofs)
-      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
-      real(wp), intent(in) :: omega(:)                                !! [rad/s]
-      real(wp), intent(in) :: phases(:, :)                            !! (n_tones, n_samples)
-      real(wp), allocatable, intent(out) :: q(:, :), v(:, :)          !! (n_samples, n_dofs)
-      real(wp) :: phase(size(phases, 2)), rate
-      integer :: d, h
-
-      allocate (q(size(phases, 2), size(coefficients, 3)), source=0.0_wp)
-      v = q
-      do h = 1, size(tuples, 2)
-         phase = matmul(real(tuples(:, h), wp), phases)
-         rate = dot_product(real(tuples(:, h), wp), omega)
-         do d = 1, size(coefficients, 3)
-            associate (c => coefficients(1, h, d), s => coefficients(2, h, d))
-               q(:, d) = q(:, d) + c*cos(phase) + s*sin(phase)
-               v(:, d) = v(:, d) + rate*(s*cos(phase) - c*sin(phase))
-            end associate
-         end do
-      end do
-   end subroutine sample
 end module hb_law_doubt

@@ -1,16 +1,23 @@
-!> Warnings about a model that can be solved, before it is: tones with a common period, no load.
+!> Warnings about a model that can be solved, before it is: tones with a common period, no load, values that suggest a mistake.
 module hb_model_warnings
    use hb_error_estimate, only: near_commensurate
    use hb_kinds, only: wp
+   use hb_law, only: law_t
    use hb_model, only: model_t
+   use hb_natural_frequencies, only: find_natural_frequencies
+   use hb_numbers, only: number_t
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: commensurate_text, describe_warnings, has_no_load, no_load_text
+   public :: commensurate_text, describe_implausible, describe_warnings, has_no_load, no_load_text
 
    integer, parameter :: max_text = 1000                              ! length of a warning
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
+   real(wp), parameter :: max_tone_ratio = 50.0_wp                    ! of a tone to the highest natural frequency
+   real(wp), parameter :: max_length = 100.0_wp                       ! of a gap [m]
+   integer, parameter :: max_dofs = 100                               ! of a structure whose natural frequencies take milliseconds
+   character(*), parameter :: lengths(3) = [character(9) :: "clearance", "gap", "gaps"]
    character(*), parameter :: no_load_text = "no load acts and no tone is unknown: only laws can cause a motion"
 
 contains
@@ -20,11 +27,92 @@ contains
       type(model_t), intent(in) :: model
       character(:), allocatable, intent(out) :: text
 
-      text = trim(commensurate_text(model%tones, model%error_estimate%commensurability))
-      if (.not. has_no_load(model)) return
-      if (len(text) > 0) text = text//new_line("a")
-      text = text//no_load_text
+      call describe_implausible(model, text)
+      call add_line(text, trim(commensurate_text(model%tones, model%error_estimate%commensurability)))
+      if (has_no_load(model)) call add_line(text, no_load_text)
    end subroutine describe_warnings
+
+   !> Lists values of a model that suggest a mistake, one per line: tones far above all natural frequencies, gaps that are very
+   !> large or negative; none: an empty text.
+   subroutine describe_implausible(model, text)
+      type(model_t), intent(in) :: model
+      character(:), allocatable, intent(out) :: text
+      integer :: i
+
+      text = ""
+      call describe_tones(model, text)
+      do i = 1, size(model%laws)
+         call describe_gaps(model%laws(i)%law, text)
+      end do
+   end subroutine describe_implausible
+
+   !> Adds a line on given tones that are far above all natural frequencies of the structure.
+   subroutine describe_tones(model, text)
+      type(model_t), intent(in) :: model
+      character(:), allocatable, intent(inout) :: text
+      real(wp), allocatable :: natural(:)
+      real(wp) :: highest
+      logical :: lacks_gyroscopic
+
+      if (model%structure%n_dofs > max_dofs .or. model%structure%up_to > 0.0_wp .or. allocated(model%structure%parts)) return
+      call find_natural_frequencies(model%structure, natural, lacks_gyroscopic)
+      if (size(natural) == 0) return
+      highest = maxval(natural)
+      associate (tones => model%tones)
+         if (.not. highest > rounding*maxval(tones%omega)) return
+         if (.not. any(tones%omega > max_tone_ratio*highest .and. .not. tones%is_unknown)) return
+         call add_line(text, "a tone of "//to_text(rounded(tones%in_unit(maxval(tones%omega))))//" "//trim(tones%unit())// &
+            " is more than "//to_text(nint(max_tone_ratio))//" times the highest natural frequency, "// &
+            to_text(significant(tones%in_unit(highest)))//" "//trim(tones%unit())//"; `frequency` is in rad/s, `hertz` in Hz")
+      end associate
+   end subroutine describe_tones
+
+   !> Adds lines on gaps of a law.
+   subroutine describe_gaps(given, text)
+      class(law_t), intent(in) :: given
+      character(:), allocatable, intent(inout) :: text
+      class(law_t), allocatable :: law
+      type(number_t), allocatable :: numbers(:)
+      real(wp) :: largest, lowest, value
+      logical :: is_found
+      integer :: i, k
+
+      allocate (law, source=given)
+      call law%list_numbers(numbers)
+      do k = 1, size(lengths)
+         largest = 0.0_wp
+         lowest = 0.0_wp
+         do i = 1, size(numbers)
+            if (numbers(i)%key /= lengths(k)) cycle
+            call law%find_number(numbers(i), value, is_found)
+            if (.not. is_found) cycle
+            largest = max(largest, value)
+            lowest = min(lowest, value)
+         end do
+         if (largest > max_length) call add_line(text, "law '"//law%label//"': "//trim(lengths(k))//" = "//to_text(largest)// &
+            " m; lengths are in metres, 1 mm = 1e-3")
+         if (lowest < 0.0_wp .and. lengths(k) == "gap") call add_line(text, "law '"//law%label//"': gap = "//to_text(lowest)// &
+            " m is negative: in contact and preloaded at rest; for a stop on the other side: weights = -1, and a positive gap")
+      end do
+   end subroutine describe_gaps
+
+   subroutine add_line(text, line)
+      character(:), allocatable, intent(inout) :: text
+      character(*), intent(in) :: line
+
+      if (len(line) == 0) return
+      if (len(text) > 0) text = text//new_line("a")
+      text = text//line
+   end subroutine add_line
+
+   !> A number with four digits.
+   real(wp) function significant(number)
+      real(wp), intent(in) :: number
+      character(16) :: digits
+
+      write (digits, "(es10.3)") number
+      read (digits, *) significant
+   end function significant
 
    !> Whether nothing drives the model: no load, no law that depends on tones, and no unknown tone of a self-excited
    !> motion.

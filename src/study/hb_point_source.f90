@@ -1,6 +1,7 @@
 !> The document, plan and model from which one rank creates its points.
 module hb_point_source
    use hb_document, only: document_t
+   use hb_idle_laws, only: idle_laws_t
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
    use hb_linear_part, only: cached_linear_parts_t
@@ -22,5 +23,6 @@ module hb_point_source
       type(cached_linear_parts_t) :: cached                           !! of the point solved last
       integer :: rank = 0                                             !! of this process
       type(law_doubt_t) :: law_doubt                                  !! at the first motion
+      type(idle_laws_t) :: idle_laws                                  !! in all motions of this process
    end type point_source_t
 end module hb_point_source

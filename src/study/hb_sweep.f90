@@ -9,6 +9,7 @@ module hb_sweep
    use hb_clock, only: wall_clock
    use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_crash_detection, end_point
    use hb_error, only: error_t, fail
+   use hb_idle_laws, only: idle_laws_t
    use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
@@ -23,7 +24,7 @@ module hb_sweep
    use hb_results_layout, only: rank_times_t
    use hb_results_record, only: count_pending, read_record, record_t
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
-   use hb_run_summary, only: count_point, count_retained, has_answer, run_summary_t, sum_up
+   use hb_run_summary, only: count_point, count_retained, has_answer, number_solved, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
    use hb_study, only: describe_layout, study_t
@@ -249,6 +250,7 @@ contains
       call run%progress%finish(done, failed)
       call sum_up(summary, comm)
       if (allocated(run%source%law_doubt%text)) summary%law_doubt = run%source%law_doubt%text
+      call find_idle_laws(run%source%idle_laws, size(self%model%laws), comm, summary)
       summary%n_points = self%plan%n_points
       summary%n_left = run%schedule%n_points - done - sum_over(comm, run%n_unused)
       summary%interruption = max_over(comm, run%ending%reason)
@@ -257,6 +259,28 @@ contains
       call barrier(comm)
       call run%counter%destroy()
    end subroutine run_points
+
+   !> Finds the laws that exert no force in any motion of the file; none if it has motions of other runs.
+   subroutine find_idle_laws(found, n_laws, comm, summary)
+      type(idle_laws_t), intent(in) :: found                          !! by this rank
+      integer, intent(in) :: n_laws
+      type(comm_t), intent(in) :: comm
+      type(run_summary_t), intent(inout) :: summary
+      integer, parameter :: max_laws = 100                            ! a message of each
+      logical :: acts(n_laws)
+      integer :: i
+
+      acts = sum_over(comm, found%n_motions) < number_solved(summary) .or. n_laws > max_laws
+      if (allocated(found%is_idle)) then
+         if (size(found%is_idle) /= n_laws) acts = .true.
+         if (.not. all(acts)) acts = acts .or. .not. (found%is_idle .and. found%largest > 0.0_wp)
+      end if
+      allocate (summary%is_idle(n_laws), source=.false.)
+      if (n_laws > max_laws) return
+      do i = 1, n_laws
+         summary%is_idle(i) = max_over(comm, merge(1, 0, acts(i))) == 0 .and. number_solved(summary) > 0
+      end do
+   end subroutine find_idle_laws
 
    !> Solves the points of one unit in order, each from its neighbours if the input requests it, and writes them;
    !> returns early if the run must end.
@@ -351,6 +375,7 @@ contains
          end do
       end if
       if (.not. run%source%law_doubt%is_done) run%source%law_doubt = curve%law_doubt
+      call run%source%idle_laws%add(curve%idle_laws)
       call curve%destroy()
    end subroutine run_curve
 

@@ -8,6 +8,7 @@ module hb_swept_curve
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_idle_laws, only: idle_laws_t
    use hb_impact_curve, only: new_curve_of
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
@@ -34,6 +35,7 @@ module hb_swept_curve
       integer, allocatable :: stored(:) !! statuses of the points in the file after which it continues
       logical :: is_done = .false.                                    !! there is no further point
       type(law_doubt_t) :: law_doubt                                  !! at the first point
+      type(idle_laws_t) :: idle_laws                                  !! in all points
       class(motion_curve_t), allocatable, private :: curve
       type(curve_request_t), private :: request
       type(model_t), private :: model
@@ -165,6 +167,7 @@ contains
          self%is_done = .true.
       else
          call self%law_doubt%examine(self%model, result)
+         call self%idle_laws%examine(self%model, result)
          if (.not. layout%has_own_tuples) call spread_result(self%model%harmonics, layout, result)
       end if
       if (.not. allocated(result%curve)) result%curve = curve_position_t(curve_kind%none, self%last_parameter, &

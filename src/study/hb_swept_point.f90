@@ -59,6 +59,7 @@ contains
             call solve_point(model, result, error, level, below, start, source%cached)
             if (.not. allocated(error)) call find_gradient(model, level, level%unknowns, result)
             if (.not. allocated(error)) call source%law_doubt%examine(model, result)
+            if (.not. allocated(error)) call source%idle_laws%examine(model, result)
          end associate
       end if
       if (allocated(error)) then

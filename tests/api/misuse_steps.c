@@ -114,6 +114,7 @@ static int get_natural_frequencies(nhbm_model *m) { return nhbm_get_natural_freq
 static int describe_column(nhbm_model *m) { return nhbm_describe_column(m, "coefficients", &description); }
 static int describe_time_column(nhbm_model *m) { return nhbm_describe_time_column(m, "time", &description); }
 static int get_doubt(nhbm_model *m) { return nhbm_get_doubt(m, &text); }
+static int get_idle_laws(nhbm_model *m) { return nhbm_get_idle_laws(m, &text); }
 static int get_column(nhbm_model *m) { return nhbm_get_column(m, "coefficients", &column); }
 static int get_column_names(nhbm_model *m) { return nhbm_get_column_names(m, &text); }
 static int get_time_column(nhbm_model *m) { return nhbm_get_time_column(m, "time", &column); }
@@ -139,8 +140,8 @@ static const struct {
    {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
    {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
    {verify_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
-   {describe_time_column, true}, {get_doubt, true}, {input_add_group, true}, {input_set_text, true}, {input_set_logical, true},
-   {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true}, {input_begin, false},
+   {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {input_add_group, true}, {input_set_text, true},
+   {input_set_logical, true}, {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true}, {input_begin, false},
    {read_input, false}, {destroy, false},
 };
 enum { n_functions = sizeof functions/sizeof functions[0] };

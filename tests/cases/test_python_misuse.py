@@ -13,7 +13,7 @@ import pytest
 from in_process import cubic, duffing
 
 import nhbm
-from nhbm import Model, ModelError, NotConverged, laws
+from nhbm import Implausible, Model, ModelError, NotConverged, laws
 
 
 def in_threads(work, n=4):
@@ -251,6 +251,48 @@ def test_checks_before_a_solution():
     assert any("combination (2, -1)" in text for text in found) and any("no load acts" in text for text in found)
     structure = nhbm.Structure(np.eye(200), np.diag(np.arange(1.0, 201.0) ** 2))
     assert Model(structure, tones=[0.9]).natural_frequencies(3) == pytest.approx([1.0, 2.0, 3.0])
+
+
+def stop_at(gap, **keys):
+    model = duffing(spring=True)
+    model.law("elastic_stop", "x1", stiffness=2.0, gap=gap, label="stop", **keys)
+    return model
+
+
+def test_a_stop_that_no_motion_reaches_is_named():
+    words = "law 'stop' exerts no force: no motion reaches it"
+    for operation in (
+        lambda m: m.solve(order=9),
+        lambda m: m.curve("tones[0]", 0.5, 0.9, order=9),
+        lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, order=9),
+        lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, of="x1 (1)", order=9),
+    ):
+        with pytest.warns(Implausible, match=words) as warned:
+            operation(stop_at(50.0))
+        assert len(warned) == 1 and warned[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Implausible)
+        stop_at(0.5).solve(order=9)
+        stop_at(0.5).curve("tones[0]", 0.1, 0.9, order=9)  # it is reached at some points
+        stop_at(0.5).sweep({"tones[0]": [0.1, 0.9]}, order=9)
+        duffing(spring=True).solve(order=3)
+
+
+@pytest.mark.parametrize("made, words", [
+    (lambda: stop_at(1500.0), "gap = 1500.0 m; lengths are in metres"),
+    (lambda: stop_at(-0.1), "gap = -0.1 m is negative: in contact and preloaded at rest"),
+    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones={"hertz": 50.0}), "more than 50 times the highest natural frequency, 0.1592 Hz"),
+    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[0.5]), "no load acts"),
+])  # fmt: skip
+def test_implausible_values_are_named_once(made, words):
+    model = made()
+    assert any(words in text for text in model.check())
+    with pytest.warns(Implausible, match=words):
+        model.response("x1", order=3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Implausible)
+        model.response("x1", order=3)
+        model.response("x1", order=5)
 
 
 def test_a_number_of_degrees_of_freedom_that_agrees_is_accepted():

@@ -7,7 +7,7 @@ from nhbm.errors import ModelError
 
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use
-    "Gradient": "model", "Model": "model", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
+    "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
     "open_dataset": "dataset",
     "law": "laws",
     "Beam": "groups", "Chain": "groups",

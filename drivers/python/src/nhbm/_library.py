@@ -213,6 +213,7 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "get_labels": (pointer, text, texts),
         "get_message": (pointer, texts),
         "get_doubt": (pointer, texts),
+        "get_idle_laws": (pointer, texts),
         "get_key_row": (count, text, count),
     }.items():
         getattr(loaded, f"nhbm_{name}").argtypes = arguments

@@ -8,10 +8,13 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from nhbm import dataset
-from nhbm.errors import NotConverged
+from nhbm.errors import Implausible, NotConverged
 
 if TYPE_CHECKING:
     from nhbm.session import Session
+
+
+_OF_A_MOTION = "their combination"  # tones with a common period: estimated for each motion, where it matters
 
 
 def doubt_of(session: Session) -> str:
@@ -19,12 +22,12 @@ def doubt_of(session: Session) -> str:
     return session.doubt()
 
 
-def warn(text: str) -> None:
-    """Issues the warning NotConverged at the caller of the package."""
+def warn(text: str, category: type[Warning] = NotConverged) -> None:
+    """Issues a warning at the caller of the package."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] == "nhbm":
         frame, level = frame.f_back, level + 1
-    warnings.warn(text, NotConverged, stacklevel=level)
+    warnings.warn(text, category, stacklevel=level)
 
 
 def warn_of(session: Session) -> None:
@@ -32,6 +35,20 @@ def warn_of(session: Session) -> None:
     text = doubt_of(session)
     if text:
         warn(text)
+
+
+def warn_of_model(session: Session, known: set[str]) -> None:
+    """Warns of values of a model that suggest a mistake, except those that are known from before."""
+    for text in session.warnings():
+        if text not in known and _OF_A_MOTION not in text:
+            known.add(text)
+            warn(text, Implausible)
+
+
+def warn_of_idle_laws(idle: Iterable[str]) -> None:
+    """Warns of laws that exert no force on any motion of an operation."""
+    for text in idle:
+        warn(text, Implausible)
 
 
 def warn_of_points(doubts: Iterable[tuple[str, str]], n_points: int) -> None:

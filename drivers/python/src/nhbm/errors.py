@@ -15,6 +15,11 @@ class NotConverged(UserWarning):
     """A motion was not found, or is doubtful: less accurate than requested, or with a law whose derivatives are wrong."""
 
 
+class Implausible(UserWarning):
+    """A model can be solved, but suggests a mistake: a stop that no motion reaches, a gap of a kilometre, a tone far above all
+    natural frequencies, no load."""
+
+
 def imported(module: str, purpose: str, package: str = "") -> Any:
     """An optional module; ModelError names the package that has it, and the extra of nhbm that installs it."""
     try:

@@ -163,6 +163,7 @@ class Model:
         self._n_changes = 0
         self._sessions: dict[Settings, _Live] = {}
         self._used = Settings()  # which of them was used last
+        self._warned: set[str] = set()  # warnings about the model that were issued
         self._solved: Settings | None = None  # which has the motion found last
 
     @classmethod
@@ -452,12 +453,15 @@ class Model:
         NotConverged
             The motion was not found, or is less accurate than requested, with the estimates, their limits and what to do; or a
             derivative of a law is wrong.
+        Implausible
+            A law exerts no force, or values of the model suggest a mistake.
         """
-        session = self._live(request(tolerance, order)).session
+        session = self._begin(request(tolerance, order))
         self._solved = self._used
         session.solve(warm, points=self._sharing(1))
         motion = dataset.result_of(dataset.motion_of(session), self._source(session), {}, self._attributes())
         doubts.warn_of(session)
+        doubts.warn_of_idle_laws(session.idle_laws())
         return motion
 
     @_exclusive
@@ -478,7 +482,7 @@ class Model:
         float
             In the unit of the degree of freedom [m or rad]; NaN, with the warning NotConverged, if no motion was found.
         """
-        session = self._live(request(tolerance, order)).session
+        session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
         doubts.warn_of(session)
         return required_response_of(session, of) if dataset.status_of(session) in dataset.SOLVED else float("nan")
@@ -521,7 +525,7 @@ class Model:
         True
         """
         paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
-        session = self._live(request(tolerance, order, gradient={"by": paths})).session
+        session = self._begin(request(tolerance, order, gradient={"by": paths}))
         session.solve(warm, points=0)
         doubts.warn_of(session)
         if dataset.status_of(session) not in dataset.SOLVED:
@@ -620,7 +624,7 @@ class Model:
         groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
         if order is not None:
             groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
-        session = self._live(request(tolerance, order, **groups)).session
+        session = self._begin(request(tolerance, order, **groups))
         best, found, doubt = -1.0, None, ""
         session.begin_curve()
         while session.next():
@@ -679,15 +683,17 @@ class Model:
         if "over" in keys:
             keys["over"] = self._resolved(keys["over"])
         check_keys("curve", keys)
-        session = self._live(request(tolerance, order, curve={"parameter": path, **_range(start, stop), **keys})).session
+        session = self._begin(request(tolerance, order, curve={"parameter": path, **_range(start, stop), **keys}))
         points: list[xr.Dataset] = []
         doubtful: list[tuple[str, str]] = []
-        has_warned = False
+        has_warned, idle = False, None  # laws without force on all points
         session.begin_curve()
         with Progress(progress, "curve") as bar:
             while session.next():
                 points.append(dataset.motion_of(session))
                 doubtful += [(dataset.status_of(session), text) for text in [doubts.doubt_of(session)] if text]
+                if dataset.status_of(session) in dataset.SOLVED and (idle is None or idle):
+                    idle = [law for law in session.idle_laws() if idle is None or law in idle]
                 bar.update()
                 if on_point is not None and on_point(self._on_curve(points[-1:], path, self._source(session)).isel(point=0)):
                     break
@@ -699,6 +705,7 @@ class Model:
         if doubtful and (doubtful[-1][0] == "collapsed" or (has_warned and doubtful[-1][0] not in dataset.SOLVED)):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
         doubts.warn_of_points(doubtful, len(points))
+        doubts.warn_of_idle_laws(idle or [])
         return found
 
     def _on_curve(self, points: list[xr.Dataset], path: str, source: dataset.Source) -> xr.Dataset:
@@ -798,7 +805,7 @@ class Model:
         Returns
         -------
         list of str
-            Warnings: tones with a common period, no load. An invalid value raises ModelError. Derivatives of laws are compared
+            Warnings: tones with a common period, no load, values that suggest a mistake. An invalid value raises ModelError. Derivatives of laws are compared
             with differences by the first solution.
 
         Examples
@@ -922,6 +929,12 @@ class Model:
             wrong = [line for line in str(error).splitlines() if line.startswith(f"&{group.name}")]
             if wrong:
                 raise ModelError("\n".join(wrong)) from None
+
+    def _begin(self, settings: Settings) -> Session:
+        """The session of an operation, with a warning of values that suggest a mistake."""
+        session = self._live(settings).session
+        doubts.warn_of_model(session, self._warned)
+        return session
 
     def _resolved(self, path: Any) -> str:
         """The one spelling of a path."""

@@ -217,6 +217,10 @@ class Session:
         """What is doubtful about the last motion, with numbers and what to do; empty if nothing is."""
         return self._text("get_doubt")
 
+    def idle_laws(self) -> list[str]:
+        """Laws that exert no force on the last motion, a sentence each."""
+        return self._text("get_idle_laws").splitlines()
+
     @property
     def message(self) -> str:
         """Reason for a failure of the last motion, or a note."""

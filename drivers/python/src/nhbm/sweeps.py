@@ -74,6 +74,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     model._live(settings)
     for path, value in zip(grid, points[0]):
         model[path] = value  # what is wrong is raised here, not by a worker
+    doubts.warn_of_model(model._live(settings).session, self._warned)
     length = len(points) if paired else len(list(grid.values())[-1])
     if not warm and comm is None:  # fewer, larger pieces of work
         length = max(1, len(points) // (8 * workers)) if workers > 1 or executor else 1
@@ -83,7 +84,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     work = _Line(model, list(grid), of, settings, warm, points)
     with Progress(progress, "sweep", len(points)) as bar:
         done = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
-    rows, doubtful = [row for row, _ in done], [doubt for _, doubt in done if doubt is not None]
+    rows, doubtful = [row for row, _, _ in done], [doubt for _, doubt, _ in done if doubt is not None]
+    idle = set.intersection(*([laws for _, _, laws in done if laws is not None] or [set()]))
     names = [identifier(path) for path in grid]
     coordinates = {
         name: ([point[k] for point in points], model._described(path)) for k, (name, path) in enumerate(zip(names, grid))
@@ -98,6 +100,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     if isinstance(of, str):
         found["response"].attrs.update(long_name=words_of(of), units=_unit_of(model._live(settings).session, of))
     doubts.warn_of_points(doubtful, len(points))
+    doubts.warn_of_idle_laws(sorted(idle))
     return found
 
 
@@ -116,10 +119,11 @@ class _Line:
     def __init__(self, model: Model, paths: list[str], of: Any, settings: Settings, warm: bool, points: list[Any]) -> None:
         self.model, self.paths, self.of, self.settings, self.warm = model, paths, of, settings, warm
         self.n, self.first = len(points), points[0]
+        self.idle: set[str] | None = None  # laws without force on all motions so far; None: there is no motion yet
         self.thread = threading.get_ident()
 
     def __call__(self, points: list[Any]) -> list[Any]:
-        """The results of the points, each with its status and what is doubtful about it, or None."""
+        """The results of the points, each with its status and what is doubtful about it, or None, and its laws without force."""
         model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
         return [self._point(model, point, k) for k, point in enumerate(points)]
 
@@ -133,13 +137,19 @@ class _Line:
         text, status = doubts.doubt_of(session), dataset.status_of(session)
         doubt = (status, text) if text else None
         if self.of is None:
-            return dataset.motion_of(session), doubt
+            return dataset.motion_of(session), doubt, self._idle_laws(session, status)
         if status not in dataset.SOLVED:
-            return {"response": float("nan"), "status": status, "message": session.message}, doubt
+            return {"response": float("nan"), "status": status, "message": session.message}, doubt, None
         response = response_of(session, self.of)
         if response != response:
             doubt = status, absence_of(session, self.of)
-        return {"response": response, "status": status, "message": session.message}, doubt
+        return {"response": response, "status": status, "message": session.message}, doubt, self._idle_laws(session, status)
+
+    def _idle_laws(self, session: Any, status: str) -> set[str] | None:
+        if status in dataset.SOLVED and (self.idle is None or self.idle):
+            found = set(session.idle_laws())
+            self.idle = found if self.idle is None else self.idle & found
+        return self.idle
 
     def _evaluated(self, model: Model, point: Any) -> Any:
         """What the function returns, with the status of its last solution; 'failed' where it raises an exception."""
@@ -151,9 +161,9 @@ class _Line:
             if point == self.first:
                 raise
             text = f"{type(fault).__name__}: {fault}"
-            return {"status": "failed", "message": text}, ("failed", text)
+            return {"status": "failed", "message": text}, ("failed", text), None
         status, message, text = model._ending()
-        return {**row, "status": status, "message": message}, (status, text) if text else None
+        return {**row, "status": status, "message": message}, (status, text) if text else None, None
 
 
 def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[list[Any]]:

@@ -1,0 +1,153 @@
+!> Laws that exert no force on any of some motions, such as a stop that is never touched: often a length in the wrong unit.
+module hb_idle_laws
+   use hb_kinds, only: wp
+   use hb_law, only: law_t
+   use hb_law_coordinates, only: law_dofs_of
+   use hb_model, only: model_t
+   use hb_motion_result, only: motion_result_t
+   use hb_motion_samples, only: sample_motion
+   use hb_outcome, only: is_solved
+   implicit none
+   private
+   public :: idle_law_text, idle_laws_t
+
+   integer, parameter :: n_samples = 512
+   real(wp), parameter :: margin = 1.05_wp                            ! a motion that is so much larger has no force either
+
+   !> What is known from the motions examined so far.
+   type :: idle_laws_t
+      integer :: n_motions = 0
+      logical, allocatable :: is_idle(:)                              !! of each law: no force on any of these motions
+      real(wp), allocatable :: largest(:)                             !! of these motions at its coordinates [m]
+   contains
+      procedure :: examine => idle_laws_examine
+      procedure :: add => idle_laws_add
+      procedure :: describe => idle_laws_describe
+   end type idle_laws_t
+
+contains
+
+   !> Examines a motion, if there is one.
+   subroutine idle_laws_examine(self, model, motion)
+      class(idle_laws_t), intent(inout) :: self
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(in) :: motion
+      real(wp), allocatable :: phases(:, :), q(:, :), v(:, :)
+      real(wp) :: largest
+      integer, allocatable :: dofs(:)
+      logical :: is_idle
+      integer :: i
+
+      if (.not. is_solved(motion%status)) return
+      if (allocated(self%is_idle)) then
+         if (size(self%is_idle) /= size(model%laws)) deallocate (self%is_idle, self%largest)
+      end if
+      if (.not. allocated(self%is_idle)) then
+         self%n_motions = 0
+         self%is_idle = [(may_be_idle(model%laws(i)%law), i=1, size(model%laws))]
+         allocate (self%largest(size(model%laws)), source=0.0_wp)
+      end if
+      self%n_motions = self%n_motions + 1
+      if (.not. any(self%is_idle)) return
+      call sample_motion(model, motion, n_samples, phases, q, v)
+      if (.not. allocated(q)) then
+         self%is_idle = .false.
+         return
+      end if
+      dofs = law_dofs_of(model%laws)
+      do i = 1, size(model%laws)
+         if (.not. self%is_idle(i)) cycle
+         call find_force(model%laws(i)%law, dofs, q, v, is_idle, largest)
+         self%is_idle(i) = is_idle
+         self%largest(i) = max(self%largest(i), largest)
+      end do
+   end subroutine idle_laws_examine
+
+   !> Adds what is known from other motions.
+   subroutine idle_laws_add(self, other)
+      class(idle_laws_t), intent(inout) :: self
+      type(idle_laws_t), intent(in) :: other
+
+      if (.not. allocated(other%is_idle)) return
+      if (allocated(self%is_idle)) then
+         if (size(self%is_idle) /= size(other%is_idle)) deallocate (self%is_idle, self%largest)
+      end if
+      if (.not. allocated(self%is_idle)) then
+         self%n_motions = other%n_motions
+         self%is_idle = other%is_idle
+         self%largest = other%largest
+         return
+      end if
+      self%n_motions = self%n_motions + other%n_motions
+      self%is_idle = self%is_idle .and. other%is_idle
+      self%largest = max(self%largest, other%largest)
+   end subroutine idle_laws_add
+
+   !> Names the idle laws, one per line; empty: none. Laws at degrees of freedom at rest are not named.
+   subroutine idle_laws_describe(self, model, text)
+      class(idle_laws_t), intent(in) :: self
+      type(model_t), intent(in) :: model
+      character(:), allocatable, intent(out) :: text
+      integer :: i
+
+      text = ""
+      if (.not. allocated(self%is_idle) .or. self%n_motions == 0) return
+      if (size(self%is_idle) /= size(model%laws)) return
+      do i = 1, size(model%laws)
+         if (.not. (self%is_idle(i) .and. self%largest(i) > 0.0_wp)) cycle
+         if (len(text) > 0) text = text//new_line("a")
+         text = text//trim(idle_law_text(model%laws(i)%law%label))
+      end do
+   end subroutine idle_laws_describe
+
+   !> Sentence about an idle law.
+   pure function idle_law_text(label) result(text)
+      character(*), intent(in) :: label
+      character(len(label) + 90) :: text
+
+      text = "law '"//label//"' exerts no force: no motion reaches it; check the units of lengths and loads"
+   end function idle_law_text
+
+   !> Whether a law has a length within which it may exert no force, and a force that depends on the present motion alone.
+   pure logical function may_be_idle(law)
+      class(law_t), intent(in) :: law
+
+      may_be_idle = law%length_scale > 0.0_wp .and. law%n_states == 0 .and. law%n_phases == 0 .and. &
+                    .not. (law%is_users_own .or. law%needs_frequencies)
+   end function may_be_idle
+
+   !> Whether the force of a law vanishes along a motion, and the largest displacement at its coordinates.
+   subroutine find_force(given, dofs, q, v, is_idle, largest)
+      class(law_t), intent(in) :: given
+      integer, intent(in) :: dofs(:)                                  !! of the columns of q and v
+      real(wp), intent(in) :: q(:, :), v(:, :)
+      logical, intent(out) :: is_idle
+      real(wp), intent(out) :: largest                                !! [m]
+      class(law_t), allocatable :: law
+      real(wp), allocatable :: f(:, :), p(:, :), rates(:, :), z(:, :)
+      integer, allocatable :: at(:), places(:, :)
+      integer :: k, n, place
+
+      allocate (law, source=given)
+      call law%prepare(1.0_wp)                                        ! the sign of a force does not depend on it
+      call law%prepare_rate(1.0_wp, 1.0_wp)
+      places = reshape(law%dofs, [size(law%dofs), 1])
+      if (allocated(law%positions)) places = law%positions
+      n = size(law%shape, 2)
+      allocate (f(size(q, 1), n))
+      allocate (p(size(q, 1), merge(n, 0, law%is_multiplier)), source=0.0_wp)
+      is_idle = .true.
+      largest = 0.0_wp
+      do place = 1, size(places, 2)
+         at = [(findloc(dofs, places(k, place), dim=1), k=1, size(places, 1))]
+         if (any(at == 0)) is_idle = .false.
+         if (.not. is_idle) return
+         z = margin*matmul(q(:, at), law%shape)
+         rates = margin*matmul(v(:, at), law%shape)
+         if (.not. law%needs_velocity) rates = rates(:, :0)
+         call law%evaluate(z, rates, p, f)
+         is_idle = .not. any(abs(f) > 0.0_wp)
+         largest = max(largest, maxval(abs(z))/margin)
+      end do
+   end subroutine find_force
+end module hb_idle_laws

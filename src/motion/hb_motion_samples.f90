@@ -1,0 +1,49 @@
+!> Samples of a motion at phases of its tones that are spread evenly over the torus.
+module hb_motion_samples
+   use hb_kinds, only: two_pi, wp
+   use hb_model, only: model_t
+   use hb_motion_result, only: motion_result_t
+   implicit none
+   private
+   public :: sample_motion
+
+   real(wp), parameter :: golden = 0.618033988749895_wp               ! its multiples are spread evenly over the circle
+
+contains
+
+   !> Finds phases, displacements and velocities at the degrees of freedom of laws, ascending (law_dofs_of); not allocated if the
+   !> result has no motion.
+   pure subroutine sample_motion(model, motion, n, phases, q, v)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(in) :: motion
+      integer, intent(in) :: n                                        !! number of samples
+      real(wp), allocatable, intent(out) :: phases(:, :)              !! [rad], (n_tones, n_samples)
+      real(wp), allocatable, intent(out) :: q(:, :), v(:, :)          !! [m], [m/s], (n_samples, n_law_dofs)
+      integer, allocatable :: tuples(:, :)
+      real(wp) :: phase(n), rate
+      integer :: d, h, k, s
+
+      if (.not. (allocated(motion%corrected_coefficients) .and. allocated(motion%frequency))) return
+      tuples = model%harmonics%tuples
+      if (allocated(motion%harmonics%tuples)) tuples = motion%harmonics%tuples
+      if (size(motion%corrected_coefficients, 2) /= size(tuples, 2)) return
+      allocate (phases(size(tuples, 1), n))
+      do s = 1, n
+         do k = 1, size(tuples, 1)
+            phases(k, s) = two_pi*modulo(s*golden**k, 1.0_wp)
+         end do
+      end do
+      allocate (q(n, size(motion%corrected_coefficients, 3)), source=0.0_wp)
+      v = q
+      do h = 1, size(tuples, 2)
+         phase = matmul(real(tuples(:, h), wp), phases)
+         rate = dot_product(real(tuples(:, h), wp), motion%frequency)
+         do d = 1, size(q, 2)
+            associate (c => motion%corrected_coefficients(1, h, d), s => motion%corrected_coefficients(2, h, d))
+               q(:, d) = q(:, d) + c*cos(phase) + s*sin(phase)
+               v(:, d) = v(:, d) + rate*(s*cos(phase) - c*sin(phase))
+            end associate
+         end do
+      end do
+   end subroutine sample_motion
+end module hb_motion_samples

@@ -1,0 +1,42 @@
+"""The command says what is not plausible: stops that no motion reaches, gaps of a kilometre, tones far above all natural
+frequencies."""
+
+from program import ALL_CONVERGED, run
+
+MODEL = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&load dof = 'x1', tuple = 1, cos = 0.1 /
+&tones frequency = 0.9 /
+&harmonics order = 9 /
+&law type = 'elastic_stop', label = 'stop', dof = 'x1', stiffness = 1.0, gap = {gap} /
+"""
+SWEEP = "&sweep parameter = 'tones%frequency', values = 0.1, 0.9 /\n"
+IDLE = "warning: law 'stop' exerts no force: no motion reaches it; check the units of lengths and loads"
+
+
+WALL = MODEL.replace("'elastic_stop'", "'rigid_wall'").replace("stiffness = 1.0, gap", "gap")
+
+
+def said(text, folder, verb="solve", ranks=None):
+    (folder / "case.nml").write_text(text)
+    done = run(verb, "case.nml", *(["--overwrite"] if verb == "solve" else []), cwd=folder, ranks=ranks)
+    assert done.status == ALL_CONVERGED, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_a_stop_that_no_motion_reaches(tmp_path):
+    for more in ("", SWEEP, "&curve parameter = 'tones%frequency', from = 0.5, to = 0.9 /\n"):
+        assert IDLE in said(MODEL.format(gap=50.0) + more, tmp_path)
+        assert "exerts no force" not in said(MODEL.format(gap=0.3) + more, tmp_path)
+    assert IDLE in said(WALL.format(gap=50.0), tmp_path)
+    assert "exerts no force" not in said(WALL.format(gap=0.0) + "&error_estimate is_on = .false. /\n", tmp_path)
+    assert IDLE in said(MODEL.format(gap=50.0) + SWEEP, tmp_path, ranks=2)
+    assert "exerts no force" not in said(MODEL.format(gap=0.3) + SWEEP, tmp_path, ranks=2)
+
+
+def test_values_that_suggest_a_mistake(tmp_path):
+    for verb in ("solve", "check"):
+        assert "warning: law 'stop': gap = 1500.0 m; lengths are in metres" in said(MODEL.format(gap=1500.0), tmp_path, verb)
+        fast = MODEL.format(gap=0.3).replace("frequency = 0.9", "hertz = 50.0")
+        assert "is more than 50 times the highest natural frequency, 0.1592 Hz" in said(fast, tmp_path, verb)
+    assert "see the warnings above" in said(MODEL.format(gap=1500.0), tmp_path, "check")
+    assert "the input is valid" in said(MODEL.format(gap=0.3), tmp_path, "check")
