@@ -72,9 +72,9 @@ module command_table
    integer, parameter :: column_of_text = 31
 
    character(*), parameter :: closing(6) = [character(120) :: &
-      "exit status: 0 all points solved, 1 some points failed (see their status in the file), a derivative is wrong, or time", &
-      "             integration disagrees with a motion, 2 invalid input or file error, 3 points remain after a signal or the", &
-      "             time limit; resume solves them.", &
+      "exit status: 0 all points solved, 2 invalid input or file error, 3 points remain after a signal or the time limit,", &
+      "             which resume solves, 4 some points failed (see their status in the file), a derivative is wrong, or time", &
+      "             integration disagrees with a motion.", &
       "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 stop a run at the next iteration, a second signal at once.", &
       "BLAS uses one thread unless OPENBLAS_NUM_THREADS is set. docs/user/input.md lists the keys of the input,", &
       "docs/user/schema.md the contents of the results."]

@@ -74,10 +74,11 @@ program nhbm
    if (.not. allocated(error)) call run_verb()
    call report_error(bad_input)
    call finish_output(error)
-   call report_error(max(status, bad_input))
+   call report_error(merge(incomplete, bad_input, status == incomplete))
    call wait_for_points()                                             ! a signal to mpirun does not change the status any more
    flush (error_unit)
-   if (.not. can_end_library()) call hb_exit_at_once(int(max(status, bad_input), c_int)) ! HDF5 would crash when MPI ends
+   if (.not. can_end_library()) &                                     ! HDF5 would crash when MPI ends
+      call hb_exit_at_once(int(merge(incomplete, bad_input, status == incomplete), c_int))
    call stop_mpi()
    flush (error_unit)
    call hb_exit(int(status, c_int))

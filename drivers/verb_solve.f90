@@ -160,7 +160,7 @@ contains
          end associate
          call run_one(leaving(i))
          if (allocated(error)) return
-         status = max(status, its_status)
+         if (its_status == incomplete .or. status == success) status = its_status
          if (status /= incomplete) cycle
          if (rank_of(comm) == 0) call print_error("nhbm resume "//path//" also follows the motions that bifurcate from its curves")
          return

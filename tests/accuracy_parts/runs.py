@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 from nhbm_post.reader import SOLVED
-from program import BAD_INPUT, command, environment
+from program import ALL_CONVERGED, NOT_ALL_CONVERGED, command, environment
 
 ROOT = Path(__file__).resolve().parents[2]
 INPUTS = ROOT / "inputs"
@@ -57,7 +57,7 @@ def nhbm(verb: str, source: Path, result: Path, sets: tuple[str, ...], *options:
     words = command(verb, source, "-o", result, "--overwrite", "--quiet", *options)
     words += [word for value in sets for word in ("--set", value)]
     done = subprocess.run(words, cwd=result.parent, env=environment(), capture_output=True, text=True, check=False)
-    if done.returncode >= BAD_INPUT or done.returncode < 0:
+    if done.returncode not in (ALL_CONVERGED, NOT_ALL_CONVERGED):
         raise Refused(f"{verb} {source.name}: {done.stderr.strip()}")
 
 

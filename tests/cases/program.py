@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-ALL_CONVERGED, NOT_ALL_CONVERGED, BAD_INPUT, INCOMPLETE = 0, 1, 2, 3
+ALL_CONVERGED, NOT_ALL_CONVERGED, BAD_INPUT, INCOMPLETE = 0, 4, 2, 3
 
 # Nothing here takes this long; a run that hangs must end the test.
 _TIME_LIMIT = 120.0

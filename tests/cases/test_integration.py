@@ -328,7 +328,7 @@ def test_figure_7_difference_falls_with_the_order(tmp_path):
     source = INPUTS / "paper" / "wall.nml"
     result = tmp_path / "balance.h5"
     done = run("solve", source, "-o", result, "--quiet", cwd=tmp_path)
-    assert done.status in (0, 1), done.stderr
+    assert done.status in (0, 4), done.stderr
     record = integration(source, tmp_path, "--point", 3)
     errors = [np.sqrt(np.mean(difference(record, result, point, "v3") ** 2)) for point in range(4)]
     np.testing.assert_allclose(errors, [2.093e-5, 1.098e-5, 6.481e-6, 4.636e-6], rtol=2e-3)

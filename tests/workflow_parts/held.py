@@ -143,7 +143,7 @@ def _process(*words, ranks: int | None = None, stopped: tuple[float, int] | None
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         seconds = usage.ru_utime + usage.ru_stime
-        if process.returncode in (0, 1) or stopped or "--time-limit" in words and process.returncode == 3:
+        if process.returncode in (0, 4) or stopped or "--time-limit" in words and process.returncode == 3:
             return seconds, ""
         said.seek(0)
         text = said.read().decode(errors="replace").strip().splitlines()
