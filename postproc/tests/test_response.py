@@ -1,5 +1,7 @@
 """Response curves, backbones and maps: the picture shows the data of the file."""
 
+import csv
+
 import h5py
 import numpy as np
 import pytest
@@ -53,6 +55,23 @@ def legend_of(fig):
 
 def head_of(fig):
     return " ".join(text.get_text() for text in fig.texts)
+
+
+def test_curves_are_written_as_a_table(tmp_path):
+    path = grid_file(tmp_path / "grid.h5", status=[1] * 14 + [STALLED])
+    assert main(["response", str(path), "--over", "tones%frequency", "-o", str(tmp_path / "grid.csv")]) == 0
+    with open(tmp_path / "grid.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 15 and list(rows[0])[:3] == ["curve", "point", "tones%frequency [rad/s]"]
+    assert [float(row["tones%frequency [rad/s]"]) for row in rows[:5]] == [1.0, 2.0, 3.0, 4.0, 5.0]
+    values = np.array([float(row[list(row)[3]]) for row in rows])
+    np.testing.assert_allclose(values[:14], [1.0 + gap + 0.1 * speed for gap in range(3) for speed in range(5)][:14])
+    assert np.isnan(values[14]) and rows[14]["status"] == "stalled" and rows[0]["stability"] == "unknown"
+
+
+def test_hertz_stay_as_the_input_has_them():
+    assert unit_scale(600.0, "Hz") == (1.0, "Hz") and unit_scale(2e4, "Hz") == (1e-3, "kHz")
+    assert unit_scale(600.0, "N") == (1e-3, "kN")
 
 
 def test_curves_show_the_measure_and_break_at_points_without_motion(sweep, tmp_path):

@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from synthetic import write_results
 from test_cli import run
 
+from nhbm_post import Results
 from nhbm_post.draw import draw_deflection
 from nhbm_post.structure import Structure
 
@@ -127,6 +128,12 @@ def test_sets_of_the_input_name_degrees_of_freedom(files, capsys):
     words = "&structure\n   type = 'model'\n   file = 'full.h5'\n/\n"
     of_run = {"dofs": ("n2.z", "q1"), "law_dofs": ("n2.z",)}
     write_results(folder / "named.h5", TUPLES, FREQUENCY, c[None], input_groups=words, **of_run)
+    with Results(folder / "named.h5") as results:
+        assert results.default_dof() == "n2.z"
+    words += "&law\n   dof = 'tip.z'\n/\n"
+    write_results(folder / "named.h5", TUPLES, FREQUENCY, c[None], input_groups=words, **of_run)
+    with Results(folder / "named.h5") as results:  # pictures have the name that the user has given
+        assert results.default_dof() == "tip.z" and results.series(0, None).label == "tip.z"
     values = [run(capsys, "value", folder / "named.h5", "--dof", dof, "--tuple", "1,0")[1] for dof in ("n2.z", "tip.z")]
     assert values[0] and values[0] == values[1]
     for wrong, message in (("both", "'both' are 2 degrees of freedom; name one"), ("tip.x", "stored: n2.z, q1")):

@@ -394,11 +394,12 @@ class Results:
     # Solutions
 
     def default_dof(self, quantity: str = "motion") -> str:
-        """First degree of freedom with a law for which `quantity` is stored, otherwise the first stored one."""
+        """First degree of freedom with a law for which `quantity` is stored, otherwise the first stored one; `tip.z` where the
+        input names it by its set."""
         labels = self.labels(quantity)
         if not labels:
             raise ReaderError(f"{self.path}: no degree of freedom with {QUANTITIES[quantity].words}")
-        return next((label for label in self.law_dofs if label in labels), labels[0])
+        return self._as_written(next((label for label in self.law_dofs if label in labels), labels[0]))
 
     def labels(self, quantity: str = "motion") -> list[str]:
         """Labels of the degrees of freedom for which `quantity` is stored."""
@@ -409,6 +410,8 @@ class Results:
         attributes = self._dataset(QUANTITIES[quantity].coefficients).attrs
         labels = self.labels(quantity)
         by_dof = text_of(attributes.get("dof_units", "")).split()
+        if dof is not None and dof not in labels and len(set(by_dof)) > 1:
+            dof = next(iter(self._dofs_of_set(dof)), dof)
         if dof in labels and len(by_dof) == len(labels):
             return by_dof[labels.index(dof)]
         return text_of(attributes.get("units", ""))
@@ -560,6 +563,12 @@ class Results:
                 f"stored: {list_text(labels)}"
             )
         return labels.index(named[0])
+
+    def _as_written(self, label: str) -> str:
+        """The name that the input has for a degree of freedom: its label, or a set of one node and a direction."""
+        words = dict.fromkeys(re.findall(r"'([^'\s]+\.\w+)'", self.input_text))
+        names = [word for word in words if word not in self.dofs and word not in self.law_dofs]
+        return next((name for name in names if self._dofs_of_set(name) == [label]), label)
 
     def _dofs_of_set(self, name: str) -> list[str]:
         """Labels of a set of nodes and a direction, as `tip.z` in the input; none if the model file has no such set or is not

@@ -181,6 +181,11 @@ def _draw_response(arguments, measure, over):
     with ExitStack() as stack:
         files = [(label or path.stem, stack.enter_context(Results(path))) for label, path in arguments.files]
         (label, results), others = files[0], files[1:]
+        if arguments.output and arguments.output.suffix.lower() == ".csv":
+            draw.write_response(files, arguments.dof, arguments.output, measure=measure(results), over=over,
+                                where=dict(arguments.where), n_curves=arguments.curves)  # fmt: skip
+            print(f"wrote {arguments.output}")
+            return
         fig = draw.draw_response(
             results,
             arguments.dof,

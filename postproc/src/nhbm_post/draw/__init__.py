@@ -8,7 +8,7 @@ from .deflection import draw_deflection
 from .heat_map import draw_map
 from .motion import draw_orbit, draw_surface
 from .multipliers import draw_multipliers
-from .response import draw_response
+from .response import draw_response, write_response
 from .rotor import draw_rotor
 from .spectrum import draw_spectrum
 from .style import relabel, save
@@ -40,4 +40,5 @@ __all__ = [
     "save",
     "save_animation",
     "structure_in_motion",
+    "write_response",
 ]

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from matplotlib.lines import Line2D
+
+from nhbm.child_process import atomic_write
 
 from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
@@ -103,6 +108,42 @@ class Curve:
     def is_special(self, kind: str) -> np.ndarray:
         """Which points are folds, peaks, or another kind."""
         return self.kind == kind if self.kind.size else np.zeros(self.points.size, dtype=bool)
+
+
+def write_response(
+    files: list[tuple[str, Results]],
+    dof: str | None,
+    path: Path,
+    *,
+    measure: Measure,
+    over: str | None = None,
+    where=None,
+    n_curves: int = N_CURVES,
+) -> None:
+    """Writes the curves of `draw_response` as a text table, a row a point in the order along each curve, with all digits."""
+    rows, header, axis = [], [], None
+    for name, file in files:
+        wanted = max(1, n_curves // len(files))
+        found, its_axis, _ = curves_of(file, name if len(files) > 1 else "", dof, measure, over, where, wanted, axis)
+        axis = axis or its_axis
+        of = file.default_dof(measure.quantity) if dof is None else dof
+        quantity = re.sub(r"[$\\{}]", "", measure.words(file, of)[0])
+        value = style.with_unit(quantity, measure.units(file, of))
+        header = header or ["curve", "point", axis.heading, value, "status", "stability", "kind"]
+        for curve in found:
+            kinds = curve.kind if curve.kind.size else np.full(curve.points.size, "")
+            for point, x, y, stability, kind in zip(curve.points, curve.x, curve.y, curve.stability, kinds):
+                words = _STABILITY[int(stability)], str(kind)
+                rows.append([curve.label, int(point), repr(float(x)) if axis.is_number else x, repr(float(y)),
+                             file.status_name(int(point)), *words])  # fmt: skip
+    try:
+        with atomic_write(path) as name, open(name, "w", newline="", encoding="utf-8") as text:
+            csv.writer(text).writerows([header, *rows])
+    except OSError as error:
+        raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
+
+
+_STABILITY = {1: "stable", -1: "unstable", 0: "unknown"}
 
 
 def draw_response(

@@ -219,7 +219,8 @@ def unit_scale(largest: float, units: str, is_logarithmic: bool = False) -> tupl
     power = int(3 * np.floor((np.log10(largest) + 0.31) / 3.0))
     if power == 0:
         return 1.0, units
-    if units in _WITH_PREFIX and power in _PREFIXES and not (units in ("s", "rad/s") and power > 0):
+    is_as_given = (units in ("s", "rad/s") and power > 0) or (units == "Hz" and largest < 1e4 and power > 0)
+    if units in _WITH_PREFIX and power in _PREFIXES and not is_as_given:
         return 10.0**-power, _PREFIXES[power] + units
     if -3 < power < 6 or is_logarithmic:
         return 1.0, units
