@@ -479,3 +479,24 @@ def test_the_table_of_keys():
     assert [" | ".join(key) for key in nhbm.input_keys()] == rows
     gap = next(key for key in nhbm.input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
     assert (gap.type, gap.unit, gap.default) == ("real", "m", "required")
+
+
+def test_one_of_several_values_is_set_for_all_operations():
+    """Also by sessions that begin later: another order, another tolerance."""
+    chain = nhbm.Chain(n_masses=2, mass=[1.0, 2.0], coupling_stiffness=[1.0, 1.0, 1.0], damping_mass=0.1)
+    model = Model(chain, tones=[0.9])
+    model.load("x1", 1, cos=0.1)
+    model.solve(order=1)
+    model.solve(order=3)
+    model["structure.mass[1]"] = 3.0
+    expected = Model(nhbm.Chain(n_masses=2, mass=[1.0, 3.0], coupling_stiffness=[1.0, 1.0, 1.0], damping_mass=0.1), tones=[0.9])
+    expected.load("x1", 1, cos=0.1)
+    for order in (1, 3, 5):
+        assert model.response("x1 (1)", order=order) == pytest.approx(expected.response("x1 (1)", order=order), rel=1e-12)
+    matrices = Model(nhbm.Matrices(np.eye(2), [[2.0, -1.0], [-1.0, 2.0]], 0.1 * np.eye(2)), tones=[0.9])
+    matrices.load("x1", 1, cos=0.1)
+    matrices.solve(order=1)
+    matrices["structure%stiffness(2,2)"] = 3.0
+    other = Model(nhbm.Matrices(np.eye(2), [[2.0, -1.0], [-1.0, 3.0]], 0.1 * np.eye(2)), tones=[0.9])
+    other.load("x1", 1, cos=0.1)
+    assert matrices.response("x1 (1)", order=3) == pytest.approx(other.response("x1 (1)", order=3), rel=1e-12)

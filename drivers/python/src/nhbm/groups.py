@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from nhbm.errors import ModelError
 from nhbm.keys import check_keys, keys_of, missing_key
+from nhbm.signatures import STRUCTURES
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from nhbm import signatures
 
 REPEATED = "load", "law", "start", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several
 GROUPS = (
@@ -125,14 +133,37 @@ class Group:
         return f"<{self.name}: {', '.join(f'{key} = {value!r}' for key, value in self.keys.items())}>"
 
     def put(self, key: str, value: Any) -> None:
-        """Sets a key; None removes it. Values of all indices replace those of single ones."""
+        """Sets a key; None removes it. Values of all indices replace those of single ones; a single one is set among all."""
         if "(" not in key:
             self.keys = {name: old for name, old in self.keys.items() if not name.startswith(f"{key}(")}
         value = plain(value)
+        whole = key.partition("(")[0]
+        if whole != key and whole in self.keys:
+            values, k = self._element(key)
+            values[k] = value
+            self.keys[whole] = tuple(values) if len(values) > 1 else value
+            return
         if value is None:
             self.keys.pop(key, None)
         else:
             self.keys[key] = value
+
+    def _element(self, key: str) -> tuple[list[Any], int]:
+        """All values of a key with indices, and the position of the one that they mean."""
+        whole, _, index = key.partition("(")
+        values = self.keys[whole] if isinstance(self.keys[whole], tuple) else (self.keys[whole],)
+        at = [int(number) - 1 for number in index.rstrip(")").split(",")]
+        k = at[0] if len(at) == 1 else at[0] * math.isqrt(len(values)) + at[1]  # of a matrix, row by row
+        if not 0 <= k < len(values):
+            raise ModelError(f"&{self.name}: '{key}': {whole} has {len(values)} value{'s' * (len(values) > 1)}")
+        return list(values), k
+
+    def value(self, key: str) -> Any:
+        """The value of a key that the group has, with indices or without."""
+        if key in self.keys:
+            return self.keys[key]
+        values, k = self._element(key)
+        return values[k]
 
     def get(self, key: str, index: tuple[int, ...] = ()) -> Any:
         """The value that the group itself has for a key; None if it has none of its own."""
@@ -212,6 +243,8 @@ class Groups:
         else:
             is_unique = sum(other.label == group.label for other in self.named(group.name)) == 1
             found = found._replace(which=group.label if group.label and is_unique else self.number_of(group))
+        if group.name == "tones" and found.key == "frequency" and "hertz" in group.keys:
+            found = found._replace(key="hertz")  # `tones[0]` has the unit of the input
         if group.name == "tones" and found.index == (1,) and isinstance(group.get(found.key), (bool, int, float)):
             found = found._replace(index=())
         return found
@@ -323,6 +356,9 @@ def described(path: InputPath, groups: Groups) -> dict[str, str]:
     if (path.group, path.key) == ("tones", "frequency"):
         number = chr(0x2080 + path.index[0]) if path.index and n_tones > 1 else ""
         return {"long_name": f"Excitation frequency ω{number}", "units": "rad/s"}
+    if (path.group, path.key) == ("tones", "hertz"):
+        number = chr(0x2080 + path.index[0]) if path.index and len(np.atleast_1d(group.keys["hertz"] if group else 0)) > 1 else ""
+        return {"long_name": f"Excitation frequency f{number}", "units": "Hz"}
     key = keys_of(path.group, "" if group is None else str(group.keys.get("type", "")).lower()).get(path.key)
     name = path.key.replace("_", " ").capitalize()
     if isinstance(path.which, str):
@@ -343,6 +379,14 @@ class Builder:
     """
 
     type = ""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "__init__" not in cls.__dict__ and cls.type in STRUCTURES:  # what help and completion show
+            cls.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
+                inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=inspect.Parameter.empty
+                                  if is_required else None) for key, (kind, is_required) in STRUCTURES[cls.type].items()
+            ])  # fmt: skip
 
     def __init__(self, *values: Any, **keys: Any) -> None:
         name = type(self).__name__
@@ -365,11 +409,19 @@ class Beam(Builder):
 
     type = "beam"
 
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Unpack[signatures.BeamKeys]) -> None: ...
+
 
 class Chain(Builder):
     """A chain of masses, with springs and dashpots between them and to ground."""
 
     type = "chain"
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Unpack[signatures.ChainKeys]) -> None: ...
 
 
 class ModalBeam(Builder):
@@ -377,17 +429,29 @@ class ModalBeam(Builder):
 
     type = "modal_beam"
 
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Unpack[signatures.ModalBeamKeys]) -> None: ...
+
 
 class Jeffcott(Builder):
     """A disk on a massless shaft."""
 
     type = "jeffcott"
 
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Unpack[signatures.JeffcottKeys]) -> None: ...
+
 
 class RotorStator(Builder):
     """A bladed disk and a casing."""
 
     type = "rotor_stator"
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **keys: Unpack[signatures.RotorStatorKeys]) -> None: ...
 
 
 def _square(name: str, matrix: Any, n: int = 0) -> Any:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import xarray as xr
@@ -39,6 +39,7 @@ from nhbm.keys import check_keys
 from nhbm.laws import Law
 from nhbm.responses import gradient_of, required_response_of, response_of
 from nhbm.session import Session
+from nhbm.signatures import Laws
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
 
@@ -83,7 +84,7 @@ class Gradient(NamedTuple):
     slopes: Any  # np.ndarray
 
 
-class Model:
+class Model(Laws):
     """A structure with tones, loads and laws.
 
     Keys, units and defaults are those of the input (docs/user/input.md). A model executes one operation at a time: further
@@ -256,25 +257,27 @@ class Model:
             raise ModelError("a load needs an amplitude: cos= or sin= [N]")
         self._add("load", keys)
 
-    @_exclusive
-    def law(self, kind: str | Law | Callable[..., Any], dof: str | Iterable[str] | None = None, **keys: Any) -> None:
-        """Adds a nonlinear element.
+    if not TYPE_CHECKING:  # its keys by law: nhbm.signatures
 
-        Parameters
-        ----------
-        kind : str or function
-            A law: a type of the catalogue ("cubic_spring", "jenkins", ...), a function, or what `nhbm.law` makes of one.
-        dof : str or iterable of str, optional
-            Where it acts; several degrees of freedom correspond to the key `dofs`.
-        **keys
-            Its keys, with the units of docs/user/input.md, such as ``gap=1e-3`` [m]; ``label="wall"`` names it in paths.
-        """
-        where = {} if dof is None else _dofs(dof)
-        if isinstance(kind, str):
-            self._add("law", {"type": kind, **where, **keys})
-            return
-        law = kind if isinstance(kind, Law) else Law(kind)
-        self._add("law", {"type": "user", "library": "", "name": law, "odd": law.odd, **where, **keys})
+        @_exclusive
+        def law(self, kind: str | Law | Callable[..., Any], dof: str | Iterable[str] | None = None, **keys: Any) -> None:
+            """Adds a nonlinear element.
+
+            Parameters
+            ----------
+            kind : str or function
+                A law: a type of the catalogue ("cubic_spring", "jenkins", ...), a function, or what `nhbm.law` makes of one.
+            dof : str or iterable of str, optional
+                Where it acts; several degrees of freedom correspond to the key `dofs`.
+            **keys
+                Its keys, with the units of docs/user/input.md, such as ``gap=1e-3`` [m]; ``label="wall"`` names it in paths.
+            """
+            where = {} if dof is None else _dofs(dof)
+            if isinstance(kind, str):
+                self._add("law", {"type": kind, **where, **keys})
+                return
+            law = kind if isinstance(kind, Law) else Law(kind)
+            self._add("law", {"type": "user", "library": "", "name": law, "odd": law.odd, **where, **keys})
 
     @_exclusive
     def start(self, dof: str, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
@@ -805,8 +808,8 @@ class Model:
         Returns
         -------
         list of str
-            Warnings: tones with a common period, no load, values that suggest a mistake. An invalid value raises ModelError. Derivatives of laws are compared
-            with differences by the first solution.
+            Warnings: tones with a common period, no load, values that suggest a mistake. An invalid value raises ModelError.
+            Derivatives of laws are compared with differences by the first solution.
 
         Examples
         --------
@@ -961,7 +964,7 @@ class Model:
         which = self._groups.number_of(group) if group.name in REPEATED else None
         path = path_of(str(InputPath(group.name, which, key)))
         if not live.settings.has(path):
-            live.set(str(path), group.keys[key])
+            live.set(str(path), group.value(key))
 
     def _find_structure(self, name: str) -> Structure:
         group = self._groups.first("structure")
