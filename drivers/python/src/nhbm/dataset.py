@@ -287,6 +287,16 @@ class Accessor:
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
 
+    def __repr__(self) -> str:
+        from nhbm import notebook
+
+        return "\n".join(f"{name}: {text}" for name, text in notebook.summary_of(self._dataset))
+
+    def _repr_html_(self) -> str:
+        from nhbm import notebook
+
+        return notebook.table(notebook.summary_of(self._dataset), str(self._dataset.attrs.get("title", "")) or "nhbm result")
+
     @property
     def is_converged(self) -> xr.DataArray:
         """Whether each motion satisfies its tolerances."""
@@ -332,6 +342,124 @@ class Accessor:
         from nhbm import files
 
         files.save(self._dataset, self._record(), Path(path))
+
+    def report(self) -> Any:
+        """The interactive page of `nhbm-post report`: a notebook shows it.
+
+        Returns
+        -------
+        Report
+            `save(path)` writes the page as one file of HTML.
+        """
+        from nhbm import notebook
+
+        return notebook.report(self._dataset)
+
+    def to_dataframe(self, *of: str) -> Any:
+        """A table with a row a point.
+
+        Parameters
+        ----------
+        *of : str
+            Responses, a column each, as for `response`. Default: the root mean square at each of the first twelve degrees of
+            freedom.
+
+        Returns
+        -------
+        pandas.DataFrame
+            What varies, responses, status, stability, estimated errors; the index is the point.
+        """
+        from nhbm import tables
+
+        return tables.frame(self._dataset, of)
+
+    def to_csv(self, path: str | Path, *of: str) -> None:
+        """Writes that table as CSV, with units in its heading.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; an existing one is replaced.
+        *of : str
+            As for `to_dataframe`.
+        """
+        from nhbm import tables
+
+        tables.write_csv(self._dataset, Path(path), of)
+
+    def to_mat(self, path: str | Path) -> None:
+        """Writes all variables for MATLAB and Octave, with the structures `units` and `axes`.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; an existing one is replaced.
+        """
+        from nhbm import tables
+
+        tables.write_mat(self._dataset, Path(path))
+
+    def orbit(self, dof: str | None = None, other: str | None = None) -> Any:
+        """Draws a motion in the phase plane, or over another degree of freedom; for several tones with its section.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; default: the one that moves most.
+        other : str, optional
+            Degree of freedom of the other axis; default: the velocity.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from nhbm import notebook
+
+        return notebook.drawn("orbit", self._dataset, [self._moving(dof), *([other] if other else [])])
+
+    def spectrum(self, dof: str | None = None, over: str = "tuple") -> Any:
+        """Draws the amplitudes of all harmonics of a motion.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; default: the one that moves most.
+        over : str
+            Axis: "tuple" or "frequency".
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from nhbm import notebook
+
+        return notebook.drawn("spectrum", self._dataset, [self._moving(dof)], over=over)
+
+    def animate(self, dof: str | None = None, frames: int = 60, fps: int = 20) -> Any:
+        """Draws a motion that moves: in the phase plane, or on the torus of two tones, beside the motion over time.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; default: the one that moves most.
+        frames, fps : int
+            Number of pictures, and pictures a second.
+
+        Returns
+        -------
+        Animation
+            A notebook plays it; `save(path)` writes a GIF or MP4.
+        """
+        from nhbm import notebook
+
+        return notebook.animated(self._dataset, self._moving(dof), frames, fps)
+
+    def _moving(self, dof: str | None) -> str:
+        """The given degree of freedom, or the one that moves most."""
+        from nhbm.pictures import most_of
+
+        check_found(self._dataset, "coefficients")
+        return dof or most_of(self._dataset)
 
     def events(self, *of: str) -> Any:
         """The located points of a curve: folds, peaks, bifurcations, ends.

@@ -156,6 +156,11 @@ class Model(Laws):
                 parts.append(f"{len(found)} {name}{'s' if len(found) > 1 else ''}" + (f" ({', '.join(types)})" if types else ""))
         return f"<nhbm.Model: {'; '.join(parts)}>"
 
+    def _repr_html_(self) -> str:
+        from nhbm import notebook
+
+        return notebook.html_of_model(self._groups)
+
     def _clear(self) -> None:
         self._lock = threading.RLock()
         self._folder = Path()  # of files that the groups name

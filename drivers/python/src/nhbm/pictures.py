@@ -27,15 +27,16 @@ def plot(data: xr.Dataset, of: str | None = None, ax: Any = None) -> Any:
     if "coefficients" not in data:
         _numbers(ax, data, of)
     elif "point" in data.dims:
-        _over_points(ax, data, of or f"max {_most(data)}")
+        _over_points(ax, data, of or f"max {most_of(data)}")
     else:
-        _over_time(ax, data, of or _most(data))
+        _over_time(ax, data, of or most_of(data))
     ax.grid(color="0.9")
     ax.set_axisbelow(True)
     return ax
 
 
-def _most(data: xr.Dataset) -> str:
+def most_of(data: xr.Dataset) -> str:
+    """The degree of freedom that moves most."""
     size = abs(data["coefficients"].fillna(0.0)).sum(["harmonic", "component"])
     return str(data["dof"].values[int((size.sum("point") if "point" in data.dims else size).argmax("dof"))])
 

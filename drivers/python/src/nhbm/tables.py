@@ -1,0 +1,64 @@
+"""Results as tables: a row a point as a pandas.DataFrame or CSV, everything as a file for MATLAB."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from nhbm.child_process import atomic_write
+from nhbm.errors import ModelError
+
+_MOST_DOFS = 12  # of which a table has a column by default
+_OUTCOMES = ("status", "stability", "n_unstable", "curve_kind", "curve_branch", "truncation_estimate", "aliasing_estimate",
+             "n_harmonics", "message")  # fmt: skip
+
+
+def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any:
+    """A row a point: what varies, responses, outcome."""
+    import pandas
+
+    columns: dict[str, Any] = {}
+
+    def add(name: str, values: Any, unit: str) -> None:
+        columns[f"{name} [{unit}]" if has_units and unit not in ("", "1") else name] = np.atleast_1d(values)
+
+    for name in data.attrs.get("varies", ()):
+        add(name, data[name].values, str(data[name].attrs.get("units", "")))
+    if "coefficients" in data:
+        for one in of or [str(dof) for dof in data["dof"].values[:_MOST_DOFS]]:
+            values, label = data.nhbm.response(one)
+            add(one, values.values, label.rpartition("[")[2].rstrip("]"))
+    elif of:
+        raise ModelError("this dataset has numbers, not motions; leave the responses out")
+    else:
+        for name in [name for name in data.data_vars if name not in _OUTCOMES]:
+            add(str(name), data[name].values, str(data[name].attrs.get("units", "")))
+    for name in _OUTCOMES:
+        if name in data and (name != "message" or any(np.ravel(data[name].values))):
+            add(name, data[name].values, "")
+    points = np.atleast_1d(data["point"].values) if "point" in data.coords else np.arange(data.sizes.get("point", 1))
+    index = pandas.Index(points, name="point")
+    return pandas.DataFrame(columns, index=index)
+
+
+def write_csv(data: xr.Dataset, path: Path, of: tuple[str, ...]) -> None:
+    """Writes that table with units in its heading."""
+    with atomic_write(path) as name:
+        frame(data, of, has_units=True).to_csv(name)
+
+
+def write_mat(data: xr.Dataset, path: Path) -> None:
+    """Writes all variables, with structures of their units and axes."""
+    from scipy.io import savemat
+
+    variables: dict[str, Any] = {}
+    for name, column in {**data.coords, **data.data_vars}.items():
+        values = column.values
+        variables[str(name)] = values.astype(object) if values.dtype.kind in "UO" else values
+    variables["units"] = {str(name): str(data[name].attrs["units"]) for name in data.variables if "units" in data[name].attrs}
+    variables["axes"] = {str(name): " ".join(map(str, data[name].dims)) for name in data.variables if data[name].dims}
+    with atomic_write(path) as name:
+        savemat(str(name), variables, long_field_names=True, appendmat=False, oned_as="column")

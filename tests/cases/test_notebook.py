@@ -1,0 +1,120 @@
+"""What notebooks show and what leaves them: tables of models and results, the report within a page, pictures of a motion, tables a
+row a point, CSV and files for MATLAB."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pandas
+import pytest
+
+from in_process import ROOT, duffing
+
+import nhbm
+from nhbm import ModelError
+
+matplotlib = pytest.importorskip("matplotlib")
+matplotlib.use("Agg")
+
+
+@pytest.fixture(scope="module")
+def curve():
+    return duffing().curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1 (1)")
+
+
+def test_models_and_results_are_shown_as_tables(curve):
+    model = duffing()
+    shown = model._repr_html_()
+    assert "structure chain" in shown and "law cubic_spring &#x27;spring&#x27;" in shown and "stiffness = 0.5" in shown
+    text, page = repr(curve.nhbm), curve.nhbm._repr_html_()
+    n = curve.sizes["point"]
+    assert f"{n} converged" in text and "tones%frequency: 0.5 to 2.5 rad/s" in text and "1 peak" in text and "by truncation" in text
+    assert "<table>" in page and f"{n} converged" in page
+    assert "converged" in repr(model.solve(order=5).nhbm) and "response" in repr(model.sweep({"tones[0]": [0.5, 0.6]}, of="x1"))
+
+
+def test_a_report_is_shown_within_a_page(curve, tmp_path):
+    report = curve.nhbm.report()
+    assert report._repr_html_().startswith("<iframe srcdoc=")
+    report.save(tmp_path / "curve.html")
+    page = (tmp_path / "curve.html").read_text()
+    assert "</html>" in page and "cubic_spring" in page and repr(report).startswith("<nhbm report")
+    with pytest.raises(ModelError, match="save the whole result"):
+        curve.isel(point=[1, 2]).nhbm.report()
+
+
+def test_pictures_of_a_motion(curve, tmp_path):
+    motion = curve.isel(point=3)
+    for figure in (motion.nhbm.orbit(), motion.nhbm.spectrum("x1"), motion.nhbm.spectrum(over="frequency")):
+        assert figure._repr_png_().startswith(b"\x89PNG")
+    moving = motion.nhbm.animate(frames=4)
+    moving.save(tmp_path / "motion.gif")
+    assert (tmp_path / "motion.gif").read_bytes().startswith(b"GIF") and "<img" in moving._repr_html_()
+    with pytest.raises(ModelError, match="give one motion"):
+        curve.nhbm.orbit()
+    model = nhbm.Model(nhbm.Matrices(np.eye(2), np.eye(2), 0.1 * np.eye(2)), tones=[0.9, 1.3])
+    model.load("x1", (1, 0), cos=0.3)
+    model.load("x2", (0, 1), cos=0.3)
+    motion = model.solve(order=3)
+    assert motion.nhbm.orbit("x1", "x2").axes[0].get_xlabel().startswith("Displacement x1")
+
+
+def test_a_table_has_a_row_a_point(curve):
+    table = curve.nhbm.to_dataframe("x1 (1)", "max x1")
+    assert len(table) == curve.sizes["point"] and list(table)[:3] == ["tones_frequency", "x1 (1)", "max x1"]
+    np.testing.assert_array_equal(table["x1 (1)"], curve.nhbm.amplitude("x1"))
+    np.testing.assert_array_equal(table["max x1"], curve.nhbm.largest("x1"))
+    assert set(table["stability"]) <= {"stable", "unstable", "unknown"} and (table["curve_kind"] == "peak").sum() == 1
+    np.testing.assert_array_equal(curve.nhbm.to_dataframe()["x1"], curve.nhbm.response("x1")[0])
+    assert len(duffing().solve(order=5).nhbm.to_dataframe("x1 (1)")) == 1
+    numbers = duffing().sweep({"tones[0]": [0.5, 0.6]}, of="x1 (1)", order=5)
+    np.testing.assert_array_equal(numbers.nhbm.to_dataframe()["response"], numbers["response"])
+
+
+def test_tables_as_files(curve, tmp_path):
+    curve.nhbm.to_csv(tmp_path / "curve.csv", "x1 (1)")
+    table = pandas.read_csv(tmp_path / "curve.csv")
+    assert list(table)[:3] == ["point", "tones_frequency [rad/s]", "x1 (1) [m]"]
+    np.testing.assert_allclose(table["x1 (1) [m]"], curve.nhbm.amplitude("x1"), rtol=1e-14)
+    from scipy.io import loadmat
+
+    for data in (curve, duffing().solve(order=5)):
+        data.nhbm.to_mat(tmp_path / "data.mat")
+        found = loadmat(tmp_path / "data.mat", squeeze_me=True, struct_as_record=False)
+        np.testing.assert_array_equal(found["coefficients"], np.squeeze(data["coefficients"]))
+        assert found["units"].coefficients == "m" and found["axes"].coefficients.endswith("harmonic component")
+        assert np.all(np.asarray(found["status"] == data["status"].values.astype(object)))
+
+
+def test_signatures_show_the_keys():
+    parameters = inspect.signature(nhbm.Chain).parameters
+    assert parameters["n_masses"].default is inspect.Parameter.empty and parameters["ground_stiffness"].default is None
+    assert parameters["ends"].annotation == 'Literal["fixed", "free", "fixed-free"]'
+    from nhbm.signatures import STRUCTURES
+
+    for name, keys in STRUCTURES.items():
+        known = {key.name for key in nhbm.input_keys() if key.section in ("structure", f"structure {name}")} - {"type"}
+        assert set(keys) == known
+
+
+def test_static_checks_know_the_keys(tmp_path):
+    pytest.importorskip("mypy")
+    from mypy import api
+
+    (tmp_path / "right.py").write_text(
+        "import nhbm\nchain = nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=[1.0, 2.0])\n"
+        "model = nhbm.Model(chain, tones=[0.9])\n"
+        "model.law('cubic_spring', 'x1', stiffness=1.0, label='a')\nmodel.law(lambda q: q, 'x1')\n"
+    )
+    (tmp_path / "wrong.py").write_text(
+        "import nhbm\nchain = nhbm.Chain(n_mass=1, mass=1.0, coupling_stiffness=1.0)\nmodel = nhbm.Model(chain, tones=[0.9])\n"
+        "model.law('cubic_sprng', 'x1', stiffness=1.0)\nmodel.law('cubic_spring', 'x1', stifness=1.0)\n"
+    )
+    options = ["--no-incremental", "--follow-imports=silent", "--ignore-missing-imports"]
+    import os
+
+    os.environ["MYPYPATH"] = str(ROOT / "drivers" / "python" / "src")
+    assert api.run([*options, str(tmp_path / "right.py")])[2] == 0
+    said = api.run([*options, str(tmp_path / "wrong.py")])[0]
+    assert {line.split(":")[1] for line in said.splitlines() if "error" in line} >= {"2", "4", "5"}, said
