@@ -19,7 +19,6 @@ sys.path.insert(0, str(FOLDER))
 import damper_optimum  # noqa: E402
 import dual_rotor  # noqa: E402
 import monte_carlo  # noqa: E402
-import stop_fit  # noqa: E402
 
 PROCESSES = {"PYTHONPATH": os.pathsep.join([str(FOLDER), str(FOLDER.parent / "python" / "src"), os.environ.get("PYTHONPATH", "")])}
 
@@ -77,13 +76,6 @@ def test_samples_are_those_of_models_of_their_own(monkeypatch):
         assert float(found["at"][k]) == pytest.approx(
             float(curve["tones_frequency"][curve.nhbm.amplitude("x1").argmax("point")]), rel=5e-3
         )
-
-
-def test_fit_finds_the_stop_of_the_measurement():
-    values, errors = stop_fit.main()
-    truth = np.array([stop_fit.STIFFNESS, stop_fit.GAP])
-    assert np.all(np.abs(values - truth) < 3 * errors)
-    assert np.all(errors < 0.06 * truth)
 
 
 @pytest.mark.long  # seconds

@@ -10,6 +10,7 @@ _LATER = {  # what needs NumPy and more is imported at the first use
     "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
     "open_dataset": "dataset",
     "law": "laws",
+    "Fit": "fitting", "fit": "fitting",
     "Beam": "groups", "Chain": "groups",
     "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",
     "Session": "session", "Structure": "structure", "input_keys": "keys",

@@ -48,7 +48,7 @@ def main(arguments: Any = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="nhbm-model", description="Finite element models for nhbm: import, check, reduce.")
+    top = argparse.ArgumentParser(prog="nhbm-model", description="Models for nhbm: import, check, reduce finite elements, fit.")
     top.add_argument("--version", action="version", version=f"nhbm-model {__version__}")
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
@@ -65,6 +65,18 @@ def parser() -> argparse.ArgumentParser:
     _loads(verb)
     verb.add_argument("--units", default="m kg s", help="unit system, for information only (default: m kg s)")
     _output(verb)
+
+    verb = verbs.add_parser("fit", help="fit parameters of an input to a measured response over the frequency")
+    verb.set_defaults(run=run_fit)
+    verb.add_argument("input", help="input file; its values are the first guess")
+    verb.add_argument("data", help="CSV with columns frequency or hertz, amplitude; optional: phase [rad], sweep (up, down), sigma")
+    verb.add_argument("--by", action="append", required=True, metavar="PATH", help="a parameter, such as law(stop)%%gap")
+    verb.add_argument("--of", required=True, metavar="RESPONSE", help="the harmonic that was measured, such as 'x1 (1)'")
+    verb.add_argument("--order", type=int, metavar="N", help="order of the harmonics")
+    verb.add_argument("--tolerance", type=float, metavar="T", help="instead: relative error of the motions (default: 0.01)")
+    verb.add_argument("--noise", type=float, metavar="SHARE", help="relative standard deviation of amplitudes (default: estimated)")
+    verb.add_argument("--write", metavar="INPUT", help="write the complete input with the fitted values")
+    verb.add_argument("--picture", metavar="FILE", help="draw data, fit and residuals (.png, .pdf, .svg)")
 
     verb = verbs.add_parser("info", help="contents of a model file")
     verb.set_defaults(run=run_info)
@@ -239,6 +251,26 @@ def _named(text: str, form: str) -> tuple[str, str]:
     if not (name and equals and rest):
         raise ModelError(f"'{text}': give {form}")
     return name, rest
+
+
+def run_fit(options: Any) -> int:
+    from nhbm.fitting import fit
+    from nhbm.model import Model
+
+    if not Path(options.input).is_file():
+        raise ModelError(f"file '{options.input}' does not exist")
+    found = fit(Model.from_file(options.input), options.data, options.by, options.of, order=options.order,
+                tolerance=options.tolerance, noise=options.noise)  # fmt: skip
+    print(found)
+    if options.write:
+        Path(options.write).write_text(found.model.to_namelist())
+        print(f"wrote {options.write}")
+    if options.picture:
+        from matplotlib.figure import Figure
+
+        found.plot(Figure(figsize=(6.4, 5.6), layout="constrained")).savefig(options.picture, dpi=150)
+        print(f"wrote {options.picture}")
+    return NOT_GOOD if found.message else OK
 
 
 def run_info(options: Any) -> int:

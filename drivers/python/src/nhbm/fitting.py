@@ -1,0 +1,535 @@
+"""Parameters of a model from measured responses over the frequency: nonlinear least squares on curves that are continued through
+their folds, with exact derivatives.
+
+A measured sweep jumps where its branch ends, and noise or a slightly different fold shifts the jump. So each point is compared with
+a branch of the curve, not with what the model does at the same frequency: the stable branches are the parts of the curve between
+its folds, the points of a sweep move along them in their order, and of all such assignments the one with the smallest misfit
+counts. Where the branch of a point ends before its frequency, the point is compared with the fold, and the difference in frequency
+counts, too. The misfit is thus continuous where a fold passes a measured point.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from nhbm import dataset, doubts
+from nhbm.errors import ModelError, imported
+from nhbm.groups import identifier, numbers_of, path_of, request
+from nhbm.keys import keys_of
+from nhbm.responses import absence_of, parts_of
+
+if TYPE_CHECKING:
+    from nhbm.model import Model
+    from nhbm.session import Session
+
+Array = Any  # np.ndarray
+_RELATIVE = 0.01  # standard deviation of amplitudes, relative, where none is given; it is then scaled by the residuals
+_MARGIN = 0.02  # by which curves are longer than the measured range, relative to it
+_COLUMNS = "frequency", "hertz", "amplitude", "phase", "sweep", "sigma"
+_SWEEPS = "up", "down"
+_FAR = 1e3  # residual of a point where the model has no motion
+
+
+@dataclass
+class _Set:
+    """Measured points of one sweep: values of the parameter, ascending, amplitudes, phases [rad] or None, standard deviations."""
+
+    at: Array
+    amplitude: Array
+    phase: Array | None
+    sigma: Array
+    conditions: tuple[tuple[str, float], ...] = ()
+    sweep: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it differs in from others."""
+        return ", ".join([*(f"{path} = {value:g}" for path, value in self.conditions), *([self.sweep] if self.sweep else [])])
+
+
+@dataclass
+class _Segment:
+    """The curve between two folds: points in its order, complex amplitudes, their derivatives."""
+
+    at: list[float] = field(default_factory=list)
+    z: list[complex] = field(default_factory=list)
+    dz: list[Array] = field(default_factory=list)
+    dat: list[Array] = field(default_factory=list)  # derivatives of the position, of folds
+
+
+@dataclass
+class Fit:
+    """Fitted parameters, their uncertainty and the misfit.
+
+    `values`, `errors` (standard errors), `covariance` and `correlation` are in the order of `paths`; `model` has the fitted values.
+    """
+
+    paths: list[str]
+    values: Array
+    covariance: Array
+    residuals: Array
+    n_parameters: int
+    is_scaled: bool
+    model: Model
+    of: str
+    path: str
+    order: Any
+    tolerance: Any
+    sets: list[_Set]
+    message: str
+    predictions: list[Array]
+
+    @property
+    def errors(self) -> Array:
+        """Standard errors."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation of the estimates."""
+        return self.covariance / np.outer(self.errors, self.errors)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Number of measured numbers beyond the number of parameters."""
+        return _n_measured(self.sets) - len(self.paths)
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of the squared residuals over their standard deviations."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion: of two models fitted to the same data the one with the smaller value is more likely, by
+        the factor exp(difference/2)."""
+        n = _n_measured(self.sets)
+        misfit = n * np.log(self.chi_square / n) if self.is_scaled else self.chi_square
+        return float(misfit + len(self.paths) * np.log(n))
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Confidence intervals.
+
+        Parameters
+        ----------
+        level : float
+            Probability that an interval contains the true value.
+
+        Returns
+        -------
+        numpy.ndarray
+            Lower and upper ends, (n_parameters, 2).
+        """
+        from scipy.stats import norm, t
+
+        quantile = t.ppf(0.5 + level / 2, self.degrees_of_freedom) if self.is_scaled else norm.ppf(0.5 + level / 2)
+        return self.values[:, None] + quantile * self.errors[:, None] * np.array([-1.0, 1.0])
+
+    def to_dataframe(self) -> Any:
+        """The parameters as a table: value, standard error, ends of the 95 % interval, unit.
+
+        Returns
+        -------
+        pandas.DataFrame
+        """
+        import pandas
+
+        ends = self.interval()
+        columns = {"value": self.values, "error": self.errors, "lower": ends[:, 0], "upper": ends[:, 1],
+                   "unit": [self.model._described(path)["units"] for path in self.paths]}  # fmt: skip
+        return pandas.DataFrame(columns, index=pandas.Index(self.paths, name="parameter"))
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{name}: {text}" for name, text in self._rows())
+
+    def _repr_html_(self) -> str:
+        from nhbm import notebook
+
+        return notebook.table(self._rows(), "nhbm fit")
+
+    def _rows(self) -> list[tuple[str, str]]:
+        rows = []
+        for path, value, error in zip(self.paths, self.values, self.errors):
+            unit = self.model._described(path)["units"]
+            rows.append((path, f"{value:.6g} +- {error:.2g} {'' if unit == '1' else unit}".rstrip()))
+        pairs = [(abs(c), i, j) for i, line in enumerate(self.correlation) for j, c in enumerate(line) if i < j]
+        if pairs:
+            _, i, j = max(pairs)
+            rows.append(("largest correlation", f"{self.correlation[i, j]:.2f}, of {self.paths[i]} and {self.paths[j]}"))
+        n = self.degrees_of_freedom
+        rows.append(("misfit", f"chi-square {self.chi_square:.4g} of {n} degrees of freedom"
+                     + (", by which the standard errors are scaled" if self.is_scaled else "")))  # fmt: skip
+        return [*rows, *([("message", self.message)] if self.message else [])]
+
+    def plot(self, figure: Any = None) -> Any:
+        """Draws data, fitted curves and residuals.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            An empty figure to draw into.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        plt = imported("matplotlib.pyplot", "plots are drawn with")
+        figure = figure or plt.figure(figsize=(6.4, 5.6), layout="constrained")
+        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+        from nhbm.pictures import _labelled
+
+        deviation = np.sqrt(self.chi_square / self.degrees_of_freedom) if self.is_scaled else 1.0
+        conditions = list(dict.fromkeys(one.conditions for one in self.sets))
+        for k, which in enumerate(conditions):
+            for segment in _curve(self.model, self, which, [])[0]:
+                top.plot(segment.at, np.abs(segment.z), color=f"C{k}", lw=1.2)
+        for one, predicted in zip(self.sets, self.predictions):
+            color, mark = f"C{conditions.index(one.conditions)}", {"up": "^", "down": "v"}.get(one.sweep, "o")
+            style = {"marker": mark, "ls": "none", "color": color, "mfc": "none", "ms": 5}
+            top.plot(one.at, one.amplitude, label=one.name or "measured", **style)
+            bottom.plot(one.at, (np.abs(predicted) - one.amplitude) / (deviation * one.sigma), **style)
+        attributes = self.model._described(self.path)
+        import xarray as xr
+
+        unit = "" if not self._unit() else f" [{self._unit()}]"
+        top.set(ylabel=f"Amplitude of {self.of}{unit}")
+        bottom.set(xlabel=_labelled(self.path, xr.DataArray(0.0, attrs=attributes)), ylabel="Residual / $\\sigma$")
+        bottom.axhline(0.0, color="0.5", lw=0.8)
+        for ax in (top, bottom):
+            ax.grid(color="0.9")
+            ax.set_axisbelow(True)
+        top.legend(frameon=False)
+        return figure
+
+    def _unit(self) -> str:
+        from nhbm.sweeps import _unit_of
+
+        session = self.model._live(request(self.tolerance, self.order)).session
+        return _unit_of(session, self.of) if session.has_motion else "m"
+
+
+def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "tones[0]", tolerance: float | None = None,
+        order: int | None = None, noise: float | None = None, bounds: Mapping[str, Sequence[float]] | None = None,
+        controlled: bool = False, **keys: Any) -> Fit:  # fmt: skip
+    """Fits parameters of a model to measured amplitudes, and phases, over the frequency.
+
+    Points are compared with the stable branches of the response curve, so that sweeps with jumps may be given as they are.
+
+    Parameters
+    ----------
+    model : Model
+        The model, whose present values are the first guess. It is not changed.
+    data : str, Path, dict or pandas.DataFrame
+        A CSV file, or columns by name: `frequency` [rad/s] or `hertz` [Hz], `amplitude` in the unit of the degree of freedom and,
+        optionally, `phase` of the response [rad], negative where it lags behind a cosine; `sweep`, "up" or "down"; `sigma`, the
+        standard deviation of an amplitude. Any other column is a value of the model by its path, "load[0].cos".
+    by : iterable of str
+        Paths of the parameters, "stop.gap".
+    of : str
+        The harmonic that was measured, "x1 (1)".
+    path : str
+        Path of the frequency.
+    tolerance, order : float, int, optional
+        As for `Model.solve`.
+    noise : float, optional
+        Standard deviation of the amplitudes, relative to each. Without `noise` and `sigma` it is estimated from the residuals.
+    bounds : dict, optional
+        Lower and upper ends by path; by default those of the table of keys, such as 0 for a stiffness.
+    controlled : bool
+        The response was controlled, or its phase: points may be on unstable branches, too.
+    **keys
+        Of the group &curve, such as ``max_step=0.02``.
+
+    Returns
+    -------
+    Fit
+        Values, standard errors, correlation, confidence intervals, residuals; `plot` draws data, fitted curve and residuals.
+
+    Examples
+    --------
+    >>> import nhbm, numpy as np
+    >>> model = nhbm.Model(nhbm.Matrices(1.0, 1.0, 0.1), tones=[1.0])
+    >>> model.load("x1", 1, cos=0.1)
+    >>> omega = np.linspace(0.8, 1.2, 9)
+    >>> measured = 0.1 / abs(1.21 - omega**2 + 0.2j * omega)
+    >>> found = nhbm.fit(model, {"frequency": omega, "amplitude": measured}, ["structure.stiffness[0]", "structure.damping[0]"],
+    ...                  "x1 (1)", order=1)
+    >>> [float(round(value, 6)) for value in found.values]
+    [1.21, 0.2]
+    """
+    work = copy.copy(model)
+    paths = [work._resolved(one) for one in ([by] if isinstance(by, str) else by)]
+    if not paths or len(set(paths)) < len(paths):
+        raise ModelError("`by` needs the paths of the parameters, each once")
+    if parts_of(of)[1] is None:
+        raise ModelError(f"'{of}' is no harmonic; a fit needs one, such as '{of} (1)'")
+    at = work._resolved(path)
+    sets, is_scaled = _sets(data, work, at, noise)
+    if _n_measured(sets) <= len(paths):
+        raise ModelError(f"{_n_measured(sets)} measured numbers do not determine {len(paths)} parameters")
+    first = np.array([float(work[one]) for one in paths])
+    scale = np.where(first != 0.0, np.abs(first), 1.0)
+    lower, upper = _bounds(work, paths, bounds or {})
+    problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys)
+    least_squares = imported("scipy.optimize", "fits are made with", "scipy").least_squares
+    inside = np.clip(first, lower + 1e-6 * scale, upper - 1e-6 * scale)
+    found = least_squares(lambda x: problem.residuals(x * scale), inside / scale, jac=lambda x: problem.jacobian(x * scale) * scale,
+                          bounds=(lower / scale, upper / scale), x_scale="jac", xtol=1e-8, ftol=1e-8, gtol=1e-10,
+                          max_nfev=100)  # fmt: skip
+    values = found.x * scale
+    residuals, jacobian = problem.residuals(values), problem.jacobian(values)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    freedom = _n_measured(sets) - len(paths)
+    if is_scaled:
+        covariance = covariance * (residuals @ residuals) / freedom
+    message = "" if found.success else f"the optimisation has ended early: {found.message}"
+    at_end = (values <= lower + 1e-6 * scale) | (values >= upper - 1e-6 * scale)
+    if at_end.any():
+        message = f"at an end of its range: {', '.join(np.array(paths)[at_end])}"
+    if message:
+        doubts.warn(message)
+    problem.set_values(values)
+    return Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, message,
+               problem.predictions)  # fmt: skip
+
+
+def _n_measured(sets: list[_Set]) -> int:
+    return sum(len(one.at) * (1 if one.phase is None else 2) for one in sets)
+
+
+def _sets(data: Any, model: Model, at: str, noise: float | None) -> tuple[list[_Set], bool]:
+    """The measured points, a set for each sweep and each combination of other values; whether their noise is to be estimated."""
+    import pandas
+
+    if isinstance(data, (str, Path)):
+        try:
+            data = pandas.read_csv(data, comment="#", skipinitialspace=True)
+        except (OSError, ValueError) as error:
+            raise ModelError(f"'{data}' cannot be read as CSV: {error}") from None
+    table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
+    table.columns = [re.sub(r"\s*\[[^\]0-9]*\]$", "", str(name)).strip() for name in table.columns]  # without a unit
+    given = set(table.columns)
+    if "amplitude" not in given or len(given & {"frequency", "hertz"}) != 1:
+        known = ", ".join(sorted(given))
+        raise ModelError(f"data need the columns 'amplitude' and 'frequency' [rad/s] or 'hertz' [Hz]; there are: {known}")
+    others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
+    for column in [name for name in table.columns if name != "sweep"]:
+        numbers = np.array(numbers_of(f"column '{column}'", table[column].values))
+        if not np.isfinite(numbers).all() or (column in ("amplitude", "sigma") and not (numbers > 0).all()):
+            raise ModelError(f"column '{column}' must have finite{' positive' if column in ('amplitude', 'sigma') else ''} numbers")
+        table[column] = numbers
+    if "sweep" in given:
+        wrong = sorted(set(table["sweep"].astype(str)) - set(_SWEEPS))
+        if wrong:
+            raise ModelError(f"column 'sweep' has 'up' and 'down', not {', '.join(map(repr, wrong))}")
+    if noise is not None and not (noise > 0 and "sigma" not in given):
+        raise ModelError("noise must be positive; leave it out where the data have a column 'sigma'")
+    position = table["hertz" if "hertz" in given else "frequency"].values.astype(float)
+    is_in_hertz = model._described(at)["units"] == "Hz"
+    if "hertz" in given and not is_in_hertz:
+        position = 2 * np.pi * position
+    elif "frequency" in given and is_in_hertz:
+        position = position / (2 * np.pi)
+    table = table.assign(position=position)
+    found = []
+    keys = [*others, *(["sweep"] if "sweep" in given else [])]
+    for values, rows in table.groupby(keys if len(keys) > 1 else keys[0], sort=False) if keys else [((), table)]:
+        values = values if isinstance(values, tuple) else (values,)
+        rows = rows.sort_values("position", kind="stable")
+        amplitude = rows["amplitude"].values.astype(float)
+        sigma = rows["sigma"].values.astype(float) if "sigma" in given else (noise or _RELATIVE) * amplitude
+        phase = rows["phase"].values.astype(float) if "phase" in given else None
+        conditions = tuple((others[name], float(value)) for name, value in zip(keys, values) if name in others)
+        sweep = str(values[-1]) if "sweep" in given else ""
+        found.append(_Set(rows["position"].values, amplitude, phase, sigma, conditions, sweep))
+    return found, noise is None and "sigma" not in given
+
+
+def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]) -> tuple[Array, Array]:
+    """Lower and upper ends of the parameters."""
+    own = {model._resolved(path): ends for path, ends in given.items()}
+    unknown = [path for path in own if path not in paths]
+    if unknown:
+        raise ModelError(f"bounds of '{unknown[0]}', which is no parameter of the fit: {', '.join(paths)}")
+    lower, upper = [], []
+    for path in paths:
+        group = model._groups.find(path_of(path))
+        key = keys_of(path_of(path).group, "" if group is None else str(group.keys.get("type", "")).lower()).get(path_of(path).key)
+        words = "" if key is None else key.range
+        least = re.match(r">=? *([-\d.e]+)", words)
+        most = re.search(r"<=? *([-\d.e]+)", words)
+        default = float(least[1]) if least else -np.inf, float(most[1]) if most else np.inf
+        ends = own.get(path, default)
+        if len(ends) != 2 or not ends[0] < ends[1]:
+            raise ModelError(f"bounds of '{path}' are two numbers, the lower one first, not {ends!r}")
+        lower.append(ends[0])
+        upper.append(ends[1])
+    return np.array(lower, float), np.array(upper, float)
+
+
+def _curve(model: Model, how: Any, conditions: tuple[tuple[str, float], ...], paths: list[str],
+           keys: Mapping[str, Any] | None = None) -> tuple[list[_Segment], bool]:  # fmt: skip
+    """The response curve between its folds under the conditions, with derivatives by `paths`; whether it has reached its end."""
+    for path, value in conditions:
+        model[path] = value
+    wanted = np.unique(np.concatenate([one.at for one in how.sets if one.conditions == conditions]))
+    margin = _MARGIN * max(np.ptp(wanted), 1e-3 * abs(wanted[-1]))
+    ends = {"from": max(float(wanted[0] - margin), 0.5 * float(wanted[0])), "to": float(wanted[-1] + margin)}
+    curve = {"parameter": how.path, **ends, "values": wanted.tolist(), "points": 2000 + 10 * len(wanted), **(keys or {})}
+    groups: dict[str, Any] = {"curve": curve, "stability": {"method": "off"}}
+    if paths:
+        groups["gradient"] = {"by": paths}
+    if how.order is not None:
+        groups["error_estimate"] = {"is_on": False}
+    points, reached = [], True
+    if not model._groups.named("law"):  # a linear model has no folds
+        del groups["curve"]
+        for value in wanted:
+            model[how.path] = float(value)
+            session = model._begin(request(how.tolerance, how.order, **groups))
+            session.solve(points=0)
+            if dataset.status_of(session) in dataset.SOLVED:
+                points.append((0.0, 0, float(value), *_amplitude(session, how.of, paths, False)))
+    else:
+        session, name = model._begin(request(how.tolerance, how.order, **groups)), identifier(how.path)
+        session.begin_curve()
+        while session.next():
+            if dataset.status_of(session) in dataset.SOLVED:
+                kind = int(dataset.number(session, "curve_kind"))
+                if paths and kind == _REGULAR:  # fits compare located points alone
+                    continue
+                found = _amplitude(session, how.of, paths, kind == _FOLD)
+                points.append((dataset.number(session, "curve_length"), kind, dataset.number(session, name), *found))
+                reached = kind == _END
+    segments = [_Segment()]
+    for _, kind, position, z, dz, moves in points:
+        segments[-1].at.append(position)
+        segments[-1].z.append(z)
+        segments[-1].dz.append(dz)
+        segments[-1].dat.append(moves)
+        if kind == _FOLD:
+            segments.append(_Segment([position], [z], [dz], [moves]))
+    return segments, reached
+
+
+def _amplitude(session: Session, of: str, paths: list[str], is_fold: bool) -> tuple[complex, Array, Array]:
+    """Complex amplitude of the motion found last, its derivatives, and those of the position of a fold."""
+    dof, tuple_ = parts_of(of)
+    labels = session.labels("dof")
+    label = session.dofs_of_sets.get(dof, dof)
+    if label not in labels:
+        raise ModelError(f"'{of}': there is no degree of freedom '{dof}'; known: {', '.join(labels)}")
+    i, tuples = labels.index(label), session.column("tuples").values
+    if tuple_ is None or len(tuple_) != tuples.shape[1]:
+        raise ModelError(f"'{of}' needs a tuple of {tuples.shape[1]} entries")
+    sign = next((s for s in (1, -1) if np.equal(tuples, np.multiply(s, tuple_)).all(axis=1).any()), 0)
+    if not sign:
+        raise ModelError(absence_of(session, of))
+    h = int(np.flatnonzero(np.equal(tuples, np.multiply(sign, tuple_)).all(axis=1))[0])
+    cos, sin = session.column("coefficients").values[i, h]
+    by = session.column("gradient").values if paths else None
+    slopes = np.zeros(len(paths), complex) if by is None else by[:, i, h, 0] - sign * 1j * by[:, i, h, 1]
+    moves = session.column("position_gradient").values if paths and is_fold else None
+    return cos - sign * 1j * sin, np.nan_to_num(slopes), np.zeros(len(paths)) if moves is None else np.nan_to_num(moves)
+
+
+_REGULAR, _FOLD, _END = 1, 3, 6  # as `curve_kind`
+
+
+class _Problem:
+    """Residuals and their derivatives by the parameters."""
+
+    def __init__(self, model: Model, paths: list[str], of: str, path: str, tolerance: Any, order: Any, sets: list[_Set],
+                 controlled: bool, keys: Mapping[str, Any]) -> None:  # fmt: skip
+        self.model, self.paths, self.of, self.path, self.tolerance, self.order = model, paths, of, path, tolerance, order
+        self.sets, self.controlled, self.keys = sets, controlled, keys
+        self.predictions: list[Array] = []
+        self._at: Array | None = None
+        self._found: tuple[Array, Array] = np.zeros(0), np.zeros((0, 0))
+
+    def set_values(self, values: Array) -> None:
+        """Sets the parameters in the model."""
+        for path, value in zip(self.paths, values):
+            self.model[path] = float(value)
+
+    def residuals(self, values: Array) -> Array:
+        """Of amplitudes, of phases, and of frequencies beyond the end of a branch, over their standard deviations."""
+        return self._evaluate(values)[0]
+
+    def jacobian(self, values: Array) -> Array:
+        """Their derivatives by the parameters."""
+        return self._evaluate(values)[1]
+
+    def _evaluate(self, values: Array) -> tuple[Array, Array]:
+        if self._at is None or not np.array_equal(self._at, values):
+            self.set_values(values)
+            curves = {}
+            for one in self.sets:
+                if one.conditions not in curves:
+                    curves[one.conditions] = _curve(self.model, self, one.conditions, self.paths, self.keys)[0]
+            parts = [_compared(one, curves[one.conditions], len(self.paths), self.controlled) for one in self.sets]
+            self.predictions = [part[2] for part in parts]
+            self._found = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+            self._at = np.array(values)
+        return self._found
+
+
+def _compared(one: _Set, segments: list[_Segment], n: int, controlled: bool) -> tuple[Array, Array, Array]:
+    """Residuals of a set and their derivatives on the branches with the smallest misfit; amplitudes of the model."""
+    stable = [segment for k, segment in enumerate(segments) if (controlled or k % 2 == 0) and segment.at]
+    if not stable:
+        return np.full(3 * len(one.at), _FAR), np.zeros((3 * len(one.at), n)), np.full(len(one.at), np.nan)
+    on_each = [_on_segment(one, segment, n) for segment in stable]
+    costs = np.array([(r**2).sum(axis=1) for r, _, _ in on_each])  # (segments, points)
+    chosen = _in_order(costs) if one.sweep else costs.argmin(axis=0)
+    rows = range(len(one.at))
+    residuals = np.array([on_each[chosen[i]][0][i] for i in rows])
+    slopes = np.array([on_each[chosen[i]][1][i] for i in rows])
+    return residuals.ravel(), slopes.reshape(-1, n), np.array([on_each[chosen[i]][2][i] for i in rows])
+
+
+def _in_order(costs: Array) -> Array:
+    """A branch for each point, by the sum of the costs: along a sweep, and along the curve, the number of the branch rises."""
+    n_segments, n_points = costs.shape
+    total, before = np.zeros_like(costs), np.zeros((n_segments, n_points), int)
+    for i in range(n_points):
+        least, at = np.inf, 0
+        for s in range(n_segments):
+            previous = total[s, i - 1] if i else 0.0
+            if previous < least:
+                least, at = previous, s
+            total[s, i], before[s, i] = least + costs[s, i], at
+    chosen = np.zeros(n_points, int)
+    chosen[-1] = int(total[:, -1].argmin())
+    for i in range(n_points - 1, 0, -1):
+        chosen[i - 1] = before[chosen[i], i]
+    return chosen
+
+
+def _on_segment(one: _Set, segment: _Segment, n: int) -> tuple[Array, Array, Array]:
+    """Residuals (n_points, 3) of amplitude, phase and frequency on a branch, their derivatives and the complex amplitudes."""
+    residuals, slopes, predicted = np.zeros((len(one.at), 3)), np.zeros((len(one.at), 3, n)), np.zeros(len(one.at), complex)
+    positions = np.array(segment.at)
+    for i, at in enumerate(one.at):
+        k = int(np.abs(positions - at).argmin())
+        z, dz, sigma = segment.z[k], segment.dz[k], one.sigma[i]
+        size = max(abs(z), 1e-300)
+        residuals[i, 0] = (size - one.amplitude[i]) / sigma
+        slopes[i, 0] = (np.conj(z) * dz).real / size / sigma
+        if one.phase is not None:
+            weight = one.amplitude[i] / sigma
+            residuals[i, 1] = np.angle(z * np.exp(-1j * one.phase[i])) * weight
+            slopes[i, 1] = (np.conj(z) * dz).imag / size**2 * weight
+        if not positions.min() - 1e-9 * abs(at) <= at <= positions.max() + 1e-9 * abs(at):  # beyond the end of the branch
+            width = at * sigma / one.amplitude[i]
+            residuals[i, 2] = (positions[k] - at) / width
+            slopes[i, 2] = segment.dat[k] / width
+        predicted[i] = z
+    return residuals, slopes, predicted
