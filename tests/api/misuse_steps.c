@@ -141,8 +141,8 @@ static const struct {
    {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
    {verify_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
    {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {input_add_group, true}, {input_set_text, true},
-   {input_set_logical, true}, {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true}, {input_begin, false},
-   {read_input, false}, {destroy, false},
+   {input_set_logical, true}, {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true},
+   {input_begin, false}, {read_input, false}, {destroy, false},
 };
 enum { n_functions = sizeof functions/sizeof functions[0] };
 
