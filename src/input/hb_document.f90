@@ -328,6 +328,8 @@ contains
       associate (key => self%groups%holders(parameter%i_group)%group%content%keys(i), element => parameter%element)
          k = key%element_at(max(1, element(1)), element(2))
          if (k == 0 .and. element(2) == 0) k = key%listed_at(element(1))
+         if (k == 0 .and. element(2) > 0 .and. element(2) <= key%row_length .and. key%requested > 0) &
+            k = key%listed_at((element(1) - 1)*key%row_length + element(2))   ! of a matrix, row by row
          if (k == 0) return
          is_found = any(key%values(k)%kind == [kind_of%number, kind_of%whole])
          if (is_found) number = key%values(k)%number

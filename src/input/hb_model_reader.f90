@@ -375,6 +375,34 @@ contains
       end associate
    end function absence_of
 
+   !> Why a parameter with a number is none of a model: it does not have the indices of an element.
+   pure function index_problem(document, parameter) result(text)
+      type(document_t), intent(in) :: document
+      type(parameter_t), intent(in) :: parameter
+      character(120) :: text
+      integer :: n_columns, n_numbers
+
+      text = "is not a number that can move: give all numbers of its list"
+      n_columns = 0
+      n_numbers = 0
+      associate (content => document%groups%holders(parameter%i_group)%group%content, element => parameter%element)
+         if (content%names%find(trim(parameter%key)) > 0) then
+            associate (key => content%keys(content%names%find(trim(parameter%key))))
+               if (allocated(key%numbers)) n_numbers = size(key%numbers)
+               n_columns = key%row_length
+            end associate
+         end if
+         if (n_numbers > n_columns .and. element(2) == 0) then
+            associate (k => max(1, element(1)) - 1)
+               text = "is an element of a matrix; write "//trim(parameter%key)//"("//to_text(k/n_columns + 1)//", "// &
+                      to_text(modulo(k, n_columns) + 1)//")"
+            end associate
+         else if (n_numbers > 1 .and. n_numbers == n_columns .and. (element(1) == 0 .or. element(2) > 0)) then
+            text = "is a list; its elements have one index, like "//trim(parameter%key)//"(2)"
+         end if
+      end associate
+   end function index_problem
+
    !> Reads `&gradient`: the values with respect to which motions are differentiated, real numbers of the input.
    subroutine read_gradient(self, document)
       type(model_t), intent(inout) :: self
@@ -430,7 +458,7 @@ contains
       end if
       call find_number(document, parameter, number)
       call find_model_number(self, number, value, is_found)
-      if (len(problem) == 0 .and. .not. is_found) problem = "is not a number that can move: give all numbers of its list"
+      if (len(problem) == 0 .and. .not. is_found) problem = trim(index_problem(document, parameter))
       if (len(problem) > 0) then
          if (.not. allocated(error)) problem = "'"//trim(shown(path))//"' "//problem
          call group%problem("by", problem)

@@ -6,12 +6,12 @@
 !> checked: it is of second order in the step where the equations are smooth, and of first order where contact or
 !> friction begins or ends during a part of the period that the step changes. Source: docs/why/theory.md, section 6.8.
 module hb_gradient
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_level, only: carry, degree_of, level_t, needed_samples, put_on_level
@@ -289,9 +289,14 @@ contains
                typical = norm2(known%x(:n))/norm2(slope(:n))          ! of a value of zero: the change with a comparable effect
             end do
             if (.not. is_lost) call take_steps(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
+            if (.not. is_lost .and. .not. all(ieee_is_finite(gradient%frequency(:, k)))) then
+               if (.not. allocated(moved%refusal%text)) moved%refusal%text = "it is rejected on both sides of its value"
+               call fail(error, trim(by(k)%name)//" cannot change by itself: "//moved%refusal%text)
+               exit
+            end if
          end do
       end associate
-      is_lost = is_lost .or. work_is_over()
+      is_lost = is_lost .or. allocated(error) .or. work_is_over()
       if (is_lost) gradient = gradient_t()
       call here%destroy()
       call moved%destroy()
@@ -390,6 +395,10 @@ contains
             gradient%defect(k) = max(gradient%defect(k), norm2((r - known%residual)/moved%r_scale)/ &
                                      max(step*norm2(by_value/moved%r_scale), tiny(1.0_wp)))
          end do
+         if (.not. at(2) > at(1)) then                                 ! the value is rejected on both sides
+            gradient%frequency(:, k) = ieee_value(1.0_wp, ieee_quiet_nan)
+            return
+         end if
          gradient%frequency(:, k) = (omega(:, 2) - omega(:, 1))/(at(2) - at(1))
          gradient%frequency(known%tones, k) = slope(n + 1:n + size(known%tones))
          if (.not. has_slopes) slopes = (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1))

@@ -86,6 +86,39 @@ def test_values_without_derivatives_are_refused():
             damper().gradient("x1 (1)", [path])
 
 
+def on_a_bearing(middle=0.6):
+    model = nhbm.Model(nhbm.Jeffcott(mass=1.0, stiffness=0.5, damping=0.1), tones=[0.8])
+    table = [0.5, 0.0, 0.0, 0.5, middle, 0.1, -0.1, 0.6, 0.9, 0.0, 0.0, 0.9]
+    model.bearing(["x", "y"], [0.1, 1.0, 3.0], table, speed=0.8, label="b")
+    model.load("x", 1, cos=0.3)
+    model.law("cubic_spring", "x", stiffness=0.5)
+    return model
+
+
+def test_elements_of_tables_have_derivatives():
+    found = on_a_bearing().gradient("x (1)", ["bearing(b)%stiffness(2, 1)"], order=5)
+    step = 1e-5
+    sides = [on_a_bearing(0.6 + change).response("x (1)", order=5) for change in (step, -step)]
+    assert found.slopes[0] == pytest.approx((sides[0] - sides[1]) / (2 * step), rel=1e-6)
+
+
+@pytest.mark.parametrize(("path", "advice"), [("stiffness(5)", "is an element of a matrix; write stiffness.2, 1."),
+                                              ("speeds", "is a list; its elements have one index, like speeds.2."),
+                                              ("speeds(1, 2)", "is a list; its elements have one index")])  # fmt: skip
+def test_an_element_needs_its_indices(path, advice):
+    with pytest.raises(nhbm.ModelError, match=advice):
+        on_a_bearing().gradient("x (1)", [f"bearing(b)%{path}"], order=5)
+
+
+def test_a_value_that_cannot_change_by_itself_is_named():
+    matrices = nhbm.Matrices(np.array([[1.0, 0.1], [0.1, 1.0]]), 2 * np.eye(2), 0.1 * np.eye(2))
+    model = nhbm.Model(matrices, tones=[1.0])
+    model.load("x1", 1, cos=0.5)
+    model.law("cubic_spring", "x1", stiffness=1.0)
+    with pytest.warns(nhbm.NotConverged, match="structure%mass.2. cannot change by itself: .*symmetric"):
+        assert np.isnan(model.gradient("x1 (1)", ["structure%mass(2)"], order=5).slopes).all()
+
+
 def test_motions_by_time_integration_have_none():
     model = damper()
     model.set("solver", primary_method="integration")
