@@ -101,6 +101,8 @@ contains
       type(modes_t) :: without
       integer :: i
 
+      is_replaced = .false.
+      if (.not. any(abs(mass) > 0.0_wp)) return                       ! without damping nothing moves
       call new_modes(without, mass, 0.5_wp*(damping - transpose(damping)), stiffness, error)
       is_replaced = .not. allocated(error) .and. without%n_modes > modes%n_modes
       if (.not. is_replaced) return
@@ -123,6 +125,7 @@ contains
       integer :: i, n
 
       n = modes%n_modes
+      if (.not. any(abs(mass) > 0.0_wp)) return
       do i = 1, n - 1
          if (abs(cmplx(modes%growth(i + 1) - modes%growth(i), modes%frequency(i + 1) - modes%frequency(i), wp)) > &
              agreement*modes%frequency(i)) cycle

@@ -13,7 +13,7 @@ module hb_autonomous
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
-   use hb_limit_cycle_search, only: new_search, search_t
+   use hb_limit_cycle_search, only: fundamental, new_search, search_t
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
@@ -26,6 +26,8 @@ module hb_autonomous
    public :: autonomous_start_t, find_energy, find_motion, find_start
 
    integer, parameter :: max_modes = 8                               ! from which one unknown tone is searched for
+   real(wp), parameter :: amplitudes(9) = [1.0_wp, 0.5_wp, 2.0_wp, 0.25_wp, 4.0_wp, 0.1_wp, 10.0_wp, 0.03_wp, 30.0_wp]
+                                                                      ! relative to the length of the model, without masses
 
    type :: autonomous_start_t
       type(base_motion_t) :: base
@@ -199,7 +201,9 @@ contains
       is_found = .false.
       if (start%has_motion) call search%from_start(u, is_found)
       if (is_found) return
-      if (size(start%tones) == 1 .and. size(start%modes) == 1) then
+      if (size(start%tones) == 1 .and. size(start%modes) == 1 .and. .not. any(is_damped(start%base))) then
+         call search_from_amplitudes(start, balance, search, u, is_found)
+      else if (size(start%tones) == 1 .and. size(start%modes) == 1) then
          call search_all_modes(start, model%tones%omega(start%tones(1)), balance, search, u, is_found)
       else if (size(start%modes) == size(start%tones)) then
          call search_from_modes(search, u, is_found)
@@ -242,6 +246,7 @@ contains
          best = maxloc(merit, dim=1)
          merit(best) = -huge(1.0_wp)
          if (work_is_over()) return
+         if (.not. abs(start%base%modes%response(best)) > 0.0_wp) cycle
          search%modes = [best]
          call search_from_modes(search, u, is_found)
          if (is_found .and. .not. search%is_left) return
@@ -283,6 +288,56 @@ contains
       search%message = "the motion decays from each of "//number_of(k - 1, "mode")//", up to an amplitude of "//amplitude// &
          " or more"
    end subroutine search_all_modes
+
+   !> Whether the artificial damping changes the growth rates of modes: it acts on masses.
+   pure function is_damped(base)
+      type(base_motion_t), intent(in) :: base
+      logical :: is_damped(base%modes%n_modes)
+
+      is_damped = abs(base%modes%response) > 0.0_wp
+   end function is_damped
+
+   !> Searches for the limit cycle of equations of first order, which have no masses on which an artificial damping could
+   !> act: by Newton's method from the modes that grow, with several amplitudes.
+   subroutine search_from_amplitudes(start, balance, search, u, is_found)
+      type(autonomous_start_t), intent(in) :: start
+      type(balance_t), intent(inout), target :: balance
+      type(search_t), intent(inout) :: search
+      real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
+      logical, intent(inout) :: is_found
+      type(error_t), allocatable :: error
+      complex(wp) :: mode_shape(size(u, 2))
+      real(wp) :: omega(size(balance%omega))
+      integer :: h, i, k
+
+      search%is_neutral = .false.
+      h = fundamental(balance%harmonics, start%tones(1))
+      omega = balance%omega
+      associate (modes => start%base%modes, set => balance%harmonics)
+         do k = 1, modes%n_modes
+            if (.not. modes%growth(k) > 0.0_wp) cycle
+            mode_shape = modes%shapes(:, k)
+            mode_shape = mode_shape/mode_shape(maxloc(abs(mode_shape), dim=1))
+            omega(start%tones(1)) = modes%frequency(k)
+            do i = 1, size(amplitudes)
+               if (work_is_over()) return
+               call balance%move(omega, 0.0_wp*omega, error)
+               if (allocated(error)) return
+               u = start%base%u
+               u(set%cos_at(h), :) = u(set%cos_at(h), :) + amplitudes(i)*search%length*real(mode_shape)
+               u(set%sin_at(h), :) = u(set%sin_at(h), :) - amplitudes(i)*search%length*aimag(mode_shape)
+               call search%from_start(u, is_found)
+               if (is_found) return
+            end do
+         end do
+         u = start%base%u
+         search%report%status = outcome%no_motion
+         search%message = "the equilibrium is stable: no mode grows"
+         if (.not. any(modes%growth > 0.0_wp)) return
+         search%report%status = outcome%stalled
+         search%message = "no motion was found from the modes that grow; give a &start, such as one of a time integration"
+      end associate
+   end subroutine search_from_amplitudes
 
    !> Order of the modes: nearest to the first guess, or most strongly driven; modes on which the laws have no effect
    !> are excluded.

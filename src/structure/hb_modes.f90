@@ -1,8 +1,8 @@
 !> Free vibration of a linear structure: growth rates, frequencies and shapes of its oscillatory modes.
 !>
 !> q(t) = Re(shape exp((growth + i frequency) t)) solves M q'' + D q' + K q = 0. The quadratic eigenvalue problem is
-!> solved in its first companion form with time scaled by sqrt(max |K|/max |M|), by the QZ algorithm, which permits
-!> zero masses. Source: Tisseur and Meerbergen, SIAM Review 43 (2001) 235-286, sections 3.4 and 5.
+!> solved in its first companion form with time scaled by sqrt(max |K|/max |M|), without masses by max |K|/max |D|, by the
+!> QZ algorithm, which permits zero masses. Source: Tisseur and Meerbergen, SIAM Review 43 (2001) 235-286, sections 3.4 and 5.
 module hb_modes
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -43,7 +43,11 @@ contains
       end if
       scale = maxval(abs(stiffness))
       if (scale <= 0.0_wp) scale = 1.0_wp
-      rate = sqrt(scale/maxval(abs(mass)))
+      if (any(abs(mass) > 0.0_wp)) then
+         rate = sqrt(scale/maxval(abs(mass)))
+      else                                                            ! equations of first order
+         rate = scale/max(maxval(abs(damping)), tiny(1.0_wp)*scale)
+      end if
       allocate (a(2*n, 2*n), b(2*n, 2*n), source=0.0_wp)
       allocate (alpha_r(2*n), alpha_i(2*n), beta(2*n), shapes(2*n, 2*n), work(16*n))
       do i = 1, n

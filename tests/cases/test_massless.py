@@ -1,4 +1,4 @@
-"""Stability with degrees of freedom without mass: circuits and nodes between springs."""
+"""Degrees of freedom without mass: circuits, nodes between springs, equations of first order."""
 
 import numpy as np
 import pytest
@@ -63,3 +63,35 @@ def test_a_node_between_springs_is_no_state(tones, of, tmp_path):
     assert read(found[0], "is_stable")[0] == read(found[1], "is_stable")[0] == 1
     exponents = [read(path, "exponent")[0] for path in found]
     assert exponents[1][:2] == pytest.approx(exponents[0][:2], abs=1e-5)
+
+
+# Limit cycles of x' = f(x): equations without any mass, and without a &start.
+BRUSSELATOR = """
+&structure type = 'matrices', n_dofs = 2, mass = 0.0, 0.0, damping = 1.0, 1.0, stiffness = {k}, 0.0, {minus_b}, 0.0 /
+&tones unknown = .true. /
+&load dof = 'x1', tuple = 0, cos = 1.0 /
+&law type = 'polynomial_coupled', dofs = 'x1', 'x2', coefficients = -1.0, 1.0, acts_on = 'x1', 'x2',
+   displacement_exponents = 2, 1, 2, 1 /
+&accuracy tolerance = 1e-5 /
+"""
+FITZHUGH_NAGUMO = """
+&structure type = 'matrices', n_dofs = 2, mass = 0.0, 0.0, damping = 1.0, 1.0, stiffness = -1.0, 1.0, -0.08, 0.064 /
+&tones unknown = .true. /
+&load dof = 'x1', tuple = 0, cos = 0.5 /
+&load dof = 'x2', tuple = 0, cos = 0.056 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.3333333333333333 /
+&accuracy tolerance = 1e-4 /
+"""
+
+
+# frequencies: fourth-order Runge-Kutta integration, periods 7.156919921 and 39.474414981
+@pytest.mark.parametrize(("text", "frequency"), [(BRUSSELATOR.format(k=4.0, minus_b=-3.0), 0.8779175087),
+                                                 (FITZHUGH_NAGUMO, 0.1591710811)])  # fmt: skip
+def test_limit_cycles_of_first_order_start_at_the_modes_that_grow(text, frequency, tmp_path):
+    path = solve(text, tmp_path, status=0)
+    assert read(path, "frequency")[0, 0] == pytest.approx(frequency, rel=1e-4)
+
+
+def test_a_stable_equilibrium_of_first_order_has_no_limit_cycle(tmp_path):
+    path = solve(BRUSSELATOR.format(k=2.5, minus_b=-1.5), tmp_path, status=None)
+    assert b"no mode grows" in read(path, "message")[0].tobytes()
