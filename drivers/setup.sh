@@ -137,10 +137,11 @@ hb_install_packages() {
 # does not use. The packages of its libraries are then in hb_sundials_packages. Fails where they cannot be had.
 hb_unpack_sundials() {
    local package
+   hb_sundials_packages=()
+   [[ -f $hb_sundials/usr/include/cvode/cvode.h ]] && return # of an earlier run
    mapfile -t hb_sundials_packages < <(apt-cache depends libsundials-dev |
       sed -n 's/^ *Depends: \(libsundials-\(core\|cvode\|nvecserial\)[0-9].*\)/\1/p')
    ((${#hb_sundials_packages[@]} > 0)) || return
-   [[ -f $hb_sundials/usr/include/cvode/cvode.h ]] && return
    mkdir -p "$hb_sundials" &&
       (cd "$hb_sundials" && apt-get -qq download libsundials-dev "${hb_sundials_packages[@]}" 2>/dev/null) || return
    for package in "$hb_sundials"/*.deb; do dpkg-deb --extract "$package" "$hb_sundials" || return; done

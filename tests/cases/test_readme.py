@@ -65,3 +65,6 @@ def test_cvode_is_unpacked_without_what_sundials_depends_on(depends, taken, is_o
     assert (done.returncode, done.stdout.split()) == (0, taken.split())
     unpacked = sorted(path.name.removesuffix(".deb.unpacked") for path in (tmp_path / "sundials").glob("*.unpacked"))
     assert unpacked == sorted(["libsundials-dev", *taken.split()])
+    (tmp_path / "bin" / "apt-get").write_text("#!/bin/sh\nexit 100\n")       # what is there is used again, without a network
+    again = subprocess.run([*done.args], env={"PATH": f"{tmp_path / 'bin'}:/usr/bin:/bin"}, capture_output=True, text=True)
+    assert (again.returncode, again.stdout.split()) == (0, [])
