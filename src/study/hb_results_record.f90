@@ -322,17 +322,19 @@ contains
       type(h5_dataset_t) :: dataset
       character(:), allocatable :: names
       integer :: expected(size(status)), found(size(status))
+      logical :: has_checksum(size(status))
 
       allocate (is_damaged(size(status)), source=.false.)
+      has_checksum = status /= outcome%pending .and. status /= outcome%crashed
       call open_file(file, path, error)
       if (.not. allocated(error)) call file%open_dataset("checksum", dataset, error)
       if (.not. allocated(error)) call dataset%read(expected, error)
       if (.not. allocated(error)) call dataset%get_attribute("of", names, error)
-      if (.not. allocated(error)) call add_up(file, path, names, found, error)
+      if (.not. allocated(error)) call add_up(file, path, names, has_checksum, found, error)
       call file%close(error)
       call annotate(error, "checksums of '"//path//"'")
       if (allocated(error)) return
-      is_damaged = found /= expected .and. status /= outcome%pending .and. status /= outcome%crashed
+      is_damaged = found /= expected .and. has_checksum
    end subroutine find_damaged_rows
 
    !> Fails if rows of these points are damaged.
@@ -373,10 +375,12 @@ contains
                 " are not what was written ("//join(names, ", ")//more//"); nhbm resume "//path//" solves them again")
    end subroutine fail_where_damaged
 
-   !> Checksums of all rows over the datasets of these names, separated by blanks.
-   subroutine add_up(file, path, names, checksums, error)
+   !> Checksums of rows over the datasets of these names, separated by blanks. Of the others, whose part of the file may be empty,
+   !> only those between them are read.
+   subroutine add_up(file, path, names, is_wanted, checksums, error)
       type(h5_file_t), intent(in) :: file
       character(*), intent(in) :: path, names
+      logical, intent(in) :: is_wanted(:)                             !! (rows)
       integer, intent(out) :: checksums(:)
       type(error_t), allocatable, intent(out) :: error
       integer, parameter :: value_sizes(3) = [4, 8, 1]
@@ -404,10 +408,31 @@ contains
             if (offset >= 0) exit
          end do
          if (ok) ok = offset >= 0
-         if (ok) call checksum_rows(path, offset, row_bytes*value_sizes(k), checksums, ok)
+         if (ok) call add_wanted(row_bytes*value_sizes(k))
          if (.not. ok) call fail(error, "dataset '"//words(i)%value//"' cannot be read row by row")
          if (allocated(error)) return
       end do
+
+   contains
+
+      !> Continues the checksums of wanted rows of so many bytes, over gaps that are shorter than a block.
+      subroutine add_wanted(n_bytes)
+         integer(int64), intent(in) :: n_bytes
+         integer(int64), parameter :: block = 2_int64**20
+         integer :: first, last, next
+
+         first = findloc(is_wanted, .true., dim=1)
+         do while (first > 0 .and. ok)
+            last = first
+            do
+               next = last + findloc(is_wanted(last + 1:), .true., dim=1)
+               if (next == last .or. (next - last - 1)*n_bytes > block) exit
+               last = next
+            end do
+            call checksum_rows(path, offset + (first - 1)*n_bytes, n_bytes, checksums(first:last), ok)
+            first = merge(0, next, next == last)
+         end do
+      end subroutine add_wanted
    end subroutine add_up
 
    !> Counts the points without a result in a file on the disk.
