@@ -1,9 +1,31 @@
 """Vibrations of structures with contact, friction and other nonlinear laws under several tones: models that are solved in process,
 finite element structures, and their files."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nhbm.errors import ModelError
+
+if TYPE_CHECKING:  # static checks know the types of what is imported later
+    from nhbm.dataset import open_dataset as open_dataset
+    from nhbm.errors import Implausible as Implausible
+    from nhbm.errors import NotConverged as NotConverged
+    from nhbm.fitting import Fit as Fit
+    from nhbm.fitting import fit as fit
+    from nhbm.groups import Beam as Beam
+    from nhbm.groups import Chain as Chain
+    from nhbm.groups import Jeffcott as Jeffcott
+    from nhbm.groups import Matrices as Matrices
+    from nhbm.groups import ModalBeam as ModalBeam
+    from nhbm.groups import RotorStator as RotorStator
+    from nhbm.keys import input_keys as input_keys
+    from nhbm.laws import law as law
+    from nhbm.model import Gradient as Gradient
+    from nhbm.model import Model as Model
+    from nhbm.model import Peak as Peak
+    from nhbm.model import PeakGradient as PeakGradient
+    from nhbm.rotors import Rotor as Rotor
+    from nhbm.session import Session as Session
+    from nhbm.structure import Structure as Structure
 
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     import numpy as np
-    from typing_extensions import Required, TypedDict
+    from typing_extensions import Required, TypedDict, Unpack
 
     from nhbm.laws import Law
 
@@ -334,7 +334,6 @@ class Laws:
     """The method `law` of a model with the keys of each law."""
 
     if TYPE_CHECKING:
-        from typing_extensions import Unpack
 
         @overload
         def law(self, kind: Literal["annular_clearance"], dof: Dofs = None, **keys: Unpack[AnnularClearanceLaw]) -> None: ...
