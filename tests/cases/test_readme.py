@@ -35,9 +35,9 @@ def test_commands_run_in_a_fresh_clone(command, tmp_path):
 @pytest.mark.parametrize(
     "depends, taken",
     [
-        ("libsundials-arkode5 libsundials-cvode6 libsundials-cvodes6 libsundials-nvecserial6 libsundials-nvecparallel-petsc6 petsc-dev",
+        ("libsundials-cvode6 libsundials-cvodes6 libsundials-nvecserial6 libsundials-nvecparallel-petsc6 petsc-dev",
          "libsundials-cvode6 libsundials-nvecserial6"),
-        ("libsundials-core7 libsundials-arkode6 libsundials-cvode7 libsundials-nvecserial7 libsundials-sunlinsol5 libhypre-dev",
+        ("libsundials-core7 libsundials-cvode7 libsundials-nvecserial7 libsundials-sunlinsol5 libhypre-dev",
          "libsundials-core7 libsundials-cvode7 libsundials-nvecserial7"),
     ],
     ids=["Debian 12", "Debian 13"],
