@@ -2,8 +2,9 @@
 !> No matrix of the size of the wider set is factorised. It is replaced by M, which consists of the exact tangent of
 !> the solution and, for each added harmonic, the tangent with the mean slopes of the laws. GMRES solves M**-1 J s =
 !> M**-1 r with the exact tangent J of the wider balance, so that the residual of the equations is measured as a step;
-!> M**-1 r itself is the block step. Unknown frequencies and the parameter of a curve remain unknowns. Source:
-!> docs/why/theory.md, section 7.
+!> M**-1 r itself is the block step. Unknown frequencies and the parameter of a curve remain unknowns. With several tones and
+!> a tangent of the solution that is not factorised, each M**-1 would be an iteration; the preconditioner of the wider balance
+!> is then used instead, unless a law is rigid or a parameter unknown. Source: docs/why/theory.md, section 7.
 module hb_wide_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
@@ -13,10 +14,10 @@ module hb_wide_problem
    use hb_kinds, only: wp
    use hb_phase, only: peak_functional, peak_rate_functional, phase_problem_t
    use hb_problem, only: problem_t
-   use hb_tangent_solver, only: tangent_solver_t
+   use hb_tangent_solver, only: new_tangent_krylov, tangent_krylov_t, tangent_solver_t
    implicit none
    private
-   public :: nearer, new_wide_problem, wide_problem_t
+   public :: nearer, new_wide_problem, vectors_of_steps, wide_problem_t
 
    type, extends(bordered_problem_t) :: wide_problem_t
       integer :: n_products = 0                                       !! so far
@@ -25,10 +26,12 @@ module hb_wide_problem
       type(tangent_solver_t), pointer, private :: solver => null()    ! of `narrow`
       integer, allocatable :: positions(:)                            !! positions of the retained unknowns among all
       logical :: is_lost = .false.                                    !! the tangent of `narrow` gave no step
+      type(tangent_krylov_t), allocatable, private :: krylov          ! of the wide balance, where this gives the steps
    contains
       procedure :: find_two_steps => wide_problem_find_two_steps
       procedure :: find_residual => wide_problem_find_residual
       procedure :: find_step => wide_problem_find_step
+      procedure, private :: find_whole_step => wide_problem_find_whole_step
       procedure :: apply_tangent => wide_problem_apply_tangent
       procedure :: precondition => wide_problem_precondition
       procedure :: step_in_blocks => wide_problem_step_in_blocks
@@ -40,6 +43,10 @@ module hb_wide_problem
    ! products for one step: with 16 and 30, points of stops under two tones were more expensive and their sets no
    ! smaller
    integer, parameter :: of_one_tone = 100, of_several = 8
+   ! remaining residuals of whole steps, relative: near resonances a step is inaccurate by up to a hundred times as much
+   real(wp), parameter :: residual_of_first = 3.0e-3_wp, residual_of_second = 0.1_wp, largest_residual = 0.5_wp
+   integer, parameter :: vectors_of_steps = 60                        !! of GMRES until it restarts
+   integer, parameter :: max_products = 30, patience = 20             ! and products before the preconditioner becomes stronger
 
 contains
 
@@ -78,8 +85,20 @@ contains
       end select
       self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are scaled as steps
       self%x_scale = self%r_scale
+      if (.not. solves_by_products()) return
+      allocate (self%krylov)
+      wide%preconditioner_level = max(1, narrow%preconditioner_level)
+      call new_tangent_krylov(self%krylov, wide, vectors_of_steps, max_products)
+      self%krylov%patience = patience
 
    contains
+
+      !> Whether GMRES finds the steps with the preconditioner of the wide balance: each solution of the narrow problem
+      !> would be an iteration too. Rigid laws need its exact tangent.
+      logical function solves_by_products()
+         solves_by_products = size(wide%omega) > 1 .and. narrow%n_unknowns > balance%largest_dense .and. &
+            size(self%which) == 0 .and. .not. any([(wide%law_set%laws(i)%law%is_multiplier, i=1, size(wide%law_set%laws))])
+      end function solves_by_products
 
       !> Adds to the equations of peaks the part outside the retained harmonics.
       subroutine take_peaks()
@@ -92,13 +111,14 @@ contains
       end subroutine take_peaks
    end subroutine new_wide_problem
 
-   !> Two steps of Newton's method from a motion. With several tones they are block steps, two in the second one, if each
-   !> is clearly smaller than the one before: retained and added harmonics are then so weakly coupled that a few block
-   !> steps add up to the full step. Two may decrease by chance: the first one is in the added harmonics, and what
-   !> comes back to these shows only in the third. With rigid walls, the harmonics of an impact decrease slowly, and in
-   !> the response to the first step contact begins and ends within it: the second step grows with the set (.0003, .035,
-   !> .041 at orders 8, 20, 30 of the beam against a wall, products .019, .018) while the first one agrees with the true
-   !> error (.0054, .0041, .0043; against order 45 .0031 at order 20), and only the first one is used.
+   !> Two steps of Newton's method from a motion, by the preconditioner of the wider balance if that is used, otherwise as
+   !> follows. With several tones they are block steps, two in the second one, if each is clearly smaller than the one
+   !> before: retained and added harmonics are then so weakly coupled that a few block steps add up to the full step. Two
+   !> may decrease by chance: the first one is in the added harmonics, and what comes back to these shows only in the
+   !> third. With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first step contact
+   !> begins and ends within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam
+   !> against a wall, products .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against
+   !> order 45 .0031 at order 20), and only the first one is used.
    subroutine wide_problem_find_two_steps(self, motion, r, is_rigid, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
@@ -110,6 +130,11 @@ contains
       integer :: most
       logical :: is_found
 
+      if (allocated(self%krylov)) then
+         call find_whole_steps()
+         if (is_found .or. is_lost) return
+         deallocate (self%krylov)                                     ! the preconditioner is too weak
+      end if
       most = merge(of_one_tone, of_several, size(self%wide%omega) == 1)
       call self%step_in_blocks(r, first)
       is_lost = self%is_lost
@@ -136,6 +161,17 @@ contains
       is_lost = .not. is_found
 
    contains
+
+      !> Finds both steps with the preconditioner of the wide balance, as far as the products go: the components that need
+      !> more, along which the tangent is almost singular, would be far too large in a linear step.
+      subroutine find_whole_steps()
+         logical :: is_complete
+
+         is_lost = .false.
+         call self%find_whole_step(motion, r, residual_of_first, first, is_found)
+         if (is_found) call self%find_residual(moved(), first, r_there, is_lost)
+         if (is_found .and. .not. is_lost) call self%find_whole_step(moved(), r_there, residual_of_second, second, is_complete)
+      end subroutine find_whole_steps
 
       !> Adds a third block step to the second; `is_found` becomes false if it is no smaller.
       subroutine add_third()
@@ -237,6 +273,26 @@ contains
       self%n_products = self%n_products + gmres%n_products
       is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
    end subroutine wide_problem_find_step
+
+   !> Finds the step s of J s = r at a motion with the preconditioner of the wide balance, its own most strongly coupled
+   !> tuples: added ones may be next to a resonance, and are then coupled to the retained ones more strongly than these
+   !> among each other. `is_found` is false if most of r remains after the permitted products.
+   subroutine wide_problem_find_whole_step(self, motion, r, residual, step, is_found)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: r(:)                                    !! (n_unknowns)
+      real(wp), intent(in) :: residual                                !! at which it ends, relative
+      real(wp), intent(out) :: step(:)                                !! (n_unknowns)
+      logical, intent(out) :: is_found
+
+      step = 0.0_wp
+      is_found = all(ieee_is_finite(r))
+      if (is_found) call self%krylov%update(self%wide, reshape(motion, [size(motion)]), is_found)
+      if (.not. is_found) return
+      call self%krylov%solve(self%wide, r, residual, step)
+      self%n_products = self%krylov%n_products
+      is_found = all(ieee_is_finite(step)) .and. self%krylov%residual <= largest_residual
+   end subroutine wide_problem_find_whole_step
 
    subroutine wide_problem_apply_tangent(self, x, product)
       class(wide_problem_t), intent(inout) :: self

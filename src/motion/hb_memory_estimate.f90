@@ -24,6 +24,7 @@ module hb_memory_estimate
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    use hb_torus, only: cheap_size, default_samples, torus_t
+   use hb_wide_problem, only: vectors_of_steps
    implicit none
    private
    public :: amount, check_memory, estimate_memory, memory_estimate_t, memory_text, sizes_of, sizes_t
@@ -106,7 +107,22 @@ contains
       bytes%error_estimate = of_error_estimate + 4*real_bytes*unknowns(s, n_wide) + linear_bytes(s, n_wide, size(orders) == 1) &
                           + complex_bytes*s%n_dofs*merge(n_wide, s%n_harmonics, size(orders) == 1) &
                           + sample_bytes(s, n_wide, finer_samples(s%samples, orders, s%is_rigid .or. s%has_unknown_tones), .false.)
+      if (size(orders) > 1 .and. from_products(s) .and. .not. s%is_rigid) &
+         bytes%error_estimate = bytes%error_estimate + products_bytes(wider(s, orders, n_wide), .false.)
    end function estimate_memory
+
+   !> The sizes of the wider set of the error estimate.
+   pure type(sizes_t) function wider(s, orders, n_harmonics)
+      type(sizes_t), intent(in) :: s
+      integer, intent(in) :: orders(:)                                !! (n_tones)
+      real(wp), intent(in) :: n_harmonics
+
+      wider = s
+      wider%highest = orders
+      wider%n_harmonics = n_harmonics
+      wider%samples = finer_samples(s%samples, orders, s%is_rigid .or. s%has_unknown_tones)
+      wider%solver%krylov_vectors = vectors_of_steps
+   end function wider
 
    !> Bytes of a point whose direct attempt succeeds.
    pure real(wp) function memory_estimate_usual(self)

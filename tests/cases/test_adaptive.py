@@ -330,6 +330,16 @@ def test_what_shorter_steps_change_is_the_error_of_a_motion(tmp_path):
 
 
 @pytest.mark.long
+def test_a_stop_with_little_damping_is_known_to_1e_4(tmp_path):
+    """Added tuples next to resonances are coupled strongly; estimates that miss the coupling never become small."""
+    model = MODEL.replace("damping_mass = 0.2", "damping_mass = 0.02")
+    model = model.replace("gap = 0.6, stiffness = 5.0", "gap = 0.5, stiffness = 10.0")
+    done, path = _solve(model + "&accuracy tolerance = 1e-4 /\n&stability method = 'off' /\n", tmp_path)
+    assert done.status == 0, done.stderr
+    with h5py.File(path) as file:
+        assert np.hypot(file["truncation_estimate"][0], file["aliasing_estimate"][0]) <= 1e-4
+
+
 def test_tones_near_sixteen_to_five_are_within_the_tolerance(tmp_path):
     """16 w1 - 5 w2 is small: the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) with 9e-3
     of the motion."""
