@@ -90,20 +90,20 @@ contains
       integer :: i
 
       text = ""
-      coordinates = coordinates_of(model)
-      frequencies = [0.0_wp, maxval(abs(model%harmonics%frequencies(model%tones%omega)))]
-      call new_amplitudes(no_loads, model%structure%n_dofs, size(frequencies))
-      call new_dynamic_stiffness(stiffness, model%structure, coordinates, frequencies, no_loads, error, &
+      coordinates = coordinates_of(model%system)
+      frequencies = [0.0_wp, maxval(abs(model%discretisation%harmonics%frequencies(model%system%tones%omega)))]
+      call new_amplitudes(no_loads, model%system%structure%n_dofs, size(frequencies))
+      call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, frequencies, no_loads, error, &
                                  wanted_slopes_t(of_interior=.false.))
       if (allocated(error)) return
       dofs = stiffness%free_dofs
       if (coordinates%n > 0) then
          call new_linear_part(linear, stiffness)
-         call linear%hold_free(frequencies, indifferent_coordinates(laws_at(coordinates, model%laws), coordinates%n))
+         call linear%hold_free(frequencies, indifferent_coordinates(laws_at(coordinates, model%system%laws), coordinates%n))
          dofs = [dofs, pack(coordinates%positions, linear%is_free)]
       end if
       do i = 1, size(dofs)
-         text = text//", '"//trim(model%structure%labels(dofs(i)))//"'"
+         text = text//", '"//trim(model%system%structure%labels(dofs(i)))//"'"
       end do
       if (len(text) > 0) text = "the mean value is set to zero at "//text(3:)//": no stiffness or law determines it, and it "// &
                                 "has no effect on the motion elsewhere"
@@ -117,8 +117,8 @@ contains
       real(wp) :: highest
 
       text = ""
-      highest = maxval([0.0_wp, abs(model%harmonics%frequencies(model%tones%omega))])
-      associate (structure => model%structure)
+      highest = maxval([0.0_wp, abs(model%discretisation%harmonics%frequencies(model%system%tones%omega))])
+      associate (structure => model%system%structure)
          if (allocated(structure%parts)) text = "a &dynamic_stiffness has no equations in time: stability is not known, and "// &
                                                 "time integration neither finds nor checks motions"
          if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then

@@ -4,10 +4,10 @@ module next_step
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
    use hb_model_tones, only: read_tones
+   use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: outcome, reason, reason_names
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: lower, string_t, to_text
    use hb_tones, only: tones_t
    use switched_inputs, only: list_of

@@ -4,7 +4,7 @@ module result_location
    use hb_error, only: error_t, fail
    use hb_fe_model_file, only: is_model_file
    use hb_mpi, only: broadcast_text, comm_t, rank_of, share_error
-   use hb_system, only: follow_links, is_same_file
+   use hb_operating_system, only: follow_links, is_same_file
    implicit none
    private
    public :: place_result

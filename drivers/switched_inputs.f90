@@ -55,23 +55,23 @@ contains
       text = without_sweeps(text)
       allocate (overrides(0))
       call document%begin()
-      if (is_torus .and. model%tones%n_tones > 1) then
+      if (is_torus .and. model%system%tones%n_tones > 1) then
          call fail(error, "the motion has several tones")
-      else if (.not. is_torus .and. any([(model%laws(i)%law%n_phases > 0, i=1, size(model%laws))])) then
+      else if (.not. is_torus .and. any([(model%system%laws(i)%law%n_phases > 0, i=1, size(model%system%laws))])) then
          call fail(error, "a law turns with a tone")
       end if
-      if (.not. (allocated(error) .or. model%accuracy%grows_set)) &   ! otherwise the origin has it
-         call add_set(document, model%tones%n_tones, plan%curve%torus_order, is_torus, overrides, error)
+      if (.not. (allocated(error) .or. model%options%accuracy%grows_set)) & ! otherwise the origin has it
+         call add_set(document, model%system%tones%n_tones, plan%curve%torus_order, is_torus, overrides, error)
       if (allocated(error)) return
       if (is_torus) then
          group => document%group("tones", 1)
          key = trim(merge("hertz    ", "frequency", group%given("hertz")))
-         call add(overrides, "tones%"//key, to_text(model%tones%omega(1)*model%tones%subharmonic/ &
+         call add(overrides, "tones%"//key, to_text(model%system%tones%omega(1)*model%system%tones%subharmonic/ &
                                                     merge(two_pi, 1.0_wp, key == "hertz"))//", 0.0")
-         call add(overrides, "tones%unknown", to_text(model%tones%is_unknown(1))//", .true.")
+         call add(overrides, "tones%unknown", to_text(model%system%tones%is_unknown(1))//", .true.")
          call add(overrides, "error_estimate%improvement_steps", "0")
       else
-         call add(overrides, "tones%subharmonic", to_text(2*model%tones%subharmonic))
+         call add(overrides, "tones%subharmonic", to_text(2*model%system%tones%subharmonic))
       end if
       call add(overrides, "harmonics%symmetry", "'none'")
       call add_samples_and_tuples(document, is_torus, overrides)

@@ -70,12 +70,12 @@ contains
       end do
       if (rank_of(comm) > 0) return
       call describe(study)
-      call check_laws(study%model%laws, study%model%tones%n_tones, all_right)
+      call check_laws(study%model%system%laws, study%model%system%tones%n_tones, all_right)
       call write_doubts(study, doubts)
       if (.not. all_right) status = not_all_right
       if (.not. all_right) return
       call write_cost(study, end_of_time - wall_clock())
-      call describe_implausible(study%model, implausible)
+      call describe_implausible(study%model%system, implausible)
       if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
       else
@@ -94,13 +94,13 @@ contains
 
       call study%read_point(point, model, error)
       if (allocated(error)) return
-      text = trim(commensurate_text(model%tones, model%error_estimate%commensurability))
+      text = trim(commensurate_text(model%system%tones, model%options%error_estimate%commensurability))
       if (len(text) > 0) then
          if (doubts%n_commensurate == 0 .and. study%plan%n_points > 1) text = study%plan%describe(point)//": "//text
          if (doubts%n_commensurate == 0) doubts%first_commensurate = text
          doubts%n_commensurate = doubts%n_commensurate + 1
       end if
-      if (has_no_load(model)) doubts%n_without_load = doubts%n_without_load + 1
+      if (has_no_load(model%system, model%discretisation)) doubts%n_without_load = doubts%n_without_load + 1
    end subroutine check_point
 
    !> Prints the warnings, one line for each kind.
@@ -132,7 +132,7 @@ contains
       integer :: i
 
       associate (model => study%model)
-         coordinates = coordinates_of(model)
+         coordinates = coordinates_of(model%system)
          if (allocated(study%plan%curve)) then
             call say("points      "//number_of(study%plan%n_points/study%plan%n_fastest(), "curve")//" of up to "// &
                to_text(study%plan%n_fastest()))
@@ -143,24 +143,24 @@ contains
             call say("swept       "//study%plan%parameters(i)%describe())
          end do
          if (allocated(study%plan%curve)) call say("curve       "//study%plan%curve%describe())
-         call say("structure   "//number_of(model%structure%n_dofs, "degree")//" of freedom")
-         call describe_frequencies(model%structure)
-         call describe_damping(model%structure)
+         call say("structure   "//number_of(model%system%structure%n_dofs, "degree")//" of freedom")
+         call describe_frequencies(model%system%structure)
+         call describe_damping(model%system%structure)
          tones = tone_text(model, 1)
-         samples = to_text(model%torus%n_samples(1))
-         do i = 2, model%tones%n_tones
+         samples = to_text(model%discretisation%torus%n_samples(1))
+         do i = 2, model%system%tones%n_tones
             tones = tones//", "//tone_text(model, i)
-            samples = samples//" x "//to_text(model%torus%n_samples(i))
+            samples = samples//" x "//to_text(model%discretisation%torus%n_samples(i))
          end do
          call say("tones       "//tones)
          call describe_accuracy(model)
-         call say("harmonics   "//to_text(model%harmonics%n_harmonics)//on_lowest(model%accuracy%grows_set))
-         call say("samples     "//samples//on_lowest(model%accuracy%refines_grid .and. model%accuracy%is_on))
-         call say("unknowns    "//to_text(model%harmonics%n_coefficients*coordinates%n))
+         call say("harmonics   "//to_text(model%discretisation%harmonics%n_harmonics)//on_lowest(model%options%accuracy%grows_set))
+         call say("samples     "//samples//on_lowest(model%options%accuracy%refines_grid .and. model%options%accuracy%is_on))
+         call say("unknowns    "//to_text(model%discretisation%harmonics%n_coefficients*coordinates%n))
          call describe_symmetry(model, coordinates%n)
          call describe_memory(model)
-         do i = 1, size(model%laws)
-            call say("law         "//model%laws(i)%law%label)
+         do i = 1, size(model%system%laws)
+            call say("law         "//model%system%laws(i)%law%label)
          end do
       end associate
    end subroutine describe
@@ -169,7 +169,7 @@ contains
    subroutine describe_accuracy(model)
       type(model_t), intent(in) :: model
 
-      associate (accuracy => model%accuracy)
+      associate (accuracy => model%options%accuracy)
          if (.not. accuracy%is_on) return
          call say("accuracy    "//to_text(accuracy%tolerance)//" of the motion at the laws; at most "// &
                   to_text(accuracy%max_harmonics)//" harmonics, "//to_text(accuracy%max_samples)//" samples")
@@ -189,9 +189,9 @@ contains
       real(wp) :: seconds, started
       character(9) :: number
 
-      if (.not. study%model%accuracy%is_on .or. seconds_left <= 0.0_wp) return
+      if (.not. study%model%options%accuracy%is_on .or. seconds_left <= 0.0_wp) return
       started = wall_clock()
-      call cancellation%enter(min(limit, study%model%solver%time_limit, seconds_left))
+      call cancellation%enter(min(limit, study%model%options%solver%time_limit, seconds_left))
       call solve_to_tolerance(study%model, result, error, level)
       call cancellation%leave()
       seconds = wall_clock() - started
@@ -323,7 +323,7 @@ contains
       type(error_t), allocatable :: error
       logical :: is_odd
 
-      call find_basis(basis, is_odd, model, error)
+      call find_basis(basis, is_odd, model%system, model%discretisation, model%options, error)
       if (is_odd) call say("symmetry    odd motions, "//to_text(basis%harmonics%n_coefficients*n_coordinates)//" unknowns")
    end subroutine describe_symmetry
 
@@ -333,10 +333,11 @@ contains
       type(memory_estimate_t) :: bytes
       character(:), allocatable :: text
 
-      bytes = estimate_memory(sizes_of(model))
+      bytes = estimate_memory(sizes_of(model%system, model%discretisation, model%options))
       text = trim(amount(bytes%usual()))
       if (bytes%worst() > bytes%usual()) text = text//", "//trim(amount(bytes%worst()))//" if the first attempt at a solution fails"
-      if (model%memory_limit < huge(1.0_wp)) text = text//" for each process; "//trim(amount(model%memory_limit))//" are free"
+      if (model%options%memory_limit < huge(1.0_wp)) &
+         text = text//" for each process; "//trim(amount(model%options%memory_limit))//" are free"
       call say("memory      "//text)
       call say("            most for: "//trim(memory_text(bytes)))
    end subroutine describe_memory
@@ -346,9 +347,9 @@ contains
       integer, intent(in) :: i
       character(:), allocatable :: text
 
-      text = to_text(model%tones%in_unit(model%tones%omega(i)))//" "//trim(model%tones%unit())
-      if (.not. model%tones%is_unknown(i)) return
-      if (model%tones%omega(i) > 0.0_wp) then
+      text = to_text(model%system%tones%in_unit(model%system%tones%omega(i)))//" "//trim(model%system%tones%unit())
+      if (.not. model%system%tones%is_unknown(i)) return
+      if (model%system%tones%omega(i) > 0.0_wp) then
          text = "unknown, first guess "//text
       else
          text = "unknown"

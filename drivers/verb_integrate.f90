@@ -50,7 +50,7 @@ contains
       if (allocated(error)) return
       call choose_point(options, study, error)
       if (allocated(error)) return
-      call check_integration(study%model, error)
+      call check_integration(study%model%system, study%model%options, error)
       call annotate(error, options%input)
       if (allocated(error)) return
       call place_result(options, comm, path, error)
@@ -98,35 +98,36 @@ contains
       call annotate(error, "time integration record '"//path//"'")
       if (allocated(error)) return
       associate (model => study%model)
-         if (len(model%integration%record) > 0) then
+         if (len(model%options%integration%record) > 0) then
             allocate (earlier)
-            call new_integration_state(earlier, model%structure%n_dofs, sum([(model%laws(i)%law%n_states, i=1, size(model%laws))]))
-            call read_integration_state(model%integration%record, earlier, error)
+            call new_integration_state(earlier, model%system%structure%n_dofs, &
+                                       sum([(model%system%laws(i)%law%n_states, i=1, size(model%system%laws))]))
+            call read_integration_state(model%options%integration%record, earlier, error)
             if (allocated(error)) return
          end if
          progress%level = options%level
          seconds = wall_clock()
          call progress%enter(huge(1.0_wp))
-         call integrate_model(content, model, error, earlier)
+         call integrate_model(content, model%system, model%discretisation, model%options, error, earlier)
          call progress%leave()
          if (allocated(error)) return
          seconds = wall_clock() - seconds
          if (progress%is_begun) call progress%line%finish(progress%n_steps, 0)
-         origin%title = model%output%title
+         origin%title = model%options%output%title
          allocate (methods, source=choices_of("integration", "method"))
-         origin%method = trim(methods(model%integration%method))
+         origin%method = trim(methods(model%options%integration%method))
          origin%input_text = study%input_text
          origin%input_complete = study%input_complete
-         origin%tuples = model%harmonics%tuples
-         origin%retained_dofs = model%output%dofs
-         call write_integration_file(path, options%overwrite, origin, model%structure, content%system%laws, content, error)
+         origin%tuples = model%discretisation%harmonics%tuples
+         origin%retained_dofs = model%options%output%dofs
+         call write_integration_file(path, options%overwrite, origin, model%system%structure, content%system%laws, content, error)
       end associate
       if (allocated(error) .or. options%level < log_level%normal) return
       write (line, "(f0.3)") seconds
       call say("integrated to t = "//to_text(content%state%time)//" s in "//trim(line)//" s of computing; record in "//path)
-      if (any(study%model%tones%is_unknown)) then
+      if (any(study%model%system%tones%is_unknown)) then
          if (content%share > 0.0_wp) then
-            write (line, "(*(es23.15e2))") pack(content%omega, study%model%tones%is_unknown)
+            write (line, "(*(es23.15e2))") pack(content%omega, study%model%system%tones%is_unknown)
             call say("frequencies read from the record [rad/s]:"//trim(line))
          else
             call say("the record has no tone of its own; the coefficients of unknown tones mean nothing")
@@ -139,7 +140,7 @@ contains
       end if
       write (line, "(es7.1)") maxval(content%assessment%spread)
       call say("largest difference between coefficients of both halves of the record: "//trim(line))
-      call say_peaks(content%assessment, study%model%structure%labels(study%model%output%dofs))
+      call say_peaks(content%assessment, study%model%system%structure%labels(study%model%options%output%dofs))
    end subroutine integrate_to_file
 
    !> Prints the largest lines of the spectrum of the degree of freedom that has the largest of all.

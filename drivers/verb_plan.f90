@@ -44,8 +44,8 @@ contains
       call say(rounded(n_points)//" points of "//to_text(nint(bytes_per_point))//" B in "//to_text(n_datasets)// &
          " datasets: "//rounded(n_points*bytes_per_point/bytes_per_gigabyte)//" GB"// &
          trim(merge(" reserved during the run; a complete file has only harmonics in use", repeat(" ", 67), &
-                    study%model%accuracy%grows_set)))
-      task = merge(study%model%chain%length, 1, study%model%chain%is_on)
+                    study%model%options%accuracy%grows_set)))
+      task = merge(study%model%options%chain%length, 1, study%model%options%chain%is_on)
       if (allocated(study%plan%curve)) task = line                    ! curves are drawn as a whole
       if (mean > 0.0_wp) call write_times(ranks, n_points, task, mean, most)
    end subroutine run_plan

@@ -14,6 +14,7 @@ module verb_solve
    use hb_memory, only: available_memory
    use hb_model, only: model_t
    use hb_model_warnings, only: commensurate_text, describe_implausible
+   use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
    use model_warnings, only: free_text, frozen_speed_text, model_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use next_step, only: run_names_t, shell_word
@@ -26,7 +27,6 @@ module verb_solve
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
@@ -99,7 +99,7 @@ contains
       is_reported = rank_of(comm) == 0 .and. options%level >= log_level%normal
       if (is_reported) call say("nhbm "//options%verb//" "//options%input//": "// &
          room_text(study)//" on "//number_of(size_of(comm), "rank")//", "// &
-         number_of(study%model%tones%n_tones, "tone")//", "//set_text(study))
+         number_of(study%model%system%tones%n_tones, "tone")//", "//set_text(study))
       if (is_reported .and. study%n_chains() > 0 .and. study%n_chains() < size_of(comm)) call say("note: "// &
          number_of(study%n_chains(), "chain")//" of points for "//number_of(size_of(comm), "rank")// &
          "; a smaller &solver chain_length makes more of them")
@@ -345,8 +345,8 @@ contains
       if (allocated(study%plan%curve)) call write_curves(study, path)
       if (summary%n_by_fallback > 0) call say(number_of(summary%n_by_fallback, "point")// &
          " solved by a fallback (see 'fallback' in the results)")
-      do i = 1, study%model%tones%n_tones
-         if (study%model%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i, study%model%tones))
+      do i = 1, study%model%system%tones%n_tones
+         if (study%model%system%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i, study%model%system%tones))
       end do
       if (summary%n_estimated > 0) then
          write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
@@ -357,11 +357,11 @@ contains
             call say(trim(estimates))
          end if
       end if
-      if (number_solved(summary) > 0 .and. study%model%stability%method /= stability_method%off &
-          .and. .not. study%model%normal_mode%is_requested) &
+      if (number_solved(summary) > 0 .and. study%model%options%stability%method /= stability_method%off &
+          .and. .not. study%model%system%normal_mode%is_requested) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
       if (summary%n_too_costly > 0) then
-         if (study%model%stability%method == stability_method%auto) then
+         if (study%model%options%stability%method == stability_method%auto) then
             call say("the stability of "//number_of(summary%n_too_costly, "point")// &
                      " was not computed, because it is costly; &stability method = 'integration' requests it")
          else
@@ -371,7 +371,7 @@ contains
       end if
       if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)
       do i = 1, size(summary%is_idle)
-         if (summary%is_idle(i)) call say("warning: "//trim(idle_law_text(study%model%laws(i)%law%label)))
+         if (summary%is_idle(i)) call say("warning: "//trim(idle_law_text(study%model%system%laws(i)%law%label)))
       end do
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " to another branch between neighbouring points (see 'branch'), the first at "//study%plan%describe(summary%first_jump))
@@ -413,7 +413,7 @@ contains
 
       call study%read_point(point, model, error)
       text = ""
-      if (.not. allocated(error)) text = trim(commensurate_text(model%tones, model%error_estimate%commensurability))
+      if (.not. allocated(error)) text = trim(commensurate_text(model%system%tones, model%options%error_estimate%commensurability))
       if (len(text) == 0) text = "such tones are nearly commensurate"
       if (len(study%plan%describe(point)) > 0) then
          text = "first at "//study%plan%describe(point)//": "//text
@@ -506,7 +506,7 @@ contains
       if (allocated(error) .or. rank_of(comm) > 0) return
       warning = model_text(study%model, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
-      call describe_implausible(study%model, warning)
+      call describe_implausible(study%model%system, warning)
       call split(warning, new_line("a"), lines)
       do i = 1, size(lines)
          if (len(warning) > 0) call say("warning: "//lines(i)%value)
@@ -530,9 +530,9 @@ contains
       character(:), allocatable :: text
 
       text = number_of(size(study%tuples, 2), "harmonic")
-      if (study%model%accuracy%is_on) then
-         if (study%model%accuracy%grows_set) text = "harmonics"
-         text = text//" for a tolerance of "//to_text(study%model%accuracy%tolerance)
+      if (study%model%options%accuracy%is_on) then
+         if (study%model%options%accuracy%grows_set) text = "harmonics"
+         text = text//" for a tolerance of "//to_text(study%model%options%accuracy%tolerance)
       end if
    end function set_text
 end module verb_solve

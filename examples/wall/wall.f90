@@ -35,7 +35,7 @@ program wall
    if (.not. allocated(error)) call add_load(model, "v3", [0, 1], 100.0_wp, 0.0_wp, error)
    if (.not. allocated(error)) call solve_motion(model, motion, error)
    if (allocated(error)) error stop error%message
-   midspan = model%structure%dof_index("v3")
+   midspan = model%system%structure%dof_index("v3")
    print "(a)", outcome_text(motion%status)
    print "(a, es21.14, a)", "cos tau_1 at midspan: ", motion%coefficients(1, harmonics%index_of([1, 0]), midspan), " m"
 end program wall

@@ -24,7 +24,7 @@ module hb_session
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
-   use hb_model, only: callbacks_t, model_t
+   use hb_model, only: model_t
    use hb_model_files, only: list_model_files
    use hb_model_reader, only: group_names, read_model, update_model
    use hb_model_tones, only: read_tones
@@ -36,6 +36,7 @@ module hb_session
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
+   use hb_options, only: callbacks_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_parameter_path, only: identifier
    use hb_point, only: solve_point
@@ -154,7 +155,7 @@ contains
 
       if (allocated(self%callbacks%fe_models)) deallocate (self%callbacks%fe_models)
       allocate (self%callbacks%fe_models, source=source)
-      self%model%callbacks%fe_models = self%callbacks%fe_models
+      self%model%options%callbacks%fe_models = self%callbacks%fe_models
    end subroutine session_set_structure_source
 
    !> Reads a model from the text of an input, which replaces the previous one. Fails with all errors of the input.
@@ -379,7 +380,7 @@ contains
       character(:), allocatable, intent(out) :: text
 
       text = ""
-      if (self%model%is_read) call list_model_files(self%model, text)
+      if (self%model%is_read) call list_model_files(self%model%system, text)
    end subroutine session_libraries
 
    !> Warnings about the model with its present values, one per line; empty: none.
@@ -390,7 +391,7 @@ contains
 
       text = ""
       call self%update(error)
-      if (.not. allocated(error)) call describe_warnings(self%model, text)
+      if (.not. allocated(error)) call describe_warnings(self%model%system, self%model%discretisation, self%model%options, text)
    end subroutine session_warnings
 
    !> Natural frequencies [rad/s] of the structure with its present values (hb_natural_frequencies).
@@ -402,7 +403,7 @@ contains
 
       allocate (frequencies(0))
       call self%update(error)
-      if (.not. allocated(error)) call find_natural_frequencies(self%model%structure, frequencies, lacks_gyroscopic)
+      if (.not. allocated(error)) call find_natural_frequencies(self%model%system%structure, frequencies, lacks_gyroscopic)
    end subroutine session_natural_frequencies
 
    !> What is doubtful about the last motion, with numbers and what to do; empty: nothing.
@@ -411,7 +412,7 @@ contains
       character(:), allocatable, intent(out) :: text
 
       text = ""
-      if (self%model%is_read) call describe_doubt(self%model, self%result, text)
+      if (self%model%is_read) call describe_doubt(self%model%options, self%result, text)
       if (.not. (self%has_law_doubt .and. allocated(self%law_doubt%text))) return
       if (len(text) > 0) text = text//new_line("a")
       text = text//self%law_doubt%text
@@ -425,8 +426,8 @@ contains
 
       text = ""
       if (.not. self%model%is_read) return
-      call idle%examine(self%model, self%result)
-      call idle%describe(self%model, text)
+      call idle%examine(self%model%system, self%model%discretisation, self%result)
+      call idle%describe(self%model%system, text)
    end subroutine session_idle_laws
 
    !> Solves the model with its present values, from the last motion if requested and available. The status of the
@@ -449,15 +450,16 @@ contains
       call self%update(error)
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
-      self%model%chain%is_on = is_warm
-      call begin_work(self, self%model%solver%time_limit)
-      if (self%model%accuracy%is_on) then
-         call self%neighbour%predict_level(here, self%model, before)
+      self%model%options%chain%is_on = is_warm
+      call begin_work(self, self%model%options%solver%time_limit)
+      if (self%model%options%accuracy%is_on) then
+         call self%neighbour%predict_level(here, self%model%options, before)
       else if (is_warm) then
-         call self%neighbour%predict(here, self%model%harmonics, .false., start)
+         call self%neighbour%predict(here, self%model%discretisation%harmonics, .false., start)
       end if
       call solve_point(self%model, self%result, failure, level, before, start, self%cached)
-      if (.not. allocated(failure)) call find_gradient(self%model, level, level%unknowns, self%result)
+      if (.not. allocated(failure)) &
+         call find_gradient(self%model%system, self%model%discretisation, self%model%options, level, level%unknowns, self%result)
       call self%cancellation%leave()
       call self%neighbour%forget()
       if (allocated(failure)) then
@@ -495,7 +497,7 @@ contains
       if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%request, error)
       if (allocated(error)) return
       self%result = motion_result_t()
-      call new_curve_of(self%curve, self%model, self%request)
+      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
       self%has_curve = .true.
       self%has_begun = .false.
    end subroutine session_curve_begin
@@ -510,7 +512,7 @@ contains
          call fail(error, "the curve has no further point")
          return
       end if
-      limit = self%model%solver%time_limit
+      limit = self%model%options%solver%time_limit
       if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
       call begin_work(self, limit)
       if (self%has_begun) then
@@ -538,12 +540,12 @@ contains
       call end_curve(self)
       call forget_integration(self)
       call self%update(error)
-      if (.not. allocated(error) .and. len(self%model%integration%record) > 0) &
+      if (.not. allocated(error) .and. len(self%model%options%integration%record) > 0) &
          call fail(error, "&integration: continue: result files are not read here")
       if (allocated(error)) return
       allocate (self%record)
       call begin_work(self, huge(1.0_wp))
-      call integrate_model(self%record, self%model, error)
+      call integrate_model(self%record, self%model%system, self%model%discretisation, self%model%options, error)
       call self%cancellation%leave()
       if (allocated(error)) deallocate (self%record)
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
@@ -589,19 +591,20 @@ contains
       document = self%document
       call read_model(model, document, error, callbacks=self%callbacks)
       if (allocated(error)) return
-      if (size(motion%coefficients, 3) /= model%structure%n_dofs) then
+      if (size(motion%coefficients, 3) /= model%system%structure%n_dofs) then
          call fail(error, "time integration starts from all degrees of freedom; solve without &output dofs")
          return
-      else if (size(motion%frequency) /= model%tones%n_tones) then
-         call fail(error, "the motion has "//to_text(size(motion%frequency))//" tones, the model "//to_text(model%tones%n_tones))
+      else if (size(motion%frequency) /= model%system%tones%n_tones) then
+         call fail(error, "the motion has "//to_text(size(motion%frequency))//" tones, the model "// &
+                   to_text(model%system%tones%n_tones))
          return
       end if
-      if (any(model%tones%is_unknown)) then                           ! values may follow unknown frequencies
+      if (any(model%system%tones%is_unknown)) then                    ! values may follow unknown frequencies
          call follow_frequencies(model, motion%frequency, error)
          if (allocated(error)) return
       end if
       claim%omega = motion%frequency
-      claim%tuples = model%harmonics%tuples
+      claim%tuples = model%discretisation%harmonics%tuples
       if (allocated(motion%harmonics%tuples)) claim%tuples = motion%harmonics%tuples
       claim%amplitudes = cmplx(motion%coefficients(1, :, :), -motion%coefficients(2, :, :), wp)
       claim%estimate = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -614,7 +617,7 @@ contains
       if (allocated(motion%error_estimate%frequency_error)) claim%frequency_estimates = motion%error_estimate%frequency_error
       claim%is_unstable = motion%stability%n_unstable > 0
       claim%is_averaged = any(motion%status == [outcome%integrated, outcome%multiple_attractors]) &
-         .and. .not. model%accuracy%grows_set
+         .and. .not. model%options%accuracy%grows_set
       call begin_work(self, huge(1.0_wp))
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
@@ -656,7 +659,7 @@ contains
       call find_units(self)
       call self%column%begin(name)
       if (allocated(self%record)) then
-         call record_columns(self%column, self%record, self%model%harmonics%tuples)
+         call record_columns(self%column, self%record, self%model%discretisation%harmonics%tuples)
       else
          call verdict_columns(self%column, self%verdict)
       end if
@@ -672,17 +675,17 @@ contains
       call check_model(self, error)
       if (allocated(error)) return
       call find_units(self)
-      self%column%has_accuracy = self%model%accuracy%is_on
+      self%column%has_accuracy = self%model%options%accuracy%is_on
       self%column%has_own_tuples = .true.
-      self%column%has_improved = self%model%error_estimate%improvement_steps > 0
-      self%column%has_surfaces = size(self%model%output%samples) > 0
-      self%column%has_gradient = size(self%model%gradient%by) > 0
+      self%column%has_improved = self%model%options%error_estimate%improvement_steps > 0
+      self%column%has_surfaces = size(self%model%options%output%samples) > 0
+      self%column%has_gradient = size(self%model%options%gradient%by) > 0
       if (allocated(self%result%curve)) then
          self%column%curve_path = self%plan%path
          self%column%curve_column = identifier(self%plan%path)
          self%column%curve_units = self%plan%units
       end if
-      call self%column%find(name, self%result, size(self%model%accuracy%outputs), error)
+      call self%column%find(name, self%result, size(self%model%options%accuracy%outputs), error)
    end subroutine session_find_column
 
    !> Stores the units of degrees of freedom for columns, once for a structure.
@@ -690,9 +693,9 @@ contains
       class(session_t), intent(inout) :: self
 
       if (allocated(self%column%units_of_dof) .or. .not. self%model%is_read) return
-      associate (structure => self%model%structure)
-         self%column%units_of_dof = [character(16) :: structure%units(self%model%output%dofs)]
-         self%column%units_of_law_dof = [character(16) :: structure%units(law_dofs_of(self%model%laws))]
+      associate (structure => self%model%system%structure)
+         self%column%units_of_dof = [character(16) :: structure%units(self%model%options%output%dofs)]
+         self%column%units_of_law_dof = [character(16) :: structure%units(law_dofs_of(self%model%system%laws))]
          self%column%units_of_state_dof = [character(16) :: structure%units]
       end associate
    end subroutine find_units
@@ -712,11 +715,11 @@ contains
          return
       end if
       select case (axis)
-      case ("dof"); labels = [character(64) :: self%model%structure%labels(self%model%output%dofs)]
-      case ("law_dof"); labels = [character(64) :: self%model%structure%labels(law_dofs_of(self%model%laws))]
-      case ("gradient_value"); labels = self%model%gradient%names
-      case ("law"); labels = [(adjustl([character(64) :: self%model%laws(i)%law%label]), i=1, size(self%model%laws))]
-      case ("state_dof"); labels = [character(64) :: self%model%structure%labels]
+      case ("dof"); labels = [character(64) :: self%model%system%structure%labels(self%model%options%output%dofs)]
+      case ("law_dof"); labels = [character(64) :: self%model%system%structure%labels(law_dofs_of(self%model%system%laws))]
+      case ("gradient_value"); labels = self%model%options%gradient%names
+      case ("law"); labels = [(adjustl([character(64) :: self%model%system%laws(i)%law%label]), i=1, size(self%model%system%laws))]
+      case ("state_dof"); labels = [character(64) :: self%model%system%structure%labels]
       end select
    end function session_labels_along
 
@@ -772,10 +775,10 @@ contains
    subroutine complete_result(self)
       class(session_t), intent(inout) :: self
 
-      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%harmonics
+      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%discretisation%harmonics
       self%is_present = .true.
       self%has_law_doubt = .not. self%law_doubt%is_done
-      call self%law_doubt%examine(self%model, self%result)
+      call self%law_doubt%examine(self%model%system, self%model%discretisation, self%result)
       self%has_law_doubt = self%has_law_doubt .and. self%law_doubt%is_done
    end subroutine complete_result
 

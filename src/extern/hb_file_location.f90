@@ -2,7 +2,7 @@
 !> renamed to it when complete.
 module hb_file_location
    use hb_error, only: error_t, fail
-   use hb_system, only: exists, file_kind, kind_of_file, link_file, remove_file, rename_file
+   use hb_operating_system, only: exists, file_kind, kind_of_file, link_file, remove_file, rename_file
    use hb_text, only: to_text
    implicit none
    private

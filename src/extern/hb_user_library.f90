@@ -8,8 +8,8 @@ module hb_user_library
    use hb_checksum, only: library_fingerprint
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
+   use hb_operating_system, only: file_kind, kind_of_file
    use hb_outside_code, only: begin_outside_code, end_outside_code
-   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    implicit none
    private

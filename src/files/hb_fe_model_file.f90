@@ -5,8 +5,8 @@ module hb_fe_model_file
    use hb_file_location, only: check_source
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
+   use hb_operating_system, only: file_kind, kind_of_file
    use hb_sparse, only: new_sparse, sparse_t
-   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: texts_t, to_text
    implicit none
    private

@@ -10,9 +10,9 @@ module hb_integration_file
    use hb_integration_laws, only: integration_laws_t
    use hb_integration_system, only: integration_state_t
    use hb_kinds, only: wp
+   use hb_operating_system, only: process_id, remove_file, utc_now
    use hb_record_columns, only: record_columns
    use hb_structure, only: structure_t
-   use hb_system, only: process_id, remove_file, utc_now
    use hb_text, only: to_text
    use hb_version, only: git_commit, program_version
    implicit none

@@ -7,9 +7,9 @@ module hb_coupled_terms_reader
    use hb_kinds, only: wp
    use hb_law_polynomial_coupled, only: factors_of_term, new_polynomial_coupled, polynomial_coupled_t
    use hb_location_reader, only: read_dofs
+   use hb_operating_system, only: beside
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
-   use hb_system, only: beside
    use hb_text, only: parse_real, split, string_t, to_text
    use hb_text_file, only: read_text_file
    implicit none

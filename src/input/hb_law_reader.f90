@@ -9,9 +9,9 @@ module hb_law_reader
    use hb_law_user, only: load_user_law, take_memory, user_law_t
    use hb_location_reader, only: read_dofs, read_further, read_location
    use hb_number_reader, only: group_problems_t, read_numbers
+   use hb_operating_system, only: library_path
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
-   use hb_system, only: library_path
    use hb_text, only: to_text
    implicit none
    private

@@ -23,28 +23,28 @@ contains
       type(law_box_t), allocatable :: boxes(:)                        ! by group
       integer :: first, i, last
 
-      allocate (boxes(document%count("law")), self%law_groups(0))
+      allocate (boxes(document%count("law")), self%system%law_groups(0))
       do i = 1, size(boxes)
          group => document%group("law", i)
-         call read_law(boxes(i), group, self%structure, i)
+         call read_law(boxes(i), group, self%system%structure, i)
          if (.not. allocated(boxes(i)%law)) then
             call group%report_first(error)
             return
          end if
-         self%law_groups = [self%law_groups, spread(i, 1, n_positions(boxes(i)))]
-         if (boxes(i)%law%n_phases > self%tones%n_tones) then
+         self%system%law_groups = [self%system%law_groups, spread(i, 1, n_positions(boxes(i)))]
+         if (boxes(i)%law%n_phases > self%system%tones%n_tones) then
             call group%problem(trim(merge("tuple", "tone ", allocated(boxes(i)%law%modulation))), "there "// &
-               trim(merge("is ", "are", self%tones%n_tones == 1))//" only "//number_of(self%tones%n_tones, "tone"))
+               trim(merge("is ", "are", self%system%tones%n_tones == 1))//" only "//number_of(self%system%tones%n_tones, "tone"))
          end if
       end do
-      allocate (self%laws(size(self%law_groups)))
+      allocate (self%system%laws(size(self%system%law_groups)))
       last = 0
       do i = 1, size(boxes)
          group => document%group("law", i)
          first = last + 1
          last = last + n_positions(boxes(i))
-         call put_laws(boxes(i), self%structure, self%laws(first:last))
-         call check_rigid_laws(self%laws(:first - 1), self%laws(first:last), group)
+         call put_laws(boxes(i), self%system%structure, self%system%laws(first:last))
+         call check_rigid_laws(self%system%laws(:first - 1), self%system%laws(first:last), group)
       end do
    end subroutine read_laws
 

@@ -1,6 +1,7 @@
 !> Amplitudes of a model by harmonic: loads (`&load`) and terms added to the first guess (`&start`).
 module hb_model_loads
    use hb_amplitudes, only: amplitudes_t
+   use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_harmonics, only: tuple_text
@@ -10,6 +11,7 @@ module hb_model_loads
    use hb_model_numbers, only: build_loads, build_starts, unknown_tone_of
    use hb_number_reader, only: read_numbers
    use hb_properties, only: properties_t
+   use hb_system, only: system_t
    use hb_text, only: to_text
    implicit none
    private
@@ -26,18 +28,18 @@ contains
       type(properties_t), pointer :: group
       integer :: i
 
-      allocate (self%given_loads(document%count("load")))
-      do i = 1, size(self%given_loads)
+      allocate (self%system%loads(document%count("load")))
+      do i = 1, size(self%system%loads)
          group => document%group("load", i)
-         call read_load(self%given_loads(i), self, group)
-         if (.not. allocated(self%given_loads(i)%weights)) cycle
-         if (unknown_tone_of(self, i) > 0) call group%problem("tuple", "tone "//to_text(unknown_tone_of(self, i))// &
+         call read_load(self%system%loads(i), self%system, self%discretisation, group)
+         if (.not. allocated(self%system%loads(i)%weights)) cycle
+         if (unknown_tone_of(self%system, i) > 0) call group%problem("tuple", "tone "//to_text(unknown_tone_of(self%system, i))// &
             " of &tones is unknown, and a load needs a given frequency; a first guess is given by &start")
       end do
-      self%has_inertia_loads = any(self%given_loads%grows())
-      call build_loads(self, self%structure, loads, slopes, error)    ! an error has been reported
-      self%loads = loads
-      self%load_slopes = slopes
+      self%system%has_inertia_loads = any(self%system%loads%grows())
+      call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error) ! an error has been reported
+      self%discretisation%loads = loads
+      self%discretisation%load_slopes = slopes
    end subroutine read_loads
 
    !> Reads all `&start`.
@@ -46,18 +48,19 @@ contains
       type(document_t), intent(inout), target :: document
       integer :: i
 
-      allocate (self%given_starts(document%count("start")))
-      do i = 1, size(self%given_starts)
-         self%given_starts(i)%unit = "m"
-         call read_amplitude(self%given_starts(i), self, document%group("start", i))
+      allocate (self%options%start%given(document%count("start")))
+      do i = 1, size(self%options%start%given)
+         self%options%start%given(i)%unit = "m"
+         call read_amplitude(self%options%start%given(i), self%system, self%discretisation, document%group("start", i))
       end do
       call build_starts(self)
    end subroutine read_starts
 
    !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
-   subroutine read_load(self, model, group)
+   subroutine read_load(self, system, discretisation, group)
       type(load_t), intent(inout) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(properties_t), intent(inout) :: group
       character(4), parameter :: units(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
 
@@ -66,13 +69,14 @@ contains
       self%unit = units(max(0, min(self%power, 4)))
       if (self%kind == load_kind%base_acceleration) self%unit = "m/s2"
       if (self%kind == load_kind%base_displacement) self%unit = "m"
-      call read_amplitude(self, model, group)
+      call read_amplitude(self, system, discretisation, group)
    end subroutine read_load
 
    !> Reads `&load` and `&start`: `dof` or `vector`, `tuple`, `cos`, `sin`. Weights are not allocated after a problem.
-   subroutine read_amplitude(self, model, group)
+   subroutine read_amplitude(self, system, discretisation, group)
       type(load_t), intent(inout) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(properties_t), intent(inout) :: group
       character(:), allocatable :: name, vector
       integer, allocatable :: dofs(:)
@@ -82,23 +86,23 @@ contains
       call group%get("dof", name, required=.not. group%given("vector"))
       call group%get("vector", vector)
       if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
-      call group%get("tuple", self%tuple, n=model%tones%n_tones)
+      call group%get("tuple", self%tuple, n=system%tones%n_tones)
       call read_numbers(self, group)
       if (.not. (group%given("cos") .or. group%given("sin"))) then
          call group%problem("cos", "give 'cos', 'sin' or both")
       end if
       if (.not. ((allocated(name) .or. allocated(vector)) .and. allocated(self%tuple))) return
-      if (size(self%tuple) /= model%tones%n_tones) return
+      if (size(self%tuple) /= system%tones%n_tones) return
       if (allocated(vector)) then
-         call model%structure%vectors%find(vector, dofs, weights, error)
+         call system%structure%vectors%find(vector, dofs, weights, error)
          if (allocated(error)) call group%problem("vector", error%message)
       else
-         call model%structure%find_dofs(name, dofs, error)
+         call system%structure%find_dofs(name, dofs, error)
          if (allocated(error)) call group%problem("dof", error%message)
          if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
       end if
       if (allocated(error)) return
-      if (model%harmonics%index_of(self%tuple) == 0) then
+      if (discretisation%harmonics%index_of(self%tuple) == 0) then
          call group%problem("tuple", "tuple "//tuple_text(self%tuple)//" is not in the set of harmonics; give one entry per "// &
                             "tone, and raise the order in &harmonics if it is too low")
          return

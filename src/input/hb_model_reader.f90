@@ -10,7 +10,7 @@ module hb_model_reader
    use hb_frequency_part_input, only: read_frequency_part
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
-   use hb_model, only: callbacks_t, model_t
+   use hb_model, only: model_t
    use hb_model_laws, only: read_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_number, only: has_number, model_number_t, model_tie_t
@@ -18,10 +18,12 @@ module hb_model_reader
    use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
+   use hb_options, only: callbacks_t, options_t
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
    use hb_structure_catalogue, only: read_structure
+   use hb_system, only: system_t
    use hb_text, only: shown, string_t, to_text
    use hb_time_domain, only: primary_method
    use hb_tones, only: tones_t
@@ -59,8 +61,8 @@ contains
       real(wp), intent(in), optional :: available                     !! bytes for this process
       type(callbacks_t), intent(in), optional :: callbacks
 
-      if (present(available)) self%memory_limit = available
-      if (present(callbacks)) self%callbacks = callbacks
+      if (present(available)) self%options%memory_limit = available
+      if (present(callbacks)) self%options%callbacks = callbacks
       call document%begin()
       call read_ties(document)
       call read_parts(self, document, error)
@@ -86,7 +88,7 @@ contains
       if (is_done) call set_changes(self, document, is_done)
       is_new = .not. is_done
       if (.not. is_new) return
-      same = self%callbacks
+      same = self%options%callbacks
       if (present(callbacks)) same = callbacks
       call read_model(self, document, error, available, same)
    end subroutine update_model
@@ -110,7 +112,7 @@ contains
       do i = 1, size(changes)
          call locate_number(document, changes(i), numbers(i))
          is_done = numbers(i)%object /= has_number%none
-         if (is_done .and. self%normal_mode%has_energy) is_done = numbers(i)%object == has_number%normal_mode   ! check_energy
+         if (is_done .and. self%system%normal_mode%has_energy) is_done = numbers(i)%object == has_number%normal_mode ! check_energy
          if (is_done) call document%number_at(changes(i), values(i), is_done)
          if (.not. is_done) return
       end do
@@ -165,14 +167,15 @@ contains
    end subroutine locate_number
 
    !> Tuples of loads, first guesses and outputs with a requested accuracy, (n_tones, any).
-   function wanted_tuples(self, document) result(tuples)
-      type(model_t), intent(in) :: self
+   function wanted_tuples(system, options, document) result(tuples)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(document_t), intent(inout), target :: document
       integer, allocatable :: tuples(:, :)
       integer, allocatable :: entries(:)
       integer :: i
 
-      associate (outputs => self%accuracy%outputs, n_tones => self%tones%n_tones)
+      associate (outputs => options%accuracy%outputs, n_tones => system%tones%n_tones)
          allocate (entries, source=[loaded_tuples(document, n_tones)])
          do i = 1, size(outputs)
             if (allocated(outputs(i)%tuple)) entries = [entries, outputs(i)%tuple]
@@ -191,54 +194,59 @@ contains
       call read_solver(self, document%optional_group("solver"))
       call read_whole_structure(self, document, error)
       if (allocated(error)) return
-      self%may_integrate = document%count("dynamic_stiffness") == 0
-      call read_tones(self%tones, document, error)
+      self%options%may_integrate = document%count("dynamic_stiffness") == 0
+      call read_tones(self%system%tones, document, error)
       if (allocated(error)) return
-      if (.not. self%may_integrate .and. any(self%tones%is_unknown)) then
+      if (.not. self%options%may_integrate .and. any(self%system%tones%is_unknown)) then
          group => document%group("dynamic_stiffness", 1)
          call group%problem("type", "motions with unknown tones cannot have stiffness that depends on the frequency")
       end if
-      call refuse_unknown_tones(document, self%tones)
-      call read_accuracy(self%accuracy, document, self%structure, self%tones%n_tones, self%callbacks%is_followed)
-      if (self%accuracy%grows_set) then
-         call read_lowest_set(self%harmonics, document, wanted_tuples(self, document), error, self%symmetry)
-         if (.not. allocated(error) .and. self%harmonics%n_harmonics > self%accuracy%max_harmonics) then
+      call refuse_unknown_tones(document, self%system%tones)
+      call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &
+                         self%options%callbacks%is_followed)
+      if (self%options%accuracy%grows_set) then
+         call read_lowest_set(self%discretisation%harmonics, document, wanted_tuples(self%system, self%options, document), error, &
+                              self%discretisation%symmetry)
+         if (.not. allocated(error) .and. self%discretisation%harmonics%n_harmonics > self%options%accuracy%max_harmonics) then
             group => document%optional_group("accuracy")
-            call group%problem("max_harmonics", "must be "//to_text(self%harmonics%n_harmonics)// &
+            call group%problem("max_harmonics", "must be "//to_text(self%discretisation%harmonics%n_harmonics)// &
                                " or more, the tuples to begin with")
          end if
       else
-         call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
+         call read_harmonics(self%discretisation%harmonics, document, self%system%tones%n_tones, error, &
+                             self%discretisation%symmetry)
       end if
       if (allocated(error)) return
       call read_laws(self, document, error)
       if (allocated(error)) return
-      call read_error_estimate(self%error_estimate, document%optional_group("error_estimate"))
-      if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=floquet_t())
-      call read_stability(self%stability, document%optional_group("stability"), &
-                          is_patient=(self%callbacks%is_followed .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
+      call read_error_estimate(self%options%error_estimate, document%optional_group("error_estimate"))
+      if (.not. allocated(self%options%callbacks%stability_finder)) &
+         allocate (self%options%callbacks%stability_finder, source=floquet_t())
+      call read_stability(self%options%stability, document%optional_group("stability"), &
+                          is_patient=(self%options%callbacks%is_followed .or. self%options%accuracy%is_on) .and. &
+                             self%system%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
       call read_sampling(self, document%optional_group("sampling"))
       call check_size()
       if (allocated(error)) return
       call read_loads(self, document)
       call read_starts(self, document)
-      call check_symmetry(self, document%optional_group("harmonics"))
+      call check_symmetry(self%system, self%discretisation, document%optional_group("harmonics"))
       call check_size()                                               ! again: loads determine whether motions are odd
       if (allocated(error)) return
-      call check_improvement(self, document%optional_group("error_estimate"))
-      if (any(self%tones%is_unknown)) then
-         call check_fundamentals(self, document%optional_group("harmonics"))
+      call check_improvement(self%system, self%options, document%optional_group("error_estimate"))
+      if (any(self%system%tones%is_unknown)) then
+         call check_fundamentals(self%system, self%discretisation, document%optional_group("harmonics"))
          call read_phase(self, document%optional_group("phase"))
       end if
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
-      call read_integration(self%integration, document%optional_group("integration"))
+      call read_integration(self%options%integration, document%optional_group("integration"))
       call put_ties(self, document)
       call read_gradient(self, document)
-      if (.not. self%may_integrate) call refuse_integration()
-      self%integration%work_limit = work_of_method*self%solver%fallback_work
-      if (.not. self%solver%has_fallback_work) self%integration%work_limit = &
-         self%callbacks%share_of_integration*self%integration%work_limit
+      if (.not. self%options%may_integrate) call refuse_integration()
+      self%options%integration%work_limit = work_of_method*self%options%solver%fallback_work
+      if (.not. self%options%solver%has_fallback_work) self%options%integration%work_limit = &
+         self%options%callbacks%share_of_integration*self%options%integration%work_limit
 
    contains
 
@@ -247,14 +255,14 @@ contains
          character(*), parameter :: reason = "'integration' needs equations in time, which a &dynamic_stiffness has not"
 
          group => document%optional_group("solver")
-         if (self%start_from_integration) call group%problem("first_guess", reason)
-         if (self%primary_method == primary_method%integration) call group%problem("primary_method", reason)
+         if (self%options%start%from_integration) call group%problem("first_guess", reason)
+         if (self%options%primary_method == primary_method%integration) call group%problem("primary_method", reason)
          group => document%optional_group("stability")
-         if (self%stability%method == stability_method%integration) call group%problem("method", reason)
+         if (self%options%stability%method == stability_method%integration) call group%problem("method", reason)
       end subroutine refuse_integration
 
       subroutine check_size()
-         call check_memory(sizes_of(self), self%memory_limit, error)
+         call check_memory(sizes_of(self%system, self%discretisation, self%options), self%options%memory_limit, error)
          call annotate(error, document%file_name)
       end subroutine check_size
    end subroutine read_parts
@@ -271,32 +279,34 @@ contains
 
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, self%structure, error, self%memory_limit, self%callbacks%fe_models, self%builder)
+      call read_structure(group, self%system%structure, error, self%options%memory_limit, self%options%callbacks%fe_models, &
+                          self%system%builder)
       if (allocated(error)) return
-      allocate (self%bearings(document%count("bearing")))
-      do i = 1, size(self%bearings)
-         call read_bearing(self%bearings(i), document%group("bearing", i), self%structure)
-         if (self%bearings(i)%is_complete()) call self%bearings(i)%add_to(self%structure)
+      allocate (self%system%bearings(document%count("bearing")))
+      do i = 1, size(self%system%bearings)
+         call read_bearing(self%system%bearings(i), document%group("bearing", i), self%system%structure)
+         if (self%system%bearings(i)%is_complete()) call self%system%bearings(i)%add_to(self%system%structure)
       end do
       if (document%count("dynamic_stiffness") == 0) return
       allocate (parts(0))
       do i = 1, document%count("dynamic_stiffness")
-         call read_frequency_part(part, document%group("dynamic_stiffness", i), self%structure, error)
+         call read_frequency_part(part, document%group("dynamic_stiffness", i), self%system%structure, error)
          if (allocated(error)) return
          if (allocated(part%acts)) parts = [parts, part]
       end do
-      call move_alloc(parts, self%structure%parts)
+      call move_alloc(parts, self%system%structure%parts)
    end subroutine read_whole_structure
 
    !> Checks that sets and tones are given, as improvement steps require.
-   subroutine check_improvement(self, group)
-      type(model_t), intent(in) :: self
+   subroutine check_improvement(system, options, group)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(properties_t), intent(inout) :: group                      !! &error_estimate
 
-      if (self%error_estimate%improvement_steps <= 0) return
-      if (self%accuracy%is_on) call group%problem("improvement_steps", &
+      if (options%error_estimate%improvement_steps <= 0) return
+      if (options%accuracy%is_on) call group%problem("improvement_steps", &
          "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
-      if (any(self%tones%is_unknown)) call group%problem("improvement_steps", "requires given tones; leave it out")
+      if (any(system%tones%is_unknown)) call group%problem("improvement_steps", "requires given tones; leave it out")
    end subroutine check_improvement
 
    !> Reads the ties of a document, which stores them, and sets the values that follow. Invalid paths are reported as
@@ -348,7 +358,7 @@ contains
       type(model_tie_t) :: tie
       integer :: i
 
-      allocate (self%ties(0))
+      allocate (self%system%ties(0))
       if (.not. allocated(document%ties)) return
       do i = 1, size(document%ties)
          call find_number(document, document%ties(i)%to, tie%to)
@@ -356,7 +366,7 @@ contains
          call find_number(document, document%ties(i)%parameter, tie%number)
          tie%factor = document%ties(i)%factor
          tie%offset = document%ties(i)%offset
-         self%ties = [self%ties, tie]
+         self%system%ties = [self%system%ties, tie]
       end do
    end subroutine put_ties
 
@@ -411,12 +421,12 @@ contains
       type(string_t), allocatable :: paths(:)
       integer :: i
 
-      allocate (self%gradient%by(0), self%gradient%names(0))
+      allocate (self%options%gradient%by(0), self%options%gradient%names(0))
       if (document%count("gradient") == 0) return
       group => document%optional_group("gradient")
       call group%get("by", paths)
       if (.not. allocated(paths)) return                              ! which has been reported
-      if (self%normal_mode%has_energy) then
+      if (self%system%normal_mode%has_energy) then
          call group%problem("by", "needs an 'amplitude' of the &normal_mode, not an 'energy'")
          return
       end if
@@ -454,7 +464,7 @@ contains
       else if (.not. document%is_real(parameter)) then
          problem = "is not a real number; only real numbers have derivatives"
       else if (document%groups%holders(parameter%i_group)%group%name == "tones") then
-         if (self%tones%is_unknown(max(1, parameter%element(1)))) problem = "is unknown, not given"
+         if (self%system%tones%is_unknown(max(1, parameter%element(1)))) problem = "is unknown, not given"
       end if
       call find_number(document, parameter, number)
       call find_model_number(self, number, value, is_found)
@@ -464,8 +474,8 @@ contains
          call group%problem("by", problem)
          return
       end if
-      self%gradient%by = [self%gradient%by, number]
-      self%gradient%names = [character(64) :: self%gradient%names, path]
+      self%options%gradient%by = [self%options%gradient%by, number]
+      self%options%gradient%names = [character(64) :: self%options%gradient%names, path]
    end subroutine add_value
 
    !> Finds the value of a path in a key; an invalid path is reported as a problem of the key.

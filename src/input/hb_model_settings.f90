@@ -1,16 +1,19 @@
 !> Solution, assessment and output of a model: the groups `&solver`, `&accuracy`, `&sampling`, `&error_estimate`, `&stability`,
 !> `&integration` and `&output`.
 module hb_model_settings
+   use hb_discretisation, only: discretisation_t, symmetry
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: gib, wp
-   use hb_model, only: accuracy_t, error_estimate_config_t, model_t, symmetry
+   use hb_model, only: model_t
    use hb_model_basis, only: why_not_odd
+   use hb_options, only: accuracy_t, error_estimate_config_t
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_solver_types, only: share_of_solver, unit_of_work
    use hb_stability, only: stability_config_t
    use hb_structure, only: structure_t
+   use hb_system, only: system_t
    use hb_text, only: string_t, to_text
    use hb_time_domain, only: integration_config_t
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
@@ -31,7 +34,7 @@ contains
       real(wp) :: limit
       integer :: first_jacobian                                       ! linear, tangent
 
-      associate (solver => self%solver)
+      associate (solver => self%options%solver)
          call group%choose("method", solver%method)
          solver%has_tolerance = group%given("tolerance")
          call group%get("tolerance", solver%tolerance)
@@ -39,25 +42,25 @@ contains
          call group%get("line_search", solver%line_search)
          call group%get("fallback", solver%fallback)
          call group%get("fallback_by_integration", solver%fallback_by_integration)
-         call group%choose("primary_method", self%primary_method)
+         call group%choose("primary_method", self%options%primary_method)
          call group%get("homotopy_iterations", solver%homotopy_iterations)
          call group%get("memory", solver%memory)
          call group%choose("first_jacobian", first_jacobian)
          call group%get("first_guess", first_guess)
-         call group%get("chain_length", self%chain%length)
-         call group%get("secant", self%chain%secant)
+         call group%get("chain_length", self%options%chain%length)
+         call group%get("secant", self%options%chain%secant)
          call group%get("memory_limit", limit)
-         if (limit > 0.0_wp) self%memory_limit = limit*gib
+         if (limit > 0.0_wp) self%options%memory_limit = limit*gib
          call group%get("time_limit", limit)
          if (limit > 0.0_wp) solver%time_limit = limit
          solver%has_fallback_work = group%given("fallback_work")
          call group%get("fallback_work", limit)
          solver%fallback_work = share_of_solver*limit*unit_of_work
          solver%start_with_tangent = first_jacobian == 2
-         self%chain%is_auto = first_guess == "auto"
-         self%chain%is_on = first_guess == "neighbour"
-         self%start_from_linear = first_guess /= "zero"
-         self%start_from_integration = first_guess == "integration"
+         self%options%chain%is_auto = first_guess == "auto"
+         self%options%chain%is_on = first_guess == "neighbour"
+         self%options%start%from_linear = first_guess /= "zero"
+         self%options%start%from_integration = first_guess == "integration"
       end associate
    end subroutine read_solver
 
@@ -109,29 +112,29 @@ contains
       integer :: degree, i
 
       degree = 1
-      do i = 1, size(self%laws)
-         if (self%laws(i)%law%degree == 0 .or. degree == 0) then
+      do i = 1, size(self%system%laws)
+         if (self%system%laws(i)%law%degree == 0 .or. degree == 0) then
             degree = 0
          else
-            degree = max(degree, self%laws(i)%law%degree)
+            degree = max(degree, self%system%laws(i)%law%degree)
          end if
       end do
       call group%get("samples", samples)
       call group%get("oversampling", oversampling)
-      self%accuracy%refines_grid = all(samples == 0) .and. .not. oversampling > 0.0_wp
+      self%options%accuracy%refines_grid = all(samples == 0) .and. .not. oversampling > 0.0_wp
       if (oversampling > 0.0_wp) then
          if (any(samples > 0)) call group%problem("oversampling", "give either 'samples' or 'oversampling', not both")
-         samples = fast_size(ceiling(max(1.0_wp, oversampling)*(2*self%harmonics%highest + 1)))
+         samples = fast_size(ceiling(max(1.0_wp, oversampling)*(2*self%discretisation%harmonics%highest + 1)))
       end if
-      if (size(samples) == 1) samples = spread(samples(1), 1, self%tones%n_tones)
-      if (size(samples) == self%tones%n_tones) &
-         samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
-      call new_torus(self%torus, samples, self%harmonics, error)
+      if (size(samples) == 1) samples = spread(samples(1), 1, self%system%tones%n_tones)
+      if (size(samples) == self%system%tones%n_tones) &
+         samples = merge(samples, default_samples(self%discretisation%harmonics, degree), samples > 0)
+      call new_torus(self%discretisation%torus, samples, self%discretisation%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
       kinks = "plain"
-      if (self%accuracy%is_on .or. self%callbacks%is_followed) kinks = "corrected"   ! samples must not create folds
+      if (self%options%accuracy%is_on .or. self%options%callbacks%is_followed) kinks = "corrected" ! samples must not create folds
       call group%get("kinks", kinks)
-      self%torus%corrects_kinks = kinks == "corrected"
+      self%discretisation%torus%corrects_kinks = kinks == "corrected"
    end subroutine read_sampling
 
    !> Reads `&error_estimate`: whether it is computed, and its thresholds.
@@ -192,22 +195,22 @@ contains
       integer, allocatable :: dofs(:)
       integer :: i
 
-      associate (output => self%output)
+      associate (output => self%options%output)
          call group%get("title", output%title)
          call group%get("samples", output%samples)
          if (.not. allocated(output%samples)) allocate (output%samples(0))
-         if (size(output%samples) == 1) output%samples = spread(output%samples(1), 1, self%tones%n_tones)
-         if (size(output%samples) > 0 .and. size(output%samples) /= self%tones%n_tones) then
-            call group%problem("samples", "give one number, or one for each of the "//to_text(self%tones%n_tones)//" tones")
+         if (size(output%samples) == 1) output%samples = spread(output%samples(1), 1, self%system%tones%n_tones)
+         if (size(output%samples) > 0 .and. size(output%samples) /= self%system%tones%n_tones) then
+            call group%problem("samples", "give one number, or one for each of the "//to_text(self%system%tones%n_tones)//" tones")
          else if (size(output%samples) > 0) then
-            call new_torus(torus, output%samples, self%harmonics, error)
+            call new_torus(torus, output%samples, self%discretisation%harmonics, error)
             if (allocated(error)) call group%problem("samples", error%message)
          end if
          call group%get("dofs", names)
          if (allocated(names)) then
             allocate (output%dofs(0))
             do i = 1, size(names)
-               call self%structure%find_dofs(names(i)%value, dofs, error)
+               call self%system%structure%find_dofs(names(i)%value, dofs, error)
                if (allocated(error)) then                            ! only one error: each of them searches for the closest name
                   call group%problem("dofs", error%message)
                   exit
@@ -215,21 +218,23 @@ contains
                output%dofs = [output%dofs, dofs]
             end do
          else
-            output%dofs = [(i, i=1, self%structure%n_dofs)]
+            output%dofs = [(i, i=1, self%system%structure%n_dofs)]
          end if
       end associate
    end subroutine read_output
 
    !> Rejects `symmetry = 'odd'` if the equations are not odd.
-   subroutine check_symmetry(self, group)
-      type(model_t), intent(in) :: self
+   subroutine check_symmetry(system, discretisation, group)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(properties_t), intent(inout) :: group
       character(:), allocatable :: reason
       integer :: i
 
-      if (self%symmetry /= symmetry%odd .or. .not. allocated(self%torus%n_samples)) return
-      if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! already reported
-      reason = trim(why_not_odd(self%laws, self%harmonics, self%torus, self%loads))
+      if (discretisation%symmetry /= symmetry%odd .or. .not. allocated(discretisation%torus%n_samples)) return
+      if (.not. all([(allocated(system%laws(i)%law%dofs), i=1, size(system%laws))])) return ! already reported
+      reason = trim(why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, &
+                                discretisation%loads))
       if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
                                               "; 'auto' uses the symmetry where there is one")
    end subroutine check_symmetry

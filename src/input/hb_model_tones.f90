@@ -2,6 +2,7 @@
 !> amplitude or energy (`&normal_mode`). Checks that there are laws and that the fundamentals of these tones are in
 !> the set.
 module hb_model_tones
+   use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: tuple_text
@@ -10,6 +11,7 @@ module hb_model_tones
    use hb_model, only: model_t
    use hb_properties, only: properties_t
    use hb_structure, only: max_dense
+   use hb_system, only: system_t
    use hb_text, only: string_t, to_text
    use hb_thresholds, only: rounding
    use hb_tones, only: new_tones, tones_t
@@ -98,16 +100,17 @@ contains
    end function tone_of
 
    !> Rejects a model without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
-   subroutine check_fundamentals(self, group)
-      type(model_t), intent(in) :: self
+   subroutine check_fundamentals(system, discretisation, group)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(properties_t), intent(inout) :: group
       integer :: i, m
 
-      if (size(self%laws) == 0) call group%problem_as_is(group%location()//": unknown tones need a law; without one nothing "// &
-                                                         "determines the amplitude")
-      do m = 1, self%tones%n_tones
-         associate (tuple => [(merge(1, 0, i == m), i=1, self%tones%n_tones)])
-            if (self%tones%is_unknown(m) .and. self%harmonics%index_of(tuple) == 0) &
+      if (size(system%laws) == 0) &
+         call group%problem_as_is(group%location()//": unknown tones need a law; without one nothing "// "determines the amplitude")
+      do m = 1, system%tones%n_tones
+         associate (tuple => [(merge(1, 0, i == m), i=1, system%tones%n_tones)])
+            if (system%tones%is_unknown(m) .and. discretisation%harmonics%index_of(tuple) == 0) &
                call group%problem_as_is(group%location()//": the set of harmonics needs "//tuple_text(tuple)// &
                                         ", the fundamental of an unknown tone")
          end associate
@@ -121,14 +124,14 @@ contains
       type(string_t), allocatable :: names(:)
       integer :: condition, i                                         ! condition: integral, sine
 
-      allocate (self%phase_dofs(0))
+      allocate (self%system%phase_dofs(0))
       call group%choose("condition", condition)
       if (condition == 1) return
-      call group%get("dofs", names, n=count(self%tones%is_unknown))
+      call group%get("dofs", names, n=count(self%system%tones%is_unknown))
       if (.not. allocated(names)) return
-      self%phase_dofs = spread(0, 1, size(names))
+      self%system%phase_dofs = spread(0, 1, size(names))
       do i = 1, size(names)
-         call find_law_dof(self, group, "dofs", names(i)%value, self%phase_dofs(i))
+         call find_law_dof(self%system, group, "dofs", names(i)%value, self%system%phase_dofs(i))
       end do
    end subroutine read_phase
 
@@ -140,14 +143,14 @@ contains
       integer :: measure                                              ! peak, harmonic
 
       measure = 1
-      associate (mode => self%normal_mode)
+      associate (mode => self%system%normal_mode)
          mode%is_requested = .true.
          mode%has_energy = group%given("energy")
          call group%get("mode", mode%mode)
          if (mode%has_energy) then
             call group%get("energy", mode%energy)
             call refuse_beside_energy(group)
-            call check_energy(self, group)
+            call check_energy(self%system, self%discretisation, group)
          else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then
             call group%problem("amplitude", "give 'amplitude' and 'dof', or 'energy'")
          else
@@ -157,15 +160,16 @@ contains
             call group%choose("measure", measure)
          end if
          mode%is_peak = measure == 1
-         if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
+         if (allocated(dof)) call find_law_dof(self%system, group, "dof", dof, mode%dof)
       end associate
-      if (self%start_from_integration) call group%problem_as_is(group%location()//": a normal mode is not an attractor, "// &
+      if (self%options%start%from_integration) &
+         call group%problem_as_is(group%location()//": a normal mode is not an attractor, "// &
          "&solver first_guess = 'integration' does not find it")
-      if (count(self%tones%is_unknown) /= 1) then
+      if (count(self%system%tones%is_unknown) /= 1) then
          call group%problem_as_is(group%location()//": a normal mode needs one unknown tone: give 'unknown' in &tones")
-      else if (self%normal_mode%has_energy) then
-         if (self%tones%n_tones > 1) call group%problem("energy", "with several tones the energy is not that of one motion")
-      else if (self%normal_mode%is_peak .and. self%tones%n_tones > 1) then
+      else if (self%system%normal_mode%has_energy) then
+         if (self%system%tones%n_tones > 1) call group%problem("energy", "with several tones the energy is not that of one motion")
+      else if (self%system%normal_mode%is_peak .and. self%system%tones%n_tones > 1) then
          call group%problem("measure", "with several tones there is no common peak; use 'harmonic'")
       end if
    end subroutine read_normal_mode
@@ -183,28 +187,29 @@ contains
 
    !> Rejects models in which a free motion has no mechanical energy: laws without a potential, time-dependent loads,
    !> an unsymmetric stiffness.
-   subroutine check_energy(self, group)
-      type(model_t), intent(in) :: self
+   subroutine check_energy(system, discretisation, group)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(properties_t), intent(inout) :: group
       type(error_t), allocatable :: error
       integer :: h, i
 
-      do i = 1, size(self%laws)
-         if (.not. allocated(self%laws(i)%law)) cycle                  ! already reported
-         if (.not. self%laws(i)%law%has_potential) call group%problem("energy", "law '"//self%laws(i)%law%label// &
+      do i = 1, size(system%laws)
+         if (.not. allocated(system%laws(i)%law)) cycle               ! already reported
+         if (.not. system%laws(i)%law%has_potential) call group%problem("energy", "law '"//system%laws(i)%law%label// &
             "' has no potential, so that there is no energy to prescribe; give 'amplitude' and 'dof'")
       end do
-      do h = 1, self%harmonics%n_harmonics
-         if (any(self%harmonics%tuples(:, h) /= 0) .and. .not. self%loads%is_zero_at(h)) &
+      do h = 1, discretisation%harmonics%n_harmonics
+         if (any(discretisation%harmonics%tuples(:, h) /= 0) .and. .not. discretisation%loads%is_zero_at(h)) &
             call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
                                "and 'dof'")
       end do
-      call self%structure%check_matrices("an energy", max_dense, error)
+      call system%structure%check_matrices("an energy", max_dense, error)
       if (allocated(error)) then
          call group%problem("energy", error%message)
          return
       end if
-      associate (k => self%structure%stiffness)
+      associate (k => system%structure%stiffness)
          if (maxval(abs(k - transpose(k))) > rounding*maxval(abs(k))) &
             call group%problem("energy", "the stiffness is not symmetric, so that there is no strain energy; give 'amplitude' "// &
                                "and 'dof'")
@@ -212,20 +217,20 @@ contains
    end subroutine check_energy
 
    !> Finds a degree of freedom on which a law acts: only these are unknowns.
-   subroutine find_law_dof(self, group, key, name, dof)
-      type(model_t), intent(in) :: self
+   subroutine find_law_dof(system, group, key, name, dof)
+      type(system_t), intent(in) :: system
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key, name
       integer, intent(out) :: dof
       type(error_t), allocatable :: error
       integer :: i
 
-      call self%structure%find_dof(name, dof, error)
+      call system%structure%find_dof(name, dof, error)
       if (allocated(error)) then
          call group%problem(key, error%message)
-      else if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) then
+      else if (.not. all([(allocated(system%laws(i)%law%dofs), i=1, size(system%laws))])) then
          return                                                       ! already reported
-      else if (all(law_dofs_of(self%laws) /= dof)) then
+      else if (all(law_dofs_of(system%laws) /= dof)) then
          call group%problem(key, "no law acts on '"//name//"', so that its motion is not among the unknowns")
       end if
    end subroutine find_law_dof

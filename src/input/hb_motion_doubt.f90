@@ -2,8 +2,8 @@
 module hb_motion_doubt
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
-   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
+   use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
    use hb_remedies, only: remedy_of
    implicit none
@@ -13,8 +13,8 @@ module hb_motion_doubt
 contains
 
    !> Describes why a motion has not converged, or is less accurate than requested; an empty text for a motion without doubt.
-   subroutine describe_doubt(model, motion, text)
-      type(model_t), intent(in) :: model                              !! of the motion
+   subroutine describe_doubt(options, motion, text)
+      type(options_t), intent(in) :: options                          !! of the motion
       type(motion_result_t), intent(in) :: motion
       character(:), allocatable, intent(out) :: text
 
@@ -26,7 +26,7 @@ contains
             if (len_trim(motion%message) > 0) text = outcome_name(motion%status)//": "//trim(motion%message)
          end if
       else if (allocated(motion%error_estimate%combination)) then
-         associate (accuracy => model%accuracy, error_estimate => model%error_estimate)
+         associate (accuracy => options%accuracy, error_estimate => options%error_estimate)
             call add("; estimated error ", motion%error_estimate%truncation, " by truncation", &
                      merge(accuracy%tolerance, error_estimate%truncation, accuracy%is_on))
             call add(", ", motion%error_estimate%aliasing, " by aliasing", &

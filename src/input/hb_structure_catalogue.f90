@@ -9,11 +9,11 @@ module hb_structure_catalogue
    use hb_kinds, only: wp
    use hb_matrices, only: matrices_t, names_of_matrices, new_matrices
    use hb_number_reader, only: read_numbers
+   use hb_operating_system, only: beside
    use hb_properties, only: properties_t
    use hb_rotor_stator, only: rotor_stator_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
-   use hb_system, only: beside
    use hb_text, only: to_text
    implicit none
    private

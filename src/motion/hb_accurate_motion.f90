@@ -10,6 +10,7 @@
 module hb_accurate_motion
    use hb_attempts, only: attempts_t, make_attempts
    use hb_cancellation, only: cancellation_t, note_level, verdict, work_is_over
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
@@ -17,14 +18,16 @@ module hb_accurate_motion
    use hb_kinds, only: wp
    use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
       estimate_of_wanted, is_rigid, min_goal, level_t, margin, max_failures, put_on_level, trim_set, with_caution
-   use hb_model, only: accuracy_t, model_t
+   use hb_model, only: model_t
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: effort_t, motion_result_t
+   use hb_options, only: accuracy_t, options_t
    use hb_outcome, only: is_answer => is_solved, outcome, reason
    use hb_refinement, only: refinable_t, refine
-   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, stage, starting_point, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, starting_point, technique
    use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
+   use hb_system, only: system_t
    use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: primary_method
    use hb_torus, only: samples_for
@@ -97,7 +100,7 @@ contains
       type(cancellation_t), target :: cancellation
       type(point_attempts_t) :: attempts
 
-      call cancellation%enter(model%solver%time_limit)
+      call cancellation%enter(model%options%solver%time_limit)
       if (present(start)) attempts%motion%start = start
       call solve_by_levels(attempts, model)
       result = attempts%motion%result
@@ -126,24 +129,25 @@ contains
 
       associate (model => self%motion%model, motion => self%motion)
          if (rule%technique == technique%integration) then
-            applies = model%has_time_domain() .and. integration_applies(self, rule)
+            applies = model%options%has_time_domain() .and. integration_applies(self, rule)
             return
          end if
          select case (rule%discretisation)
-         case (discretisation%neighbour)
+         case (set_choice%neighbour)
             applies = allocated(motion%start%unknowns)
-         case (discretisation%given)
+         case (set_choice%given)
             applies = .not. allocated(motion%top%unknowns)
-         case (discretisation%larger, discretisation%smaller)
-            applies = model%accuracy%grows_set .and. size(model%laws) > 0 .and. .not. allocated(motion%top%unknowns) .and. &
+         case (set_choice%larger, set_choice%smaller)
+            applies = model%options%accuracy%grows_set .and. size(model%system%laws) > 0 .and. &
+               .not. allocated(motion%top%unknowns) .and. &
                .not. any(motion%result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])
-            if (rule%discretisation == discretisation%larger) applies = applies .and. &
-               .not. (motion%solver%is_out_of_work .or. motion%solver%work > model%accuracy%max_work)
-         case (discretisation%refined)
+            if (rule%discretisation == set_choice%larger) applies = applies .and. &
+               .not. (motion%solver%is_out_of_work .or. motion%solver%work > model%options%accuracy%max_work)
+         case (set_choice%refined)
             applies = allocated(motion%top%unknowns)
-         case (discretisation%finer)
-            applies = .not. self%is_finer .and. model%accuracy%grows_set .and. .not. work_is_over() .and. &
-                      is_denied(model, motion%result)
+         case (set_choice%finer)
+            applies = .not. self%is_finer .and. model%options%accuracy%grows_set .and. .not. work_is_over() .and. &
+                      is_denied(model%system, motion%result)
          case default
             applies = .false.
          end select
@@ -159,15 +163,15 @@ contains
 
       associate (model => self%motion%model, result => self%motion%result)
          if (rule%start == starting_point%motion) then
-            applies = allocated(self%motion%top%unknowns) .and. (model%lacks_impacts_of(result%status) .or. &
+            applies = allocated(self%motion%top%unknowns) .and. (model%options%lacks_impacts_of(model%system, result%status) .or. &
                                                                  (result%status == outcome%truncated .and. &
                                                                   result%stability%growth <= 1.0_wp))
          else if (result%status == outcome%pending) then
             applies = .not. allocated(self%motion%start%unknowns)
-            if (applies) applies = integrates_first(model)
+            if (applies) applies = integrates_first(model%system, model%options)
          else
             applies = .not. allocated(self%motion%top%unknowns) .and. (is_integrated(result%status) .or. &
-               is_lost(result%status) .and. model%solver%fallback .and. model%solver%fallback_by_integration)
+               is_lost(result%status) .and. model%options%solver%fallback .and. model%options%solver%fallback_by_integration)
          end if
       end associate
    end function integration_applies
@@ -182,7 +186,8 @@ contains
       associate (motion => self%motion)
          if (rule%technique == technique%integration) then
             if (rule%start == starting_point%motion) then
-               call integrate_from_balance(motion%model, motion%result, motion%top)
+               call integrate_from_balance(motion%model%system, motion%model%discretisation, motion%model%options, motion%result, &
+                                           motion%top)
             else if (motion%result%status == outcome%pending) then
                call integrate_before(motion, attempt%has_succeeded)
             else
@@ -190,10 +195,10 @@ contains
             end if
          else
             select case (rule%discretisation)
-            case (discretisation%refined)
+            case (set_choice%refined)
                call refine_motion(self)
                attempt%has_succeeded = motion%result%status == outcome%converged
-            case (discretisation%finer)
+            case (set_choice%finer)
                call refine_for_verdict(self, rule%share)
             case default
                call find_first(motion, rule, within)
@@ -215,8 +220,8 @@ contains
    !> Whether the errors of the motion leave its stability open: they move its largest multiplier as far as the unit
    !> circle or, with several tones and laws with kinks, its largest exponent to zero, or there is no periodic motion
    !> near it.
-   pure logical function is_denied(model, result)
-      type(model_t), intent(in) :: model
+   pure logical function is_denied(system, result)
+      type(system_t), intent(in) :: system
       type(motion_result_t), intent(in) :: result
       real(wp) :: unit
       integer :: i
@@ -228,7 +233,7 @@ contains
             unit = 1.0_wp
             if (size(result%frequency) > 1) unit = minval(result%frequency)
             is_denied = found%verdict == stability_verdict%unknown .and. found%estimate > clear_change*unit .and. &
-               any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
+               any([(system%laws(i)%law%n_switches + system%laws(i)%law%n_states > 0, i=1, size(system%laws))])
             return
          end if
          is_denied = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
@@ -249,13 +254,14 @@ contains
          if (allocated(finer)) deallocate (finer)
          allocate (finer)
          associate (motion => self%motion)
-            if (work_is_over() .or. .not. is_denied(motion%model, motion%result)) exit
+            if (work_is_over() .or. .not. is_denied(motion%model%system, motion%result)) exit
             sharper = motion%model
-            sharper%may_integrate = .false.
-            sharper%accuracy%tolerance = 10.0_wp**(-i)*motion%model%accuracy%tolerance
+            sharper%options%may_integrate = .false.
+            sharper%options%accuracy%tolerance = 10.0_wp**(-i)*motion%model%options%accuracy%tolerance
             finer%is_finer = .true.
             finer%motion%solver = motion%solver
-            sharper%accuracy%max_work = min(motion%model%accuracy%max_work, max(min_work_of_verdict, share*motion%solver%work))
+            sharper%options%accuracy%max_work = min(motion%model%options%accuracy%max_work, &
+                                                    max(min_work_of_verdict, share*motion%solver%work))
             finer%motion%start = motion%top
             call solve_by_levels(finer, sharper)
             motion%solver%effort_t = finer%motion%solver%effort_t
@@ -275,9 +281,9 @@ contains
 
       associate (model => self%model, result => self%result)
          call integrate_to_tolerance(model, result, is_done)
-         self%top%set = model%harmonics
-         self%top%n_samples = model%torus%n_samples
-         if (is_done) is_done = result%status /= outcome%truncated .or. model%primary_method == primary_method%integration
+         self%top%set = model%discretisation%harmonics
+         self%top%n_samples = model%discretisation%torus%n_samples
+         if (is_done) is_done = result%status /= outcome%truncated .or. model%options%primary_method == primary_method%integration
       end associate
    end subroutine integrate_before
 
@@ -290,7 +296,7 @@ contains
 
       was_integrated = is_integrated(result%status)
       call integrate_to_tolerance(model, result, is_done)
-      if (is_done .or. .not. (was_integrated .and. model%accuracy%grows_set)) return
+      if (is_done .or. .not. (was_integrated .and. model%options%accuracy%grows_set)) return
       result%status = outcome%truncated
       result%error_estimate%truncation = 1.0_wp
    end subroutine integrate_after
@@ -316,9 +322,10 @@ contains
             motion%result%level_estimate = max(motion%result%level_estimate, motion%best_estimate)
          end if
          call finish(motion)
-         if (model%accuracy%grows_set .and. model%chain%is_on .and. motion%result%status == outcome%converged .and. &
-             size(model%gradient%by) == 0) &                           ! which is that of the whole set
-            call trim_set(model, motion%top)
+         if (model%options%accuracy%grows_set .and. model%options%chain%is_on .and. &
+             motion%result%status == outcome%converged .and. &
+             size(model%options%gradient%by) == 0) &                   ! which is that of the whole set
+            call trim_set(model%discretisation, model%options, motion%top)
       end associate
    end subroutine refine_motion
 
@@ -344,7 +351,7 @@ contains
          self%top = self%next
          self%result = trial
       end if
-      self%estimate = missing_in(self%model, self%result)
+      self%estimate = missing_in(self%model%options, self%result)
       call note_level(self%n_levels + 1, size(self%top%unknowns), self%estimate)
    end subroutine refined_motion_solve
 
@@ -357,15 +364,15 @@ contains
       real(wp), allocatable :: outputs_raw(:)
 
       associate (model => self%model, top => self%top, next => self%next)
-         self%difference = distance(top, next, any(model%tones%is_unknown))
+         self%difference = distance(top, next, any(model%system%tones%is_unknown))
          self%is_checked = self%own_estimate < reliable
          raw = estimate_of_motion(trial)
          allocate (outputs_raw, source=estimates_of_outputs(trial))
          if (self%is_checked) &
             trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, self%own_estimate, self%difference))
-         if (is_rigid(model)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
-            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, model%tones%n_tones)))
-         call calibrate_outputs(model, trial, next%set, self%result, top%set, self%own_outputs)
+         if (is_rigid(model%system)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
+            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, model%system%tones%n_tones)))
+         call calibrate_outputs(model%system, model%options, trial, next%set, self%result, top%set, self%own_outputs)
          if (self%is_checked .and. max(self%estimate, self%difference) < self%best_estimate .and. size(outputs_raw) == 0) then
             self%best = self%result
             self%best_top = top
@@ -381,7 +388,7 @@ contains
       logical, intent(out) :: is_there
       real(wp) :: goal
 
-      associate (accuracy => self%model%accuracy, estimate => self%estimate)
+      associate (accuracy => self%model%options%accuracy, estimate => self%estimate)
          goal = max(min_goal*estimate, margin*accuracy%tolerance)
          if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, min_goal*accuracy%tolerance)
          goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
@@ -393,23 +400,24 @@ contains
    logical function refined_motion_is_accurate(self) result(is_accurate)
       class(refined_motion_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= self%model%accuracy%tolerance*merge(margin, minor, self%is_checked)
+      is_accurate = self%estimate <= self%model%options%accuracy%tolerance*merge(margin, minor, self%is_checked)
    end function refined_motion_is_accurate
 
    logical function refined_motion_is_over(self) result(is_over)
       class(refined_motion_t), intent(inout) :: self
 
-      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%model%accuracy%max_work .or. &
-                self%solver%is_out_of_work .or. self%model%lacks_impacts_of(self%result%status)
+      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. &
+         self%solver%work > self%model%options%accuracy%max_work .or. &
+                self%solver%is_out_of_work .or. self%model%options%lacks_impacts_of(self%model%system, self%result%status)
    end function refined_motion_is_over
 
    !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
    !> beyond the permitted one counts as an error above the limit of levels.
-   pure real(wp) function missing_in(model, result)
-      type(model_t), intent(in) :: model
+   pure real(wp) function missing_in(options, result)
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result
 
-      missing_in = max(estimate_of_wanted(result), margin*model%accuracy%tolerance*result%penetration_share)
+      missing_in = max(estimate_of_wanted(result), margin*options%accuracy%tolerance*result%penetration_share)
    end function missing_in
 
    !> Estimated error of a level according to the level below. The error of the motion of that level was the
@@ -431,8 +439,9 @@ contains
    end function estimates_of_outputs
 
    !> Finds the estimates of outputs that the levels show, as `estimate_by_levels`, each from its own difference.
-   subroutine calibrate_outputs(model, upper, upper_set, lower, lower_set, estimates_below)
-      type(model_t), intent(in) :: model
+   subroutine calibrate_outputs(system, options, upper, upper_set, lower, lower_set, estimates_below)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(inout) :: upper
       type(motion_result_t), intent(in) :: lower
       type(harmonics_t), intent(in) :: upper_set, lower_set
@@ -444,14 +453,14 @@ contains
       if (.not. (allocated(upper%outputs) .and. allocated(lower%outputs))) return
       below = lower%outputs
       above = upper%outputs
-      if (any(model%tones%is_unknown)) then                           ! phases are free
+      if (any(system%tones%is_unknown)) then                          ! phases are free
          below = abs(below)
          above = abs(above)
       end if
       left = 0.0_wp
-      if (is_rigid(model)) left = left_after(lower_set%n_harmonics, upper_set%n_harmonics, model%tones%n_tones)
+      if (is_rigid(system)) left = left_after(lower_set%n_harmonics, upper_set%n_harmonics, system%tones%n_tones)
       do i = 1, size(estimates_below)
-         difference = model%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
+         difference = options%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
          associate (estimate => upper%output_estimate(i), by_levels => upper%output_level_estimate(i))
             if (estimates_below(i) < reliable) &
                by_levels = max(by_levels, estimate_by_levels(estimate, estimates_below(i), difference))
@@ -481,22 +490,24 @@ contains
       type(error_t), allocatable :: failure
 
       associate (model => self%model, top => self%top, result => self%result)
-         if (rule%discretisation == discretisation%neighbour) then
+         if (rule%discretisation == set_choice%neighbour) then
             top = self%start
          else
-            top%set = model%harmonics
-            top%n_samples = model%torus%n_samples
-            if (rule%discretisation /= discretisation%given) call other_first(model, rule%discretisation, top, self%error)
+            top%set = model%discretisation%harmonics
+            top%n_samples = model%discretisation%torus%n_samples
+            if (rule%discretisation /= set_choice%given) &
+               call other_first(model%system, model%discretisation, rule%discretisation, top, self%error)
             if (allocated(self%error)) return
-            self%solver%here%may_integrate = model%may_integrate .and. &
-               (model%start_from_integration .or. any(model%tones%is_unknown) .or. .not. model%accuracy%grows_set)
+            self%solver%here%options%may_integrate = model%options%may_integrate .and. &
+               (model%options%start%from_integration .or. any(model%system%tones%is_unknown) .or. &
+                .not. model%options%accuracy%grows_set)
          end if
          call self%solver%take(top, .true., result, failure)
-         self%solver%here%may_integrate = .false.
+         self%solver%here%options%may_integrate = .false.
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          result%charged = self%solver%charged
          if (allocated(top%unknowns) .or. has_ended(result)) return
-         if (rule%discretisation == discretisation%neighbour) return  ! its error is none of the point
+         if (rule%discretisation == set_choice%neighbour) return  ! its error is none of the point
          if (allocated(failure)) call move_alloc(failure, self%error)
          result%harmonics = top%set
          result%n_samples = top%n_samples
@@ -505,11 +516,11 @@ contains
 
    !> Residual at which the equations of a level are solved: far below the permitted error of its motion, unless a
    !> residual was requested.
-   pure real(wp) function solver_tolerance(model) result(tolerance)
-      type(model_t), intent(in) :: model
+   pure real(wp) function solver_tolerance(options) result(tolerance)
+      type(options_t), intent(in) :: options
 
-      tolerance = model%solver%tolerance
-      if (.not. model%solver%has_tolerance) tolerance = max(tolerance, well_solved*model%accuracy%tolerance)
+      tolerance = options%solver%tolerance
+      if (.not. options%solver%has_tolerance) tolerance = max(tolerance, well_solved*options%accuracy%tolerance)
    end function solver_tolerance
 
    !> Whether the point has ended.
@@ -520,19 +531,20 @@ contains
    end function has_ended
 
    !> Another lowest level, if the motion was not found on the first one: a larger or a smaller box.
-   subroutine other_first(model, wanted, level, error)
-      type(model_t), intent(in) :: model
+   subroutine other_first(system, discretisation, wanted, level, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       integer, intent(in) :: wanted                                   !! one of hb_solver_types%discretisation
       type(level_t), intent(inout) :: level
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: loaded(:, :)
       integer :: order
 
-      order = lowest_order(model%tones%n_tones)
-      order = merge(order + (order + 1)/2, max(1, order - 2), wanted == discretisation%larger)
-      allocate (loaded, source=loaded_tuples(model))
-      call new_lowest_set(level%set, model%tones%n_tones, loaded, error, order)
-      if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(model))
+      order = lowest_order(system%tones%n_tones)
+      order = merge(order + (order + 1)/2, max(1, order - 2), wanted == set_choice%larger)
+      allocate (loaded, source=loaded_tuples(discretisation))
+      call new_lowest_set(level%set, system%tones%n_tones, loaded, error, order)
+      if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(system))
    end subroutine other_first
 
    !> Prepares the levels of a model.
@@ -543,15 +555,15 @@ contains
       self%model => model
       self%here = model
       associate (here => self%here)
-         here%primary_method = primary_method%balance
-         here%may_integrate = .false.
-         here%error_estimate%is_on = .true.
-         here%stability%method = stability_method%off
-         here%solver%tolerance = solver_tolerance(model)
-         here%solver%krylov_patience = patience_with_products
-         here%solver%fallback_share = 0.0_wp                          ! other sets remain to be tried
-         here%error_estimate%improvement_steps = 0
-         if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
+         here%options%primary_method = primary_method%balance
+         here%options%may_integrate = .false.
+         here%options%error_estimate%is_on = .true.
+         here%options%stability%method = stability_method%off
+         here%options%solver%tolerance = solver_tolerance(model%options)
+         here%options%solver%krylov_patience = patience_with_products
+         here%options%solver%fallback_share = 0.0_wp                  ! other sets remain to be tried
+         here%options%error_estimate%improvement_steps = 0
+         if (allocated(here%options%output%samples)) here%options%output%samples = here%options%output%samples(:0)
       end associate
    end subroutine level_solver_prepare
 
@@ -567,15 +579,15 @@ contains
       real(wp), allocatable :: first_guess(:), found(:)
 
       call move_alloc(level%unknowns, first_guess)
-      associate (model => self%model, solver => self%here%solver)
-         call put_on_level(self%here, model, level, error)
+      associate (model => self%model, solver => self%here%options%solver)
+         call put_on_level(self%here, model%discretisation, model%options, level, error)
          if (allocated(error)) return
-         solver%fallback = model%solver%fallback .and. with_fallback
+         solver%fallback = model%options%solver%fallback .and. with_fallback
          solver%patience = merge(0, patience, with_fallback)
-         solver%fallback_work = min(model%solver%fallback_work, max(0.0_wp, model%accuracy%max_work - self%work))
+         solver%fallback_work = min(model%options%solver%fallback_work, max(0.0_wp, model%options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
-         call limit%enter(huge(1.0_wp), max(model%max_work() - self%charged, &
-                                            merge(model%accuracy%max_work, 0.0_wp, with_fallback)))
+         call limit%enter(huge(1.0_wp), max(model%options%max_work() - self%charged, &
+                                            merge(model%options%accuracy%max_work, 0.0_wp, with_fallback)))
          call solve_motion(self%here, result, error, first_guess, found)
          call limit%leave()
          result%charged = limit%budget%spent
@@ -585,7 +597,7 @@ contains
          call self%add(result%effort_t)
          solver%preconditioner_level = result%preconditioner_level
          if (allocated(error)) return
-         call with_caution(model, result)
+         call with_caution(model%system, result)
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_take
@@ -608,11 +620,13 @@ contains
 
       associate (model => self%model, result => self%result)
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= model%accuracy%tolerance)
-         if (model%stability%method /= stability_method%off .or. size(model%output%samples) > 0) &
-            call add_stability(model, self%top, self%solver%charged, result)
+            result%status = merge(outcome%converged, outcome%truncated, &
+                                  estimate_of_wanted(result) <= model%options%accuracy%tolerance)
+         if (model%options%stability%method /= stability_method%off .or. size(model%options%output%samples) > 0) &
+            call add_stability(model%system, model%discretisation, model%options, self%top, self%solver%charged, result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
-            result%message = trim(message_on_outputs(model%accuracy, max(result%output_estimate, result%output_level_estimate)))
+            result%message = trim(message_on_outputs(model%options%accuracy, &
+                                                     max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set
          result%n_samples = self%top%n_samples
          result%level_difference = self%difference
@@ -625,8 +639,10 @@ contains
    end subroutine finish
 
    !> Solves the last level again, with stability and samples of the motion.
-   subroutine add_stability(model, top, work_spent, result)
-      type(model_t), intent(in) :: model
+   subroutine add_stability(system, discretisation, options, top, work_spent, result)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: work_spent                              !! for the motion
       type(motion_result_t), intent(inout) :: result
@@ -634,20 +650,23 @@ contains
       type(motion_result_t) :: whole
       type(error_t), allocatable :: error
 
-      here = model
-      here%may_integrate = .false.
-      here%error_estimate%is_on = .false.
-      here%solver%tolerance = solver_tolerance(model)
-      here%stability%work_spent = work_spent
-      if (here%stability%method == stability_method%auto) here%stability%min_periods = few_periods
-      call put_on_level(here, model, top, error)
+      here%system = system
+      here%discretisation = discretisation
+      here%options = options
+      here%options%may_integrate = .false.
+      here%options%error_estimate%is_on = .false.
+      here%options%solver%tolerance = solver_tolerance(options)
+      here%options%stability%work_spent = work_spent
+      if (here%options%stability%method == stability_method%auto) here%options%stability%min_periods = few_periods
+      call put_on_level(here, discretisation, options, top, error)
       if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
       if (allocated(error) .or. whole%status /= outcome%converged) return
       if (result%status == outcome%converged) then
          result%stability = whole%stability
-         here%tones%omega = result%frequency
-         call compare_with_refined(here, here%tones, result%error_estimate, result%stability)
-         call allow_for_growth(result, model%accuracy%tolerance)
+         here%system%tones%omega = result%frequency
+         call compare_with_refined(here%system, here%discretisation, here%options, here%system%tones, result%error_estimate, &
+                                   result%stability)
+         call allow_for_growth(result, options%accuracy%tolerance)
       end if
       if (.not. allocated(whole%displacement_samples)) return
       result%displacement_samples = whole%displacement_samples

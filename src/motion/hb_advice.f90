@@ -8,9 +8,10 @@ module hb_advice
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_model, only: model_t
+   use hb_options, only: options_t
    use hb_outcome, only: outcome, outcome_name, reason
    use hb_solver_types, only: report_t, technique
+   use hb_system, only: system_t
    use hb_text, only: to_text
    implicit none
    private
@@ -35,8 +36,9 @@ module hb_advice
 contains
 
    !> Examines a model and the last iterate, on its balance.
-   subroutine find_circumstances(model, balance, u, found)
-      type(model_t), intent(in) :: model
+   subroutine find_circumstances(system, options, balance, u, found)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       type(circumstances_t), intent(out) :: found
@@ -44,11 +46,11 @@ contains
       integer :: i
       integer, allocatable :: combination(:)
 
-      found%is_neighbour_used = model%chain%is_on
-      found%is_integration_used = model%start_from_integration
+      found%is_neighbour_used = options%chain%is_on
+      found%is_integration_used = options%start%from_integration
       call balance%sample(u)
-      do i = 1, size(model%laws)
-         associate (law => model%laws(i)%law, set => balance%law_set)
+      do i = 1, size(system%laws)
+         associate (law => system%laws(i)%law, set => balance%law_set)
             length = law%length_scale
             if (law%n_states > 0) then
                if (length <= 0.0_wp) cycle
@@ -64,9 +66,9 @@ contains
             end if
          end associate
       end do
-      if (model%tones%n_tones < 2 .or. any(model%tones%is_unknown)) return
-      call near_commensurate(model%tones, combination, frequency)
-      if (frequency > model%error_estimate%commensurability*maxval(model%tones%omega)) return
+      if (system%tones%n_tones < 2 .or. any(system%tones%is_unknown)) return
+      call near_commensurate(system%tones, combination, frequency)
+      if (frequency > options%error_estimate%commensurability*maxval(system%tones%omega)) return
       found%combination = combination
       found%combination_frequency = frequency
    end subroutine find_circumstances

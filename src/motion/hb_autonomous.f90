@@ -7,6 +7,7 @@ module hb_autonomous
    use hb_basis, only: basis_t, whole_basis
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_energy, only: energy_t, new_energy
    use hb_error, only: error_t, fail
@@ -14,11 +15,12 @@ module hb_autonomous
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: fundamental, new_search, search_t
-   use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
+   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_self_excitation, only: search_from_modes
+   use hb_system, only: system_t
    use hb_text, only: number_of, to_text
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
@@ -40,31 +42,34 @@ module hb_autonomous
 contains
 
    !> Finds the motion without the unknown tones, its modes, and the frequencies of the start.
-   subroutine find_start(self, model, basis, coordinates, error)
+   subroutine find_start(self, system, discretisation, options, basis, coordinates, error)
       type(autonomous_start_t), intent(out) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: balance
       integer :: h, m
 
-      associate (tones => model%tones)
+      associate (tones => system%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
-                                 .not. model%start%is_zero_at(basis%positions(h)), h=1, basis%harmonics%n_harmonics)])
+                                 .not. discretisation%start%is_zero_at(basis%positions(h)), h=1, &
+                                    basis%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! arbitrary: the base motion does not contain these tones
-         call new_base_balance(balance, model, basis, coordinates, self%omega, error)
-         if (.not. allocated(error)) call find_base_motion(self%base, model%structure, balance, basis%harmonics, model%solver, &
-                                                           error)
+         call new_base_balance(balance, system, discretisation, basis, coordinates, self%omega, error)
+         if (.not. allocated(error)) &
+            call find_base_motion(self%base, system%structure, balance, basis%harmonics, options%solver, error)
          call balance%destroy()
          if (allocated(error)) then
             if (.not. (allocated(self%base%u) .and. self%has_motion)) return
             deallocate (error)                                         ! without modes only the start remains
             allocate (self%modes(0))
          else
-            call choose_modes(self, model)
+            call choose_modes(self, system)
          end if
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
@@ -79,9 +84,10 @@ contains
    end subroutine find_start
 
    !> The balance over the tuples without unknown tones, always with the mean. Fails if the interior is singular.
-   subroutine new_base_balance(balance, model, basis, coordinates, omega, error)
+   subroutine new_base_balance(balance, system, discretisation, basis, coordinates, omega, error)
       type(balance_t), intent(inout) :: balance
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, arbitrary for unknown tones
@@ -92,7 +98,7 @@ contains
       integer, allocatable :: tuples(:, :), retained(:)
       integer :: h, samples(size(omega))
 
-      associate (harmonics => basis%harmonics, is_unknown => model%tones%is_unknown)
+      associate (harmonics => basis%harmonics, is_unknown => system%tones%is_unknown)
          retained = pack([(h, h=1, harmonics%n_harmonics)], [(all(harmonics%tuples(:, h) == 0 .or. .not. is_unknown), &
                                                               h=1, harmonics%n_harmonics)])
          tuples = harmonics%tuples(:, retained)
@@ -106,52 +112,55 @@ contains
       call new_torus(grid, samples, set, error)
       if (allocated(error)) return
       grid%corrects_kinks = basis%torus%corrects_kinks
-      call new_dynamic_stiffness(stiffness, model%structure, coordinates, set%frequencies(omega), &
-                                 model%loads%in_set(model%harmonics, set), error)
-      if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, model%laws), &
+      call new_dynamic_stiffness(stiffness, system%structure, coordinates, set%frequencies(omega), &
+                                 discretisation%loads%in_set(discretisation%harmonics, set), error)
+      if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, system%laws), &
                                                   error)
    end subroutine new_base_balance
 
    !> Prepares the energy of motions of a balance relative to the motion without the unknown tone.
-   subroutine find_energy(energy, model, balance, error)
+   subroutine find_energy(energy, system, discretisation, options, balance, error)
       type(energy_t), intent(out) :: energy
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(balance_t), intent(inout) :: balance                       !! on the set of the model, with slopes of motions
       type(error_t), allocatable, intent(out) :: error
       type(autonomous_start_t) :: start
 
-      call find_start(start, model, whole_basis(model%harmonics, model%torus), coordinates_of(model), error)
+      call find_start(start, system, discretisation, options, whole_basis(discretisation%harmonics, discretisation%torus), &
+                      coordinates_of(system), error)
       if (.not. allocated(start%base%u)) return
       if (allocated(error)) deallocate (error)                        ! modes are not required
-      call new_energy(energy, model%structure, constant_load(model), balance, start%base%u)
+      call new_energy(energy, system%structure, constant_load(system, discretisation), balance, start%base%u)
    end subroutine find_energy
 
    !> Chooses the modes from which the unknown tones start: those nearest to the first guess of a frequency; without
    !> one, that of a normal mode by its number; otherwise those with the largest growth rate, ordered by frequency.
-   subroutine choose_modes(self, model)
+   subroutine choose_modes(self, system)
       type(autonomous_start_t), intent(inout) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
       logical :: is_free(self%base%modes%n_modes), is_grown(self%base%modes%n_modes)
       integer :: i, m, mode(size(self%tones))
 
       is_free = .true.
       is_free(self%base%n_linear + 1:) = .false.
-      if (.not. model%normal_mode%is_requested) is_free = is_free .and. self%base%is_at_laws
+      if (.not. system%normal_mode%is_requested) is_free = is_free .and. self%base%is_at_laws
       mode = 0
-      associate (modes => self%base%modes, guess => model%tones%omega)
+      associate (modes => self%base%modes, guess => system%tones%omega)
          do m = 1, size(mode)
             if (guess(self%tones(m)) <= 0.0_wp) cycle
             mode(m) = minloc(abs(modes%frequency - guess(self%tones(m))), mask=is_free, dim=1)
             if (mode(m) > 0) is_free(mode(m)) = .false.
          end do
-         if (model%normal_mode%is_requested .and. mode(1) == 0) then
-            mode(1) = max(1, model%normal_mode%mode)
+         if (system%normal_mode%is_requested .and. mode(1) == 0) then
+            mode(1) = max(1, system%normal_mode%mode)
             if (mode(1) > self%base%n_linear) mode(1) = 0
-         else if (model%normal_mode%mode > 0) then
-            mode(1) = merge(model%normal_mode%mode, 0, model%normal_mode%mode <= self%base%n_linear)
+         else if (system%normal_mode%mode > 0) then
+            mode(1) = merge(system%normal_mode%mode, 0, system%normal_mode%mode <= self%base%n_linear)
          end if
          is_grown = .false.
-         do i = 1, count(mode == 0 .and. .not. model%normal_mode%is_requested)
+         do i = 1, count(mode == 0 .and. .not. system%normal_mode%is_requested)
             m = maxloc(modes%growth, mask=is_free, dim=1)
             if (m == 0) exit
             is_free(m) = .false.
@@ -168,8 +177,10 @@ contains
 
    !> Searches for the motion on a balance with slopes, at the frequencies of the start. Afterwards u has the status
    !> of the report in `search`, and the balance has the frequencies of u.
-   subroutine find_motion(model, start, balance, u, search)
-      type(model_t), intent(in) :: model
+   subroutine find_motion(system, discretisation, options, start, balance, u, search)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(autonomous_start_t), intent(in) :: start
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs): on entry the start
@@ -180,22 +191,22 @@ contains
       logical :: is_found
 
       length = 0.0_wp
-      do i = 1, size(model%laws)
-         length = max(length, model%laws(i)%law%length_scale)
+      do i = 1, size(system%laws)
+         length = max(length, system%laws(i)%law%length_scale)
       end do
       if (length <= 0.0_wp) length = maxval(norm2(start%base%u, dim=1))
       if (length <= 0.0_wp) length = 1.0_wp
       call new_search(search, balance, start%base, start%tones, start%modes, &
-                      [(balance%stiffness%coordinates%number_of(model%phase_dofs(i)), i=1, size(model%phase_dofs))], length, &
-                      model%solver)
+                      [(balance%stiffness%coordinates%number_of(system%phase_dofs(i)), i=1, size(system%phase_dofs))], &
+                         length, options%solver)
       u = u + start%base%u
-      if (model%normal_mode%has_energy) then
-         call new_energy(energy, model%structure, constant_load(model), balance, start%base%u)
-         call find_mode_of_energy(search, energy, model%normal_mode%energy, start%has_motion, u)
+      if (system%normal_mode%has_energy) then
+         call new_energy(energy, system%structure, constant_load(system, discretisation), balance, start%base%u)
+         call find_mode_of_energy(search, energy, system%normal_mode%energy, start%has_motion, u)
          return
-      else if (model%normal_mode%is_requested) then
-         call find_normal_mode(search, model%normal_mode%amplitude, model%normal_mode%is_peak, &
-                               balance%stiffness%coordinates%number_of(model%normal_mode%dof), start%has_motion, u)
+      else if (system%normal_mode%is_requested) then
+         call find_normal_mode(search, system%normal_mode%amplitude, system%normal_mode%is_peak, &
+                               balance%stiffness%coordinates%number_of(system%normal_mode%dof), start%has_motion, u)
          return
       end if
       is_found = .false.
@@ -204,7 +215,7 @@ contains
       if (size(start%tones) == 1 .and. size(start%modes) == 1 .and. .not. any(is_damped(start%base))) then
          call search_from_amplitudes(start, balance, search, u, is_found)
       else if (size(start%tones) == 1 .and. size(start%modes) == 1) then
-         call search_all_modes(start, model%tones%omega(start%tones(1)), balance, search, u, is_found)
+         call search_all_modes(start, system%tones%omega(start%tones(1)), balance, search, u, is_found)
       else if (size(start%modes) == size(start%tones)) then
          call search_from_modes(search, u, is_found)
       else
@@ -352,13 +363,14 @@ contains
    end function merit_of_modes
 
    !> Constant forces on all degrees of freedom [N]: the loads in the zero tuple.
-   pure function constant_load(model) result(load)
-      type(model_t), intent(in) :: model
-      real(wp) :: load(model%structure%n_dofs)
+   pure function constant_load(system, discretisation) result(load)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      real(wp) :: load(system%structure%n_dofs)
       integer :: h
 
       load = 0.0_wp
-      h = model%harmonics%index_of(spread(0, 1, model%tones%n_tones))
-      if (h > 0) load = real(model%loads%of(h))
+      h = discretisation%harmonics%index_of(spread(0, 1, system%tones%n_tones))
+      if (h > 0) load = real(discretisation%loads%of(h))
    end function constant_load
 end module hb_autonomous

@@ -61,7 +61,7 @@ contains
       call problem%move_to_point(x, is_possible)
       if (.not. is_possible) return
       associate (balance => problem%balance_t)
-         allocate (c(problem%model%structure%n_dofs, balance%harmonics%n_harmonics))
+         allocate (c(problem%model%system%structure%n_dofs, balance%harmonics%n_harmonics))
          call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
       end associate
    end subroutine find_motion
@@ -75,9 +75,9 @@ contains
       integer :: i
 
       allocate (extremes(2, 0))
-      if (all([(problem%model%laws(i)%law%n_switches == 0, i=1, size(problem%model%laws))])) return
+      if (all([(problem%model%system%laws(i)%law%n_switches == 0, i=1, size(problem%model%system%laws))])) return
       call find_motion(problem, x, c)
-      if (allocated(c)) call extremes_of_switches(problem%model%laws, problem%harmonics%tuples, problem%omega, c, &
+      if (allocated(c)) call extremes_of_switches(problem%model%system%laws, problem%harmonics%tuples, problem%omega, c, &
                                                   extremes)
    end subroutine find_extremes
 
@@ -131,7 +131,8 @@ contains
       complex(wp), allocatable :: c(:, :)
 
       call find_motion(problem, x, c)
-      if (allocated(c)) call stability_of(problem%model, problem%balance_t, c, tolerance, stability, is_integrated)
+      if (allocated(c)) call stability_of(problem%model%system, problem%model%discretisation, problem%model%options, &
+                                          problem%balance_t, c, tolerance, stability, is_integrated)
    end subroutine find_stability
 
    !> Extremes of all switches, (2, switches of all laws): smallest, largest. None if there are too many tones for a

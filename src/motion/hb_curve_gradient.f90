@@ -16,13 +16,13 @@ module hb_curve_gradient
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_level, only: carry, level_t
-   use hb_model, only: model_t
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved
    use hb_stability, only: bifurcation
+   use hb_system, only: system_t
    use hb_thresholds, only: agreement, faint, minor, nearby_steps, sharp
    implicit none
    private
@@ -61,7 +61,7 @@ contains
       real(wp), allocatable :: unknowns(:)
       logical :: is_possible
 
-      if (size(curve%model%gradient%by) == 0 .or. .not. is_solved(result%status)) return
+      if (size(curve%model%options%gradient%by) == 0 .or. .not. is_solved(result%status)) return
       call curve%problem%move_to_point(point%x, is_possible)
       if (.not. is_possible) return
       associate (problem => curve%problem)
@@ -74,21 +74,23 @@ contains
             located%point = point
             call located%differentiate(curve%level, result%gradient, error)
             if (.not. allocated(result%gradient%coefficients)) return
-            call refine(located, problem%model, curve%level, result%gradient)
-            if (has_jumping_slopes(problem%model)) call average_position(located, result%gradient)
+            call refine(located, problem%model%system, problem%model%options, curve%level, result%gradient)
+            if (has_jumping_slopes(problem%model%system)) call average_position(located, result%gradient)
          case default
             unknowns = [point%x(:problem%n_unknowns), problem%omega]
-            call find_gradient(problem%model, curve%level, unknowns, result)
+            call find_gradient(problem%model%system, problem%model%discretisation, problem%model%options, curve%level, unknowns, &
+                               result)
          end select
       end associate
    end subroutine find_curve_gradient
 
    !> Whether laws have memory or rigid contact, whose kinks in time are not corrected.
-   pure logical function has_jumping_slopes(model)
-      type(model_t), intent(in) :: model
+   pure logical function has_jumping_slopes(system)
+      type(system_t), intent(in) :: system
       integer :: i
 
-      has_jumping_slopes = has_memory(model%laws) .or. any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
+      has_jumping_slopes = has_memory(system%laws) .or. &
+         any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
    end function has_jumping_slopes
 
    !> Differentiates the position across samples: where kinks move from one to the next without a correction, the slope of
@@ -125,17 +127,17 @@ contains
       logical :: is_found
 
       associate (model => self%curve%problem%model)
-         gradient = zero_gradient(model, level%set)
-         do k = 1, size(model%gradient%by)
-            call find_model_number(self%curve%model, model%gradient%by(k), value, is_found)
+         gradient = zero_gradient(model%system, model%options, level%set)
+         do k = 1, size(model%options%gradient%by)
+            call find_model_number(self%curve%model, model%options%gradient%by(k), value, is_found)
             step = self%step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
             do side = -1, 1
-               call locate(self, level, model%gradient%by(k), value + side*step, sides(side), is_found)
+               call locate(self, level, model%options%gradient%by(k), value + side*step, sides(side), is_found)
                if (is_found .and. .not. work_is_over()) cycle
                gradient = gradient_t()
                return
             end do
-            call keep_slope(gradient, model%output%dofs, k, (sides(1)%c - sides(-1)%c)/(2.0_wp*step))
+            call keep_slope(gradient, model%options%output%dofs, k, (sides(1)%c - sides(-1)%c)/(2.0_wp*step))
             gradient%frequency(:, k) = (sides(1)%frequency - sides(-1)%frequency)/(2.0_wp*step)
             gradient%position(k) = (sides(1)%position - sides(-1)%position)/(2.0_wp*step)
             gradient%defect(k) = norm2(abs(sides(1)%c - 2.0_wp*sides(0)%c + sides(-1)%c))/ &
@@ -164,7 +166,7 @@ contains
       there%further = self%curve%further
       call new_movement(movement, there%model, number, .false., error)
       if (.not. allocated(error)) call set_movement(there%model, movement, value, error)
-      there%model%solver%tolerance = min(there%model%solver%tolerance, 1.0e-12_wp)
+      there%model%options%solver%tolerance = min(there%model%options%solver%tolerance, 1.0e-12_wp)
       if (.not. allocated(error)) call there%put_on(level, error)
       if (.not. allocated(error)) then
          associate (from => self%curve%level%set, n_further => size(there%problem%which))
@@ -178,7 +180,7 @@ contains
          associate (problem => there%problem)
             neighbour%position = x(size(x))
             neighbour%frequency = problem%omega
-            allocate (neighbour%c(problem%model%structure%n_dofs, problem%harmonics%n_harmonics))
+            allocate (neighbour%c(problem%model%system%structure%n_dofs, problem%harmonics%n_harmonics))
             call problem%all_dofs(x(:problem%n_unknowns), neighbour%c)
          end associate
       end if

@@ -7,15 +7,17 @@
 !> tone: the frequency with the largest fundamental is chosen. Source: docs/why/theory.md, section 6.7.
 module hb_curve_request
    use hb_basis, only: transfer_coefficients
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
    use hb_level, only: degree_of, join, level_of, level_t, needed_samples
-   use hb_model, only: model_t
    use hb_model_problem, only: model_problem_t, moving_value_t
    use hb_motion_result, only: curve_position_t
+   use hb_options, only: options_t
    use hb_problem, only: problem_t
    use hb_response, only: response_t
+   use hb_system, only: system_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: rounding
    use hb_tuple_choice, only: new_doubled_set
@@ -91,12 +93,14 @@ contains
 
    !> Transfers the motion of a point on another curve to the set of a model, or to one chosen around it if sets are
    !> chosen by a tolerance. Fails if it does not fit.
-   subroutine new_curve_origin(self, is_torus, position, tuples, model, error)
+   subroutine new_curve_origin(self, is_torus, position, tuples, system, discretisation, options, error)
       type(curve_origin_t), intent(out) :: self
       logical, intent(in) :: is_torus                                 !! otherwise the period doubles
       type(curve_position_t), intent(in) :: position                  !! on the other curve
       integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
-      type(model_t), intent(in) :: model                              !! with the wider set
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation            !! with the wider set
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: other, same                                ! its tuples there, and among those of the model
       real(wp) :: first                                               ! base frequency of the original motion [rad/s]
@@ -106,15 +110,15 @@ contains
       if (allocated(error)) return
       self%is_torus = is_torus
       self%multiple = merge(1, 2, is_torus)
-      n_further = 1 + count(model%tones%is_unknown) - merge(1, 0, is_torus)
+      n_further = 1 + count(system%tones%is_unknown) - merge(1, 0, is_torus)
       n = size(position%unknowns)
       n_coordinates = (n - n_further)/other%n_coefficients
       if (n_coordinates < 1 .or. n /= n_coordinates*other%n_coefficients + n_further .or. &
-          model%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
+          discretisation%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
          call fail(error, "its motion does not fit the tones, harmonics and laws of this input")
          return
       end if
-      call choose_level(self%level, other, is_torus, model, error, position%n_samples)
+      call choose_level(self%level, other, is_torus, system, discretisation, options, error, position%n_samples)
       if (allocated(error)) return
       call new_harmonics(same, tuples_here(other%tuples, is_torus), error)
       if (allocated(error)) return
@@ -123,8 +127,8 @@ contains
                                  reshape(position%unknowns(:n - n_further), [other%n_coefficients, n_coordinates]), self%u)
       associate (found => position%unknowns(n - n_further + 1:n - 1), value => position%unknowns(n), angle => position%angle)
          if (is_torus) then
-            first = model%tones%omega(1)
-            if (model%tones%is_unknown(1)) first = found(1)
+            first = system%tones%omega(1)
+            if (system%tones%is_unknown(1)) first = found(1)
             self%further = [found, angle/two_pi*first, value]
             self%angle = angle
          else
@@ -147,34 +151,36 @@ contains
 
    !> Set and grid of the other motions: those of the model or, with a tolerance, the tuples of the motion and the new
    !> ones next to them.
-   subroutine choose_level(level, other, is_torus, model, error, n_samples)
+   subroutine choose_level(level, other, is_torus, system, discretisation, options, error, n_samples)
       type(level_t), intent(out) :: level
       type(harmonics_t), intent(in) :: other
       logical, intent(in) :: is_torus
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: n_samples(:)
       type(harmonics_t) :: wide
       logical :: is_new
 
-      level = level_of(model)
-      if (model%accuracy%grows_set) then
+      level = level_of(discretisation)
+      if (options%accuracy%grows_set) then
          if (is_torus) then
             call new_harmonics(wide, tuples_here(other%tuples, is_torus), error)
          else
             call new_doubled_set(wide, other, error)
          end if
          if (allocated(error)) return
-         level%unknowns = [spread(0.0_wp, 1, level%set%n_coefficients), 0.0_wp*model%tones%omega]
+         level%unknowns = [spread(0.0_wp, 1, level%set%n_coefficients), 0.0_wp*system%tones%omega]
          call join(level, wide, is_new)
          deallocate (level%unknowns)
-         if (level%set%n_harmonics > model%accuracy%max_harmonics) then
+         if (level%set%n_harmonics > options%accuracy%max_harmonics) then
             call fail(error, "the other motions begin with more tuples than &accuracy max_harmonics allows")
             return
          end if
       end if
-      if (.not. (model%accuracy%is_on .and. model%accuracy%refines_grid)) return
-      level%n_samples = max(level%n_samples, needed_samples(level%set%highest, degree_of(model)))
+      if (.not. (options%accuracy%is_on .and. options%accuracy%refines_grid)) return
+      level%n_samples = max(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
       if (.not. present(n_samples)) return
       associate (old => level%n_samples(:other%n_tones))
          old = max(old, merge(1, 2, is_torus)*n_samples)
@@ -197,12 +203,12 @@ contains
       joined = 0.0_wp
       if (origin%is_torus) then
          joined = origin%angle/two_pi*problem%omega(1)
-         call problem%set_parameters([problem%model%harmonics%n_tones], [joined], is_found)
+         call problem%set_parameters([problem%model%discretisation%harmonics%n_tones], [joined], is_found)
          if (.not. is_found) return
       end if
       call iterate(problem, origin, direction, is_found)
       if (.not. (origin%is_torus .and. is_found)) return
-      associate (set => problem%model%harmonics)
+      associate (set => problem%model%discretisation%harmonics)
          u = reshape(direction/problem%x_scale, shape(u))
          most = -1.0_wp
          largest = 0
@@ -230,7 +236,7 @@ contains
       logical :: is_further(size(origin%u, 1))
       integer :: h
 
-      associate (set => problem%model%harmonics, u => origin%u)
+      associate (set => problem%model%discretisation%harmonics, u => origin%u)
          is_further = .false.
          do h = 1, set%n_harmonics
             if (origin%is_torus) then

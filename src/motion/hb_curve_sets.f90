@@ -10,6 +10,7 @@ module hb_curve_sets
    use hb_cancellation, only: work_is_over
    use hb_curve_request, only: curve_kind
    use hb_curve_step, only: step
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_followed_motion, only: curve_state_t, followed_motion_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
@@ -18,10 +19,12 @@ module hb_curve_sets
       margin, max_failures
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
+   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_solver_types, only: report_t
+   use hb_system, only: system_t
    implicit none
    private
    public :: transfer_motion, step_to_tolerance
@@ -79,7 +82,8 @@ contains
 
       call refined%prepare(self)
       refined%max_failures = max_failures + 1
-      if (self%estimate <= ample*self%model%accuracy%tolerance) call shrink(self, refined%model, error)
+      if (self%estimate <= ample*self%model%options%accuracy%tolerance) &
+         call shrink(self, refined%model%system, refined%model%discretisation, refined%model%options, error)
       if (allocated(error)) return
       first = self%curve_state_t
       call refine(refined, ending)
@@ -255,8 +259,9 @@ contains
 
       self%motion => motion
       self%model = motion%model
-      self%model%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%loads%n_dofs), 2, &
-                                              self%model%loads%n_harmonics))   ! tuples with loads are required
+      self%model%discretisation%loads = &
+         as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%discretisation%loads%n_dofs), 2, &
+                                              self%model%discretisation%loads%n_harmonics)) ! tuples with loads are required
       self%max_idle = max_idle
    end subroutine refined_curve_prepare
 
@@ -269,13 +274,13 @@ contains
       logical, intent(out) :: is_there
 
       call choose_next(self%model, result, top_at(self%motion, x), &
-                       max(min_goal*estimate_of(result), least*self%model%accuracy%tolerance), 0, self%next, is_there)
+                       max(min_goal*estimate_of(result), least*self%model%options%accuracy%tolerance), 0, self%next, is_there)
    end subroutine refined_curve_choose_for
 
    logical function refined_curve_is_accurate(self) result(is_accurate)
       class(refined_curve_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= margin*self%model%accuracy%tolerance
+      is_accurate = self%estimate <= margin*self%model%options%accuracy%tolerance
    end function refined_curve_is_accurate
 
    logical function refined_curve_is_over(self) result(is_over)
@@ -313,13 +318,15 @@ contains
       type(level_t) :: top
 
       top = self%level
-      top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%model%tones%omega]
+      top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%model%system%tones%omega]
    end function top_at
 
    !> Changes to a smaller set or a coarser grid, if one is sufficient.
-   subroutine shrink(self, model, error)
+   subroutine shrink(self, system, discretisation, options, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       type(curve_state_t) :: here
       type(level_t) :: smaller
@@ -327,7 +334,7 @@ contains
       logical :: is_filled, is_found, is_smaller
 
       smaller = top_at(self, self%curve%x)
-      call choose_smaller(model, smaller, is_smaller)
+      call choose_smaller(system, discretisation, options, smaller, is_smaller)
       if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
       here = self%curve_state_t

@@ -132,7 +132,7 @@ contains
       if (has_leapt) return
       if (size(self%problem%which) > 1) return                                ! unknown tones have no given phases
       allocate (middles(0))
-      associate (curve => self%curve, set => self%problem%model%harmonics, n => self%problem%n_unknowns)
+      associate (curve => self%curve, set => self%problem%model%discretisation%harmonics, n => self%problem%n_unknowns)
          size_of_motion = maxval(abs(curve%x(:n)/self%weights))
          do h = 1, set%n_harmonics
             do d = 0, self%problem%n_dofs - 1
@@ -164,7 +164,7 @@ contains
    contains
 
       pure type(coefficient_event_t) function zero_of_coefficient() result(event)
-         associate (set => self%problem%model%harmonics)
+         associate (set => self%problem%model%discretisation%harmonics)
             event%cos = d*set%n_coefficients + set%cos_at(h)
             event%sin = d*set%n_coefficients + set%sin_at(h)
          end associate
@@ -175,7 +175,7 @@ contains
       pure complex(wp) function coefficient_of(x)
          real(wp), intent(in) :: x(:)
 
-         associate (set => self%problem%model%harmonics)
+         associate (set => self%problem%model%discretisation%harmonics)
             associate (c => d*set%n_coefficients + set%cos_at(h), s => d*set%n_coefficients + set%sin_at(h))
                coefficient_of = cmplx(x(c)/self%weights(c), x(s)/self%weights(s), wp)
             end associate

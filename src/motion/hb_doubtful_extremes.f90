@@ -76,7 +76,7 @@ contains
       type(motion_result_t) :: result
       type(waiting_t) :: point
 
-      if (.not. self%problem%model%error_estimate%is_on) return
+      if (.not. self%problem%model%options%error_estimate%is_on) return
       point%kind = curve_kind%regular
       point%x = x
       point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is searched for

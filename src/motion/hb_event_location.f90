@@ -189,7 +189,7 @@ contains
       do i = 0, size(grazes)
          piece%ends = [0.0_wp, self%curve%last_step]
          piece%stability = [self%known%stability, search%known%stability]
-         associate (tolerance => self%model%stability%tolerance, length => self%curve%last_step)
+         associate (tolerance => self%model%options%stability%tolerance, length => self%curve%last_step)
             if (i > 0) call evaluate_stability_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
             if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
                                                              piece%stability(2))
@@ -213,7 +213,7 @@ contains
       type(stability_t) :: better
       real(wp) :: same_position
 
-      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*self%model%stability%tolerance) return
+      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*self%model%options%stability%tolerance) return
       call evaluate_stability_at(self, position, sharp, same_position, better)
       if (allocated(better%multipliers)) there%multipliers = better%multipliers
    end subroutine make_certain
@@ -401,7 +401,8 @@ contains
       if (self%request%origin%is_torus) return
       before = 0.0_wp
       behind = 0.0_wp
-      associate (set => self%problem%model%harmonics, last_x => self%curve%last_x, x => self%curve%x, weights => self%weights)
+      associate (set => self%problem%model%discretisation%harmonics, last_x => self%curve%last_x, x => self%curve%x, &
+                 weights => self%weights)
          do h = 1, set%n_harmonics
             if (all(modulo(set%tuples(:, h), 2) == 0)) cycle
             do d = 0, self%problem%n_dofs - 1
@@ -452,10 +453,10 @@ contains
       logical :: is_on_curve
 
       associate (model => self%model, curve => self%curve, found => self%waiting(size(self%waiting)))
-         is_there = model%stability%method /= stability_method%integration .or. model%tones%n_tones > 1 .or. &
+         is_there = model%options%stability%method /= stability_method%integration .or. model%system%tones%n_tones > 1 .or. &
                     allocated(self%known%impacts)
-         if (.not. is_there) is_there = all([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states == 0, &
-                                              i=1, size(model%laws))])
+         if (.not. is_there) is_there = all([(model%system%laws(i)%law%n_switches + model%system%laws(i)%law%n_states == 0, &
+                                              i=1, size(model%system%laws))])
          if (is_there) return
          integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
          do i = -3, 0                                                ! decades of the step
@@ -574,7 +575,7 @@ contains
 
       finds_all_intersections = abs(self%curve%orientation) > 0.0_wp
       if (allocated(self%known%impacts)) return
-      associate (set => self%problem%model%harmonics)
+      associate (set => self%problem%model%discretisation%harmonics)
          finds_all_intersections = finds_all_intersections .and. set%n_harmonics == set%highest(1) + 1
       end associate
    end function finds_all_intersections

@@ -10,6 +10,7 @@ module hb_followed_motion
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_events, only: find_extremes, find_motion, find_stability
    use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
+   use hb_discretisation, only: discretisation_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
@@ -23,11 +24,13 @@ module hb_followed_motion
    use hb_motion_result, only: motion_result_t
    use hb_newton, only: solve_newton
    use hb_normal_mode, only: amplitude_functionals
+   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
    use hb_response_slope, only: find_series_slope
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
+   use hb_system, only: system_t
    use hb_thresholds, only: agreement, faint
    implicit none
    private
@@ -167,11 +170,11 @@ contains
    end subroutine add_origin
 
    !> Number of unknowns in addition to those of the balance: frequencies, artificial damping, and the moving value.
-   pure integer function n_further(model)
-      type(model_t), intent(in) :: model
+   pure integer function n_further(system)
+      type(system_t), intent(in) :: system
 
-      n_further = 1 + count(model%tones%is_unknown)
-      if (model%normal_mode%is_requested) n_further = n_further + 1
+      n_further = 1 + count(system%tones%is_unknown)
+      if (system%normal_mode%is_requested) n_further = n_further + 1
    end function n_further
 
    !> Sets up the problem of the curve on a set and a grid, at its start.
@@ -184,30 +187,32 @@ contains
       integer :: i, n_unknown
 
       found = self%model
-      associate (tones => found%tones)
+      associate (tones => found%system%tones)
          n_unknown = count(tones%is_unknown)
          which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
          tones%omega(which) = self%further(:n_unknown)
-         if (found%normal_mode%is_requested) which = [which, tones%n_tones + which]
+         if (found%system%normal_mode%is_requested) which = [which, tones%n_tones + which]
       end associate
-      if (found%accuracy%is_on .or. any(level%n_samples /= found%torus%n_samples)) then
-         call put_on_level(found, self%model, level, error)
+      if (found%options%accuracy%is_on .or. any(level%n_samples /= found%discretisation%torus%n_samples)) then
+         call put_on_level(found, self%model%discretisation, self%model%options, level, error)
          if (allocated(error)) return
       end if
-      if (found%accuracy%is_on) then
-         found%error_estimate%is_on = .true.
-         found%error_estimate%truncation = found%accuracy%tolerance
-         found%error_estimate%aliasing = found%accuracy%tolerance
+      if (found%options%accuracy%is_on) then
+         found%options%error_estimate%is_on = .true.
+         found%options%error_estimate%truncation = found%options%accuracy%tolerance
+         found%options%error_estimate%aliasing = found%options%accuracy%tolerance
          call self%problem%destroy()
       end if
-      call new_model_problem(self%problem, found, self%request%moving, self%request%start, error)
+      call new_model_problem(self%problem, found%system, found%discretisation, found%options, self%request%moving, &
+                             self%request%start, error)
       if (allocated(error)) return
       self%level = level_t(level%set, level%n_samples)
       self%problem%which = [which, self%problem%own]
       self%weights = self%problem%x_scale
-      if (found%normal_mode%has_energy) call find_energy(self%energy, found, self%problem%balance_t, error)
+      if (found%system%normal_mode%has_energy) &
+         call find_energy(self%energy, found%system, found%discretisation, found%options, self%problem%balance_t, error)
       if (allocated(error)) return
-      call make_odd_problem(self, found, error)
+      call make_odd_problem(self, found%system, found%discretisation, found%options, error)
       if (allocated(error)) return
       do i = 1, size(self%request%responses)
          associate (response => self%request%responses(i))
@@ -219,9 +224,11 @@ contains
    !> Sets up the problem of odd motions alone on the present set, if the moving value is a given frequency and the
    !> equations are odd: other values may break the symmetry. Odd motions may hold sliders away from their center, and
    !> the forces of these are then not odd.
-   subroutine make_odd_problem(self, model, error)
+   subroutine make_odd_problem(self, system, discretisation, options, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model                              !! on the present set
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation            !! on the present set
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: odd
       type(model_t) :: reduced
@@ -231,18 +238,22 @@ contains
          call self%odd_problem%destroy()
          deallocate (self%odd_problem)
       end if
-      if (.not. (self%problem%moves_frequency .and. is_solved_odd(model)) .or. has_memory(model%laws) .or. &
-          any(model%tones%is_unknown)) return
-      call new_of_parity(odd, model%harmonics, 1, error)
-      if (allocated(error) .or. odd%n_harmonics == model%harmonics%n_harmonics) return
-      reduced = model
-      call put_on_level(reduced, model, level_t(odd, model%torus%n_samples), error)
+      if (.not. (self%problem%moves_frequency .and. is_solved_odd(system, discretisation, options)) .or. &
+          has_memory(system%laws) .or. &
+          any(system%tones%is_unknown)) return
+      call new_of_parity(odd, discretisation%harmonics, 1, error)
+      if (allocated(error) .or. odd%n_harmonics == discretisation%harmonics%n_harmonics) return
+      reduced%system = system
+      reduced%discretisation = discretisation
+      reduced%options = options
+      call put_on_level(reduced, discretisation, options, level_t(odd, discretisation%torus%n_samples), error)
       if (allocated(error)) return
-      reduced%torus = half_of_odd(model)
+      reduced%discretisation%torus = half_of_odd(system, discretisation)
       allocate (self%odd_problem)
-      call new_model_problem(self%odd_problem, reduced, self%request%moving, self%request%start, error)
+      call new_model_problem(self%odd_problem, reduced%system, reduced%discretisation, reduced%options, self%request%moving, &
+                             self%request%start, error)
       associate (n => self%problem%n_unknowns, m => size(self%problem%which))
-         self%odd_indices = [model%harmonics%indices_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
+         self%odd_indices = [discretisation%harmonics%indices_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
       end associate
    end subroutine make_odd_problem
 
@@ -258,7 +269,7 @@ contains
       config = self%config()
       config%shortest_step = 1.0e-6_wp*config%longest_step
       config%kink_step = 1.0e-4_wp*config%longest_step
-      corrector = self%problem%model%solver
+      corrector = self%problem%model%options%solver
       corrector%max_iterations = max_corrections
       corrector%line_search = .false.
       self%curve%x = x
@@ -342,7 +353,7 @@ contains
          problem%values(last) = dot_product(x, problem%functionals(:, last))
       end associate
       call self%curve%problem%rescale()
-      corrector = self%problem%model%solver
+      corrector = self%problem%model%options%solver
       corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(x(:self%problem%n_unknowns)), &
                                 10.0_wp*self%roughness)
       corrector%max_iterations = 2*max_corrections
@@ -367,7 +378,7 @@ contains
       if (present(is_possible)) is_possible = is_there
       if (.not. is_there) return
       self%roughness = self%problem%roughness(x(:self%problem%n_unknowns))
-      self%is_rough = 10.0_wp*self%roughness > self%problem%model%solver%tolerance
+      self%is_rough = 10.0_wp*self%roughness > self%problem%model%options%solver%tolerance
       self%tolerance_factor = 1.0_wp
    end subroutine followed_motion_find_roughness
 
@@ -400,12 +411,12 @@ contains
    subroutine followed_motion_put_conditions(self)
       class(followed_motion_t), intent(inout) :: self
       integer :: i, n
-      real(wp) :: scale(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs)
+      real(wp) :: scale(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
 
       n = self%problem%n_unknowns
       scale = reshape(self%weights, shape(scale))
-      associate (mode => self%problem%model%normal_mode, set => self%problem%model%harmonics, which => self%problem%which, &
-                 functionals => self%curve%problem%functionals, n_dofs => self%problem%n_dofs)
+      associate (mode => self%problem%model%system%normal_mode, set => self%problem%model%discretisation%harmonics, &
+                 which => self%problem%which, functionals => self%curve%problem%functionals, n_dofs => self%problem%n_dofs)
          if (mode%has_energy) then
             functionals(:n, 1) = shift_functional(set, which(1), reshape(self%curve%x(:n), shape(scale)), scale)
             self%curve%problem%row = energy_row_t(self%energy, which, .true.)
@@ -430,11 +441,11 @@ contains
    !> Whether the motion of an unknown tone has passed through zero on the step: the continuation is its mirror image.
    logical function followed_motion_is_mirrored(self) result(is_mirrored)
       class(followed_motion_t), intent(in) :: self
-      real(wp), dimension(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs) :: before, u
+      real(wp), dimension(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs) :: before, u
       integer :: h, i
 
       is_mirrored = .false.
-      associate (set => self%problem%model%harmonics, which => self%problem%which)
+      associate (set => self%problem%model%discretisation%harmonics, which => self%problem%which)
          u = reshape(self%curve%x(:size(u))/self%weights, shape(u))
          before = reshape(self%curve%last_x(:size(u))/self%weights, shape(u))
          do i = 1, size(which) - 1
@@ -468,7 +479,8 @@ contains
       associate (n => self%problem%n_unknowns, curve => self%curve)
          self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
          curve%units = [self%weights*self%largest, self%problem%parameter_scales(self%problem%which)]
-         curve%corrector%tolerance = max(self%problem%model%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)), &
+         curve%corrector%tolerance = max(self%problem%model%options%solver%tolerance, &
+                                         2.0_wp*self%problem%rounding_level(curve%x(:n)), &
                                          10.0_wp*self%tolerance_factor*self%roughness)
       end associate
    end subroutine followed_motion_renew
@@ -482,7 +494,7 @@ contains
       associate (x => self%curve%x, responses => self%request%responses)
          known%rise = self%curve%direction(size(x))
          known%functions = [(self%function_at(responses(i), x, self%curve%direction), i=1, size(responses))]
-         call self%find_stability(x, self%model%stability%tolerance, known%stability)
+         call self%find_stability(x, self%model%options%stability%tolerance, known%stability)
          call self%find_contact(x, known)
       end associate
    end subroutine followed_motion_evaluate_here
@@ -531,7 +543,7 @@ contains
       real(wp), intent(in) :: x(:), direction(:)
       complex(wp), allocatable :: c(:), of_numbers(:), slopes(:)
       complex(wp) :: load
-      real(wp) :: u(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs)
+      real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
       integer :: h
       type(harmonics_t), pointer :: set
 
@@ -561,10 +573,10 @@ contains
       complex(wp), allocatable, intent(out) :: c(:)                   !! (harmonics of the set)
       complex(wp), intent(out) :: load                                !! of its tuple, if any
       complex(wp), allocatable :: motion(:, :)
-      real(wp) :: u(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs)
+      real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
       integer :: h
 
-      set => self%problem%model%harmonics
+      set => self%problem%model%discretisation%harmonics
       if (response%column > 0) then
          u = reshape(x(:size(u)), shape(u))
          c = [(set%amplitude(u(:, response%column), h), h=1, set%n_harmonics)]
@@ -573,20 +585,20 @@ contains
          allocate (c(0))
          if (allocated(motion)) c = motion(response%dof, :)
       end if
-      load = largest_load(self%problem%model, response)
+      load = largest_load(self%problem%model%discretisation, response)
    end subroutine followed_motion_find_series
 
    !> The largest load of the harmonic of a response; zero for a whole oscillation.
-   pure complex(wp) function largest_load(model, response) result(load)
-      type(model_t), intent(in) :: model
+   pure complex(wp) function largest_load(discretisation, response) result(load)
+      type(discretisation_t), intent(in) :: discretisation
       type(located_response_t), intent(in) :: response
       integer :: h
 
       load = (0.0_wp, 0.0_wp)
       if (.not. allocated(response%tuple)) return
-      h = model%harmonics%index_of(response%tuple)
+      h = discretisation%harmonics%index_of(response%tuple)
       if (h == 0) return
-      associate (loads => model%loads%of(h))
+      associate (loads => discretisation%loads%of(h))
          load = loads(maxloc(abs(loads), dim=1))
       end associate
    end function largest_load
@@ -649,19 +661,19 @@ contains
          result%status = outcome%converged
          if (allocated(point%stability)) result%stability = point%stability
          result%frequency = balance%omega
-         if (model%normal_mode%is_requested) result%artificial_damping = balance%xi
-         result%n_harmonics = model%harmonics%n_harmonics
+         if (model%system%normal_mode%is_requested) result%artificial_damping = balance%xi
+         result%n_harmonics = model%discretisation%harmonics%n_harmonics
          result%n_unknowns = n
-         if (model%error_estimate%is_on) call put_across(self, point)
-         call describe_motion(model, whole_basis(model%harmonics, model%torus), balance, &
-                              reshape(point%x(:n), [model%harmonics%n_coefficients, balance%n_dofs]), result, error, &
-                              curve=self%curve%problem)
+         if (model%options%error_estimate%is_on) call put_across(self, point)
+         call describe_motion(model, whole_basis(model%discretisation%harmonics, model%discretisation%torus), balance, &
+                              reshape(point%x(:n), [model%discretisation%harmonics%n_coefficients, balance%n_dofs]), result, &
+                                 error, curve=self%curve%problem)
       end associate
       if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
-      if (allocated(error) .or. .not. self%model%accuracy%is_on) return
-      call with_caution(self%model, result)
+      if (allocated(error) .or. .not. self%model%options%accuracy%is_on) return
+      call with_caution(self%model%system, result)
       if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-         result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%accuracy%tolerance)
+         result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%options%accuracy%tolerance)
       result%harmonics = self%level%set
       result%n_samples = self%level%n_samples
       result%n_levels = self%n_levels

@@ -10,6 +10,7 @@ module hb_gradient
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -24,10 +25,12 @@ module hb_gradient
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_normal_mode, only: amplitude_functionals
+   use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome
    use hb_phase, only: coefficient_functional, shift_functional
    use hb_problem, only: problem_t
    use hb_response_slope, only: find_motion_slopes
+   use hb_system, only: system_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: difference_step, minor, sharp
    use hb_tuple_choice, only: new_doubled_set
@@ -68,8 +71,10 @@ contains
 
    !> Adds the derivatives to a result, if any are requested and the motion is one of the balance; there are none if
    !> its tangent is singular.
-   subroutine find_gradient(model, level, unknowns, result)
-      type(model_t), intent(in) :: model
+   subroutine find_gradient(system, discretisation, options, level, unknowns, result)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level                              !! set and grid of the motion
       real(wp), allocatable, intent(in) :: unknowns(:)                !! ordered as those of hb_level%level_t
       type(motion_result_t), intent(inout) :: result
@@ -80,17 +85,19 @@ contains
       integer :: k, m
 
       own = level_t(level%set, level%n_samples)
-      associate (by => model%gradient%by, gradient => result%gradient)
-         coordinates = coordinates_of(model)
+      associate (by => options%gradient%by, gradient => result%gradient)
+         coordinates = coordinates_of(system)
          if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
          if (any(result%status == [outcome%integrated, outcome%multiple_attractors])) return ! not a motion of a balance
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
-         known%model = model
-         call put_on_level(known%model, model, own, error)
+         known%model%system = system
+         known%model%discretisation = discretisation
+         known%model%options = options
+         call put_on_level(known%model, discretisation, options, own, error)
          call give_up()
          if (allocated(error)) return
          if (coordinates%n == 0) then
-            gradient = zero_gradient(known%model, known%model%harmonics)
+            gradient = zero_gradient(known%model%system, known%model%options, known%model%discretisation%harmonics)
             do k = 1, size(by)
                call differentiate_linear(known, k, gradient, error)
                if (allocated(error)) exit
@@ -98,19 +105,19 @@ contains
             call give_up()
             return
          end if
-         known%n = size(unknowns) - model%tones%n_tones
-         known%model%tones%omega = unknowns(known%n + 1:)
-         known%tones = pack([(m, m=1, model%tones%n_tones)], model%tones%is_unknown)
+         known%n = size(unknowns) - system%tones%n_tones
+         known%model%system%tones%omega = unknowns(known%n + 1:)
+         known%tones = pack([(m, m=1, system%tones%n_tones)], system%tones%is_unknown)
          known%which = known%tones
-         known%x = [unknowns(:known%n), known%model%tones%omega(known%tones)]
-         if (model%normal_mode%is_requested) then
-            known%which = [known%which, model%tones%n_tones + known%tones]
+         known%x = [unknowns(:known%n), known%model%system%tones%omega(known%tones)]
+         if (system%normal_mode%is_requested) then
+            known%which = [known%which, system%tones%n_tones + known%tones]
             known%x = [known%x, result%artificial_damping(known%tones)]
          end if
       end associate
       call differentiate(known, result%gradient, error)
       call give_up()
-      if (allocated(result%gradient%coefficients)) call refine(known, known%model, own, result%gradient)
+      if (allocated(result%gradient%coefficients)) call refine(known, known%model%system, known%model%options, own, result%gradient)
 
    contains
 
@@ -137,22 +144,23 @@ contains
       integer :: side
       logical :: is_found
 
-      associate (model => known%model, by => known%model%gradient%by(k), set => known%model%harmonics)
+      associate (model => known%model, by => known%model%options%gradient%by(k), set => known%model%discretisation%harmonics)
          call find_model_number(known%model, by, value, is_found)
          call new_movement(movement, known%model, by, .false., error)
          if (allocated(error)) return
          step = difference_step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
-         allocate (c(model%structure%n_dofs, set%n_harmonics, 2))
+         allocate (c(model%system%structure%n_dofs, set%n_harmonics, 2))
          do side = 1, 2
             there = model
             call set_movement(there, movement, value + (2*side - 3)*step, error)
-            if (.not. allocated(error)) call new_dynamic_stiffness(stiffness, there%structure, coordinates_of(there), &
-               set%frequencies(there%tones%omega), there%loads, error)
+            if (.not. allocated(error)) &
+               call new_dynamic_stiffness(stiffness, there%system%structure, coordinates_of(there%system), &
+               set%frequencies(there%system%tones%omega), there%discretisation%loads, error)
             if (allocated(error)) return
             call stiffness%recover(reshape([complex(wp) ::], [0, set%n_harmonics]), c(:, :, side))
-            gradient%frequency(:, k) = gradient%frequency(:, k) + (2*side - 3)*there%tones%omega/(2.0_wp*step)
+            gradient%frequency(:, k) = gradient%frequency(:, k) + (2*side - 3)*there%system%tones%omega/(2.0_wp*step)
          end do
-         call keep_slope(gradient, model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
+         call keep_slope(gradient, model%options%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
       end associate
    end subroutine differentiate_linear
 
@@ -162,9 +170,10 @@ contains
    !> derivatives. A set or grid chosen from the tolerance is made wider or finer until the derivatives change by less
    !> than the tolerance; a given set is not changed, and a given grid is not either, but the change on a finer one is
    !> reported.
-   subroutine refine(motion, model, own, gradient)
+   subroutine refine(motion, system, options, own, gradient)
       class(differentiable_t), intent(inout) :: motion
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(level_t), intent(in) :: own                                !! of the present derivatives
       type(gradient_t), intent(inout) :: gradient
       type(gradient_t) :: finer
@@ -173,9 +182,9 @@ contains
       integer :: k
       logical :: is_exact, refines_set, refines_grid
 
-      is_exact = degree_of(model) > 0
-      refines_set = model%accuracy%is_on .and. model%accuracy%grows_set
-      refines_grid = model%accuracy%is_on .and. model%accuracy%refines_grid
+      is_exact = degree_of(system) > 0
+      refines_set = options%accuracy%is_on .and. options%accuracy%grows_set
+      refines_grid = options%accuracy%is_on .and. options%accuracy%refines_grid
       if (is_exact .and. .not. refines_set) return
       gradient%estimate = ieee_value(1.0_wp, ieee_quiet_nan)          ! unless there is room for a check
       next = own
@@ -183,10 +192,10 @@ contains
          before = next
          if (refines_set) call new_doubled_set(next%set, before%set, error)
          if (allocated(error)) return
-         if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(model))
+         if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(system))
          if (.not. is_exact) next%n_samples = 2*next%n_samples
-         if (product(real(next%n_samples, wp)) >= minor*model%accuracy%max_samples .or. &
-             any(next%n_samples <= 2*next%set%highest) .or. next%set%n_harmonics > model%accuracy%max_harmonics) return
+         if (product(real(next%n_samples, wp)) >= minor*options%accuracy%max_samples .or. &
+             any(next%n_samples <= 2*next%set%highest) .or. next%set%n_harmonics > options%accuracy%max_harmonics) return
          call motion%differentiate(next, finer, error)
          if (allocated(error) .or. .not. allocated(finer%coefficients)) return
          finer%coefficients = in_set(finer%coefficients, next%set, own%set)
@@ -194,7 +203,7 @@ contains
                             max(norm2(finer%coefficients(:, :, :, k)), tiny(1.0_wp)), k=1, size(finer%estimate))]
          gradient%estimate = finer%estimate
          if (refines_set .or. refines_grid) gradient = finer
-         if (.not. (refines_set .or. refines_grid) .or. all(finer%estimate <= model%accuracy%tolerance)) return
+         if (.not. (refines_set .or. refines_grid) .or. all(finer%estimate <= options%accuracy%tolerance)) return
       end do
    end subroutine refine
 
@@ -209,14 +218,15 @@ contains
    end function in_set
 
    !> Derivatives that are all zero.
-   pure function zero_gradient(model, set) result(gradient)
-      type(model_t), intent(in) :: model
+   pure function zero_gradient(system, options, set) result(gradient)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(harmonics_t), intent(in) :: set
       type(gradient_t) :: gradient
 
-      associate (n => size(model%gradient%by))
-         allocate (gradient%coefficients(2, set%n_harmonics, size(model%output%dofs), n), source=0.0_wp)
-         allocate (gradient%frequency(model%tones%n_tones, n), source=0.0_wp)
+      associate (n => size(options%gradient%by))
+         allocate (gradient%coefficients(2, set%n_harmonics, size(options%output%dofs), n), source=0.0_wp)
+         allocate (gradient%frequency(system%tones%n_tones, n), source=0.0_wp)
          allocate (gradient%position(n), gradient%defect(n), gradient%estimate(n), source=0.0_wp)
       end associate
    end function zero_gradient
@@ -230,12 +240,12 @@ contains
       type(model_t) :: before
 
       before = self%model
-      call put_on_level(self%model, before, level, error)
+      call put_on_level(self%model, before%discretisation, before%options, level, error)
       if (allocated(error)) return
-      self%x = carry(before%harmonics, level%set, self%x, size(self%which))
+      self%x = carry(before%discretisation%harmonics, level%set, self%x, size(self%which))
       self%n = size(self%x) - size(self%which)
       deallocate (self%residual)
-      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
+      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%discretisation%harmonics%n_harmonics)
    end subroutine known_differentiate
 
    !> Differentiates with respect to each of the values; the derivatives are NaN if the tangent is singular.
@@ -253,8 +263,8 @@ contains
       integer :: attempt, k
       logical :: is_found, is_lost
 
-      associate (by => known%model%gradient%by, n => known%n)
-         gradient = zero_gradient(known%model, known%model%harmonics)
+      associate (by => known%model%options%gradient%by, n => known%n)
+         gradient = zero_gradient(known%model%system, known%model%options, known%model%discretisation%harmonics)
          call put_on(here, by(1), 1.0_wp)
          if (allocated(error)) return
          problem => here
@@ -312,7 +322,8 @@ contains
 
          call find_model_number(known%model, number, at, is_found)
          call problem%choose_number(moving_value_t(number, typical), at, is_done)
-         if (.not. is_done) call new_model_problem(problem, known%model, moving_value_t(number, typical), at, error)
+         if (.not. is_done) call new_model_problem(problem, known%model%system, known%model%discretisation, known%model%options, &
+                                                   moving_value_t(number, typical), at, error)
       end subroutine put_on
    end subroutine differentiate
 
@@ -333,7 +344,7 @@ contains
       call problem%residual(known%x - step, r_after)
       if (.not. norm2(r_after/problem%r_scale) <= norm2(r/problem%r_scale)) return
       known%x = known%x - step
-      known%model%tones%omega(known%tones) = known%x(known%n + 1:known%n + size(known%tones))
+      known%model%system%tones%omega(known%tones) = known%x(known%n + 1:known%n + size(known%tones))
    end subroutine correct
 
    !> Conditions for the phases of unknown tones: sines that are zero, or no component along a shift of the motion. Those
@@ -348,7 +359,7 @@ contains
       u = reshape(known%x(:known%n), shape(u))
       scale = reshape(problem%x_scale, shape(u))
       allocate (functionals(size(u), size(known%which)))
-      associate (set => problem%harmonics, dofs => known%model%phase_dofs, mode => known%model%normal_mode)
+      associate (set => problem%harmonics, dofs => known%model%system%phase_dofs, mode => known%model%system%normal_mode)
          if (mode%is_requested) then
             functionals = amplitude_functionals(set, problem%n_dofs, problem%stiffness%coordinates%number_of(mode%dof), &
                                                 known%tones(1), mode%is_peak)
@@ -375,11 +386,11 @@ contains
       integer, intent(in) :: k                                        !! number of the value
       type(gradient_t), intent(inout) :: gradient
       complex(wp), allocatable :: c(:, :, :), slopes(:, :)
-      real(wp) :: at(2), omega(known%model%tones%n_tones, 2), r(known%n), x(size(slope))
+      real(wp) :: at(2), omega(known%model%system%tones%n_tones, 2), r(known%n), x(size(slope))
       integer :: side
       logical :: has_slopes, is_possible
 
-      allocate (c(known%model%structure%n_dofs, known%model%harmonics%n_harmonics, 2))
+      allocate (c(known%model%system%structure%n_dofs, known%model%discretisation%harmonics%n_harmonics, 2))
       call find_slopes()
       associate (n => known%n)
          do side = 1, 2
@@ -402,7 +413,7 @@ contains
          gradient%frequency(:, k) = (omega(:, 2) - omega(:, 1))/(at(2) - at(1))
          gradient%frequency(known%tones, k) = slope(n + 1:n + size(known%tones))
          if (.not. has_slopes) slopes = (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1))
-         call keep_slope(gradient, known%model%output%dofs, k, slopes)
+         call keep_slope(gradient, known%model%options%output%dofs, k, slopes)
       end associate
 
    contains
@@ -415,12 +426,12 @@ contains
          real(wp) :: typical
          integer :: h
 
-         call new_movement(movement, known%model, known%model%gradient%by(k), .false., error)
+         call new_movement(movement, known%model, known%model%options%gradient%by(k), .false., error)
          has_slopes = movement%structure .and. .not. moved%moves_coordinates()
          if (.not. has_slopes) return
          typical = step/difference_step
          moved%which = [known%which, moved%own]
-         allocate (slopes(known%model%structure%n_dofs, known%model%harmonics%n_harmonics))
+         allocate (slopes(known%model%system%structure%n_dofs, known%model%discretisation%harmonics%n_harmonics))
          call find_motion_slopes(moved, [known%x, value], typical*[slope, 1.0_wp], [(h, h=1, size(slopes, 2))], slopes, has_slopes)
          slopes = slopes/typical
       end subroutine find_slopes

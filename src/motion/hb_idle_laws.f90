@@ -1,12 +1,13 @@
 !> Laws that exert no force on any of some motions, such as a stop that is never touched: often a length in the wrong unit.
 module hb_idle_laws
+   use hb_discretisation, only: discretisation_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_law_coordinates, only: law_dofs_of
-   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved
+   use hb_system, only: system_t
    implicit none
    private
    public :: idle_law_text, idle_laws_t
@@ -28,9 +29,10 @@ module hb_idle_laws
 contains
 
    !> Examines a motion, if there is one.
-   subroutine idle_laws_examine(self, model, motion)
+   subroutine idle_laws_examine(self, system, discretisation, motion)
       class(idle_laws_t), intent(inout) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(motion_result_t), intent(in) :: motion
       real(wp), allocatable :: phases(:, :), q(:, :), v(:, :)
       real(wp) :: largest
@@ -40,24 +42,24 @@ contains
 
       if (.not. is_solved(motion%status)) return
       if (allocated(self%is_idle)) then
-         if (size(self%is_idle) /= size(model%laws)) deallocate (self%is_idle, self%largest)
+         if (size(self%is_idle) /= size(system%laws)) deallocate (self%is_idle, self%largest)
       end if
       if (.not. allocated(self%is_idle)) then
          self%n_motions = 0
-         self%is_idle = [(may_be_idle(model%laws(i)%law), i=1, size(model%laws))]
-         allocate (self%largest(size(model%laws)), source=0.0_wp)
+         self%is_idle = [(may_be_idle(system%laws(i)%law), i=1, size(system%laws))]
+         allocate (self%largest(size(system%laws)), source=0.0_wp)
       end if
       self%n_motions = self%n_motions + 1
       if (.not. any(self%is_idle)) return
-      call sample_motion(model, motion, n_samples, phases, q, v)
+      call sample_motion(discretisation, motion, n_samples, phases, q, v)
       if (.not. allocated(q)) then
          self%is_idle = .false.
          return
       end if
-      dofs = law_dofs_of(model%laws)
-      do i = 1, size(model%laws)
+      dofs = law_dofs_of(system%laws)
+      do i = 1, size(system%laws)
          if (.not. self%is_idle(i)) cycle
-         call find_force(model%laws(i)%law, dofs, q, v, is_idle, largest)
+         call find_force(system%laws(i)%law, dofs, q, v, is_idle, largest)
          self%is_idle(i) = is_idle
          self%largest(i) = max(self%largest(i), largest)
       end do
@@ -84,19 +86,19 @@ contains
    end subroutine idle_laws_add
 
    !> Names the idle laws, one per line; empty: none. Laws at degrees of freedom at rest are not named.
-   subroutine idle_laws_describe(self, model, text)
+   subroutine idle_laws_describe(self, system, text)
       class(idle_laws_t), intent(in) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
       character(:), allocatable, intent(out) :: text
       integer :: i
 
       text = ""
       if (.not. allocated(self%is_idle) .or. self%n_motions == 0) return
-      if (size(self%is_idle) /= size(model%laws)) return
-      do i = 1, size(model%laws)
+      if (size(self%is_idle) /= size(system%laws)) return
+      do i = 1, size(system%laws)
          if (.not. (self%is_idle(i) .and. self%largest(i) > 0.0_wp)) cycle
          if (len(text) > 0) text = text//new_line("a")
-         text = text//trim(idle_law_text(model%laws(i)%law%label))
+         text = text//trim(idle_law_text(system%laws(i)%law%label))
       end do
    end subroutine idle_laws_describe
 

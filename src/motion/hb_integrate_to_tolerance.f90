@@ -8,20 +8,23 @@ module hb_integrate_to_tolerance
    use hb_budget, only: budget_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_integrated_result, only: guess_from, keep_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set
-   use hb_model, only: model_t, share_of_integrated
+   use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
    use hb_motion, only: forget_motion, start_from, status_of_ended
    use hb_motion_result, only: motion_result_t
+   use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: outcome, reason
    use hb_refinement, only: refinable_t, refine
    use hb_structure, only: max_dense, structure_t
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: reliable, safety, well_solved
    use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t
@@ -61,27 +64,29 @@ contains
 
    !> Whether time integration precedes the balance: because it is requested, or because its estimated work is
    !> smaller.
-   logical function integrates_first(model)
-      type(model_t), intent(in) :: model
+   logical function integrates_first(system, options)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(hold_t) :: hold
       type(integration_counts_t) :: counts
       type(structure_t) :: structure
       integer :: i
 
-      integrates_first = model%primary_method == primary_method%integration
-      if (model%primary_method /= primary_method%auto .or. model%tones%n_tones /= 1 .or. any(model%tones%is_unknown)) return
-      if (.not. is_rigid(model) .or. .not. model%accuracy%grows_set .or. size(model%accuracy%outputs) > 0) return
-      if (model%structure%n_dofs > max_dense .or. model%chain%is_on) return
-      structure = model%structure
+      integrates_first = options%primary_method == primary_method%integration
+      if (options%primary_method /= primary_method%auto .or. system%tones%n_tones /= 1 .or. &
+          any(system%tones%is_unknown)) return
+      if (.not. is_rigid(system) .or. .not. options%accuracy%grows_set .or. size(options%accuracy%outputs) > 0) return
+      if (system%structure%n_dofs > max_dense .or. options%chain%is_on) return
+      structure = system%structure
       call structure%unpack()
       counts%n_dofs = structure%n_dofs
-      counts%n_coordinates = size(model%laws)
-      counts%max_harmonics = model%accuracy%max_harmonics
-      counts%tolerance = model%accuracy%tolerance
-      counts%omega = model%tones%omega(1)
-      do i = 1, size(model%laws)
-         if (.not. model%laws(i)%law%is_multiplier) cycle
-         hold = model%laws(i)%law%hold()
+      counts%n_coordinates = size(system%laws)
+      counts%max_harmonics = options%accuracy%max_harmonics
+      counts%tolerance = options%accuracy%tolerance
+      counts%omega = system%tones%omega(1)
+      do i = 1, size(system%laws)
+         if (.not. system%laws(i)%law%is_multiplier) cycle
+         hold = system%laws(i)%law%hold()
          counts%has_walls = counts%has_walls .or. hold%is_wall
       end do
       counts%decay = slowest_decay(structure%mass, structure%damping, structure%stiffness)
@@ -100,7 +105,7 @@ contains
       type(steady_motion_t) :: steady
 
       is_done = .false.
-      if (.not. can_integrate(model)) return
+      if (.not. can_integrate(model%system, model%options)) return
       integrated%integration_work = result%integration_work
       integrated%charged = result%charged
       call integration(model, steady, integrated, found)
@@ -112,7 +117,7 @@ contains
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp
       integrated%work = integrated%work + result%work
-      call take_status(model, steady, integrated)
+      call take_status(model%options, steady, integrated)
       if (work_is_over()) integrated%status = status_of_ended()
       result = integrated
    end subroutine integrate_to_tolerance
@@ -121,8 +126,10 @@ contains
    !> it is the same motion to the tolerance, or at least closer to it. Otherwise the result is unchanged, with a
    !> message on the outcome of the time integration. If walls with a given restitution are struck, the integrated
    !> motion is always accepted.
-   subroutine integrate_from_balance(model, result, top)
-      type(model_t), intent(in) :: model
+   subroutine integrate_from_balance(system, discretisation, options, result, top)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(inout) :: result                  !! of the sequence of orders, `truncated` or `impact`
       type(level_t), intent(in) :: top                                !! its last level
       type(motion_result_t) :: integrated
@@ -132,16 +139,17 @@ contains
       real(wp) :: apart, estimate, estimate_before
       logical :: is_struck, is_there
 
-      if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration .and. can_integrate(model))) return
+      if (.not. (options%solver%fallback .and. options%solver%fallback_by_integration .and. can_integrate(system, options))) &
+         return
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
-      call start_on(model, top, from, is_there)
+      call start_on(system, discretisation, options, top, from, is_there)
       if (.not. is_there) return
       integrated%charged = result%charged
       call integration(from, steady, integrated, found)
       result%work = result%work + steady%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (work_is_over()) return                      ! there is a motion even without time left
-      is_struck = model%lacks_impacts_of(result%status)
+      is_struck = options%lacks_impacts_of(system, result%status)
       if (steady%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(steady%message)) result%message = steady%message
          if (steady%is_out_of_work) result%reason = reason%fallback_work
@@ -164,7 +172,7 @@ contains
          end if
          if (estimate >= estimate_before) return
       end if
-      call take_status(model, steady, integrated)
+      call take_status(options, steady, integrated)
       integrated%effort_t = result%effort_t
       integrated%level_difference = apart
       if (is_struck) then
@@ -176,46 +184,51 @@ contains
    end subroutine integrate_from_balance
 
    !> Status of an integrated motion, and the number of periods after which it repeats.
-   pure subroutine take_status(model, steady, result)
-      type(model_t), intent(in) :: model
+   pure subroutine take_status(options, steady, result)
+      type(options_t), intent(in) :: options
       type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(inout) :: result
 
       result%status = steady%status
       result%n_periods = steady%n_repeat
-      if (allocated(result%coefficients)) result%status = status_within(model, steady, result)
+      if (allocated(result%coefficients)) result%status = status_within(options, steady, result)
    end subroutine take_status
 
    !> Status of an integrated motion: converged if its estimate is within the tolerance.
-   pure integer function status_within(model, steady, result) result(status)
-      type(model_t), intent(in) :: model
+   pure integer function status_within(options, steady, result) result(status)
+      type(options_t), intent(in) :: options
       type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(in) :: result
 
-      status = merge(steady%status, outcome%truncated, estimate_of(result) <= model%accuracy%tolerance)
+      status = merge(steady%status, outcome%truncated, estimate_of(result) <= options%accuracy%tolerance)
    end function status_within
 
    !> Whether an integrated motion is acceptable.
-   pure logical function can_integrate(model)
-      type(model_t), intent(in) :: model
+   pure logical function can_integrate(system, options)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
 
-      can_integrate = model%accuracy%grows_set .and. size(model%laws) > 0 .and. .not. any(model%tones%is_unknown) .and. &
-                  .not. model%normal_mode%is_requested
+      can_integrate = options%accuracy%grows_set .and. size(system%laws) > 0 .and. &
+         .not. any(system%tones%is_unknown) .and. .not. system%normal_mode%is_requested
    end function can_integrate
 
    !> Sets the motion of a level as the start of the model, in all degrees of freedom.
-   subroutine start_on(model, level, from, is_there)
-      type(model_t), intent(in) :: model
+   subroutine start_on(system, discretisation, options, level, from, is_there)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
       type(model_t), intent(out) :: from
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
       type(model_t) :: here
 
-      here = model
-      call put_on_level(here, model, level, error)
+      here%system = system
+      here%discretisation = discretisation
+      here%options = options
+      call put_on_level(here, discretisation, options, level, error)
       is_there = .not. allocated(error)
-      if (is_there) call start_from(here, level%unknowns, from, is_there)
+      if (is_there) call start_from(here%system, here%discretisation, here%options, level%unknowns, from, is_there)
    end subroutine start_on
 
    !> Integrates with candidates in a box, then in a box of twice the order if the misfit is too large, and stores the
@@ -230,17 +243,20 @@ contains
 
       record%model => model
       record%here = model
-      record%here%integration%aim = sqrt(1.0_wp - share_of_tail**2)*model%accuracy%tolerance
-      record%here%integration%tolerance = max(model%integration%tolerance, well_solved*record%here%integration%aim)
-      record%here%error_estimate%truncation = min(model%error_estimate%truncation, model%accuracy%tolerance)
-      record%coordinates = coordinates_of(model)
-      record%capacity = share_of_integrated*model%accuracy%max_harmonics
-      record%order = first_order(model, candidates_of_retained*record%capacity)
-      record%budget%limit = min(2.0_wp*model%integration%work_limit - result%integration_work, & ! two methods may need as much
-                                2.0_wp*model%max_work() - result%charged)
+      record%here%options%integration%aim = sqrt(1.0_wp - share_of_tail**2)*model%options%accuracy%tolerance
+      record%here%options%integration%tolerance = max(model%options%integration%tolerance, &
+                                                      well_solved*record%here%options%integration%aim)
+      record%here%options%error_estimate%truncation = min(model%options%error_estimate%truncation, model%options%accuracy%tolerance)
+      record%coordinates = coordinates_of(model%system)
+      record%capacity = share_of_integrated*model%options%accuracy%max_harmonics
+      record%order = first_order(model%system, model%options, candidates_of_retained*record%capacity)
+      ! two methods may need as much
+      record%budget%limit = min(2.0_wp*model%options%integration%work_limit - result%integration_work, &
+                                2.0_wp*model%options%max_work() - result%charged)
       record%max_failures = huge(1)
       record%result = result
-      call new_lowest_set(record%candidates, model%tones%n_tones, loaded_tuples(model), record%error, record%order)
+      call new_lowest_set(record%candidates, model%system%tones%n_tones, loaded_tuples(model%discretisation), record%error, &
+                          record%order)
       if (.not. allocated(record%error)) call refine(record)
       steady = record%steady
       steady%work = record%budget%spent
@@ -261,9 +277,10 @@ contains
       type(steady_motion_t) :: steady
 
       is_solved = .false.
-      call put_on_set(self%here, self%model, self%candidates)
-      self%here%integration%work_limit = 0.5_wp*self%budget%left()
-      call self%model%callbacks%time_domain_solver%find_steady_motion(self%here, self%coordinates%dofs, steady, self%error)
+      call put_on_set(self%here, self%model%discretisation, self%candidates)
+      self%here%options%integration%work_limit = 0.5_wp*self%budget%left()
+      call self%model%options%callbacks%time_domain_solver%find_steady_motion(self%here%system, self%here%discretisation, &
+         self%here%options, self%coordinates%dofs, steady, self%error)
       call self%budget%spend(steady%work)
       steady%work = self%budget%spent
       if (allocated(self%error)) then
@@ -275,10 +292,11 @@ contains
       if (self%n_found == 0) self%steady = steady
       is_solved = any(steady%status == [outcome%integrated, outcome%multiple_attractors])
       self%is_ended = .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. &
-                             .not. shows_returns(self%model))
+                             .not. shows_returns(self%model%system, self%model%options))
       if (work_is_over() .or. .not. is_solved) return
       result = self%result
-      call keep_lines(self%here, self%coordinates, self%capacity, steady, result, found)
+      call keep_lines(self%here%system, self%here%discretisation, self%here%options, self%coordinates, self%capacity, steady, &
+                      result, found)
       self%n_found = self%n_found + 1
       if (self%n_found == 1 .or. estimate_of(result) < self%estimate) then
          self%steady = steady
@@ -287,7 +305,7 @@ contains
          self%estimate = estimate_of(result)
       end if
       self%result%n_levels = self%n_found
-      self%is_ended = steady%change_by_steps > self%model%accuracy%tolerance    ! a larger box cannot reduce this
+      self%is_ended = steady%change_by_steps > self%model%options%accuracy%tolerance ! a larger box cannot reduce this
    end subroutine refined_record_solve
 
    !> Chooses the candidates in a box of twice the order, within the limits of size and work.
@@ -297,17 +315,18 @@ contains
 
       is_there = .false.
       self%order = 2*self%order
-      call new_lowest_set(self%candidates, self%model%tones%n_tones, loaded_tuples(self%model), self%error, self%order)
+      call new_lowest_set(self%candidates, self%model%system%tones%n_tones, loaded_tuples(self%model%discretisation), self%error, &
+                          self%order)
       if (allocated(self%error)) return
       if (self%candidates%n_harmonics > candidates_of_retained*self%capacity) return
       is_there = self%budget%left() > 0.0_wp
-      if (.not. is_there .and. self%n_found == 0) call leave_open(self%steady, self%here%harmonics%n_harmonics)
+      if (.not. is_there .and. self%n_found == 0) call leave_open(self%steady, self%here%discretisation%harmonics%n_harmonics)
    end subroutine refined_record_choose
 
    logical function refined_record_is_accurate(self) result(is_accurate)
       class(refined_record_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= self%model%accuracy%tolerance
+      is_accurate = self%estimate <= self%model%options%accuracy%tolerance
    end function refined_record_is_accurate
 
    logical function refined_record_is_over(self) result(is_over)
@@ -318,10 +337,11 @@ contains
 
    !> Whether the first box shows the period of the motion: lines outside it are multiples of the only tone, and
    !> contribute no difference from one period to the next if the period is a whole number of samples.
-   pure logical function shows_returns(model)
-      type(model_t), intent(in) :: model
+   pure logical function shows_returns(system, options)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
 
-      shows_returns = model%tones%n_tones == 1 .and. model%integration%step <= 0.0_wp
+      shows_returns = system%tones%n_tones == 1 .and. options%integration%step <= 0.0_wp
    end function shows_returns
 
    !> Leaves the verdict open: the misfit may consist of lines of the next box, for which no work is left.
@@ -338,11 +358,12 @@ contains
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance it has fewer candidates than
    !> permitted.
-   pure integer function first_order(model, most)
-      type(model_t), intent(in) :: model
+   pure integer function first_order(system, options, most)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       integer, intent(in) :: most                                     !! candidates
 
-      associate (n_tones => model%tones%n_tones, tolerance => model%accuracy%tolerance)
+      associate (n_tones => system%tones%n_tones, tolerance => options%accuracy%tolerance)
          first_order = min(ceiling(min(1.0e6_wp, tolerance**(-merge(fall_of_one_tone, fall, n_tones == 1)))), &
                            int(0.5_wp*((2.0_wp*most)**(1.0_wp/n_tones) - 1.0_wp)))
          first_order = max(first_order, lowest_order(n_tones))
@@ -350,8 +371,10 @@ contains
    end function first_order
 
    !> Selects the important candidates, and the motion in them. The estimate includes the others.
-   subroutine keep_lines(model, coordinates, capacity, steady, result, found)
-      type(model_t), intent(in) :: model                              !! on all candidates
+   subroutine keep_lines(system, discretisation, options, coordinates, capacity, steady, result, found)
+      type(system_t), intent(in) :: system                            !! on all candidates
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(coordinates_t), intent(in) :: coordinates
       integer, intent(in) :: capacity                                 !! tuples
       type(steady_motion_t), intent(in) :: steady
@@ -360,8 +383,8 @@ contains
       type(error_t), allocatable :: error
       type(model_t) :: here
       type(steady_motion_t) :: retained
-      real(wp) :: carried(model%harmonics%n_harmonics), tail
-      logical :: is_retained(model%harmonics%n_harmonics), is_needed(model%harmonics%n_harmonics)
+      real(wp) :: carried(discretisation%harmonics%n_harmonics), tail
+      logical :: is_retained(discretisation%harmonics%n_harmonics), is_needed(discretisation%harmonics%n_harmonics)
       integer, allocatable :: positions(:)
       integer :: h, k
 
@@ -369,34 +392,38 @@ contains
       do k = 1, size(steady%averages, 2)
          carried = max(carried, abs(steady%averages(:, k))/max(norm2(abs(steady%averages(:, k))), tiny(1.0_wp)))
       end do
-      is_needed = [(sum(abs(model%harmonics%tuples(:, h))) <= 1 .or. .not. model%loads%is_zero_at(h), h=1, size(carried))]
-      tail = share_of_tail*model%accuracy%tolerance
+      is_needed = [(sum(abs(discretisation%harmonics%tuples(:, h))) <= 1 .or. &
+                    .not. discretisation%loads%is_zero_at(h), h=1, size(carried))]
+      tail = share_of_tail*options%accuracy%tolerance
       allocate (positions, source=largest_indices(merge(huge(1.0_wp), carried, is_needed), tail, capacity))
       is_retained = .false.
       is_retained(positions) = .true.
       tail = norm2(pack(carried, .not. is_retained))
-      call new_harmonics(found%set, model%harmonics%tuples(:, positions), error)
+      call new_harmonics(found%set, discretisation%harmonics%tuples(:, positions), error)
       if (allocated(error)) return                                    ! impossible: they are tuples of a set
-      here = model
-      call put_on_set(here, model, found%set)
+      here%system = system
+      here%discretisation = discretisation
+      here%options = options
+      call put_on_set(here, discretisation, found%set)
       retained = steady
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)
-      call keep_integrated(here, coordinates, retained, result)
+      call keep_integrated(here%system, here%discretisation, here%options, coordinates, retained, result)
       result%error_estimate%truncation = hypot(steady%spread, tail)
-      found%n_samples = samples_for(found%set%highest, degree_of(model))
-      found%unknowns = guess_from(here, coordinates, retained)
+      found%n_samples = samples_for(found%set%highest, degree_of(system))
+      found%unknowns = guess_from(here%system, here%discretisation, coordinates, retained)
       result%harmonics = found%set
       result%n_samples = found%n_samples
    end subroutine keep_lines
 
    !> Tuples of the model that have a load or a first guess.
-   pure function loaded_tuples(model) result(tuples)
-      type(model_t), intent(in) :: model
+   pure function loaded_tuples(discretisation) result(tuples)
+      type(discretisation_t), intent(in) :: discretisation
       integer, allocatable :: tuples(:, :)
       integer :: h
 
-      tuples = model%harmonics%tuples(:, pack([(h, h=1, model%harmonics%n_harmonics)], &
-         [(.not. (model%loads%is_zero_at(h) .and. model%start%is_zero_at(h)), h=1, model%harmonics%n_harmonics)]))
+      tuples = discretisation%harmonics%tuples(:, pack([(h, h=1, discretisation%harmonics%n_harmonics)], &
+         [(.not. (discretisation%loads%is_zero_at(h) .and. discretisation%start%is_zero_at(h)), h=1, &
+           discretisation%harmonics%n_harmonics)]))
    end function loaded_tuples
 end module hb_integrate_to_tolerance

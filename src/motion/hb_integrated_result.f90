@@ -1,16 +1,18 @@
 !> The result of a point whose motion was found by time integration.
 module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
    use hb_coordinates, only: coordinates_t
    use hb_floquet, only: stability_of_map
    use hb_kinds, only: wp
    use hb_mean_energy, only: new_mean_energy
-   use hb_model, only: model_t
    use hb_motion_description, only: request_stability
    use hb_motion_result, only: as_pairs, motion_result_t
+   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
+   use hb_system, only: system_t
    use hb_thresholds, only: reliable
    use hb_time_domain, only: steady_motion_t
    implicit none
@@ -28,45 +30,48 @@ contains
    end function is_lost
 
    !> First guess of the balance in the form of hb_motion: coefficients at the coordinates, then all base frequencies.
-   function guess_from(model, coordinates, steady) result(guess)
-      type(model_t), intent(in) :: model
+   function guess_from(system, discretisation, coordinates, steady) result(guess)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(coordinates_t), intent(in) :: coordinates
       type(steady_motion_t), intent(in) :: steady
       real(wp), allocatable :: guess(:)
 
-      guess = [model%harmonics%coefficients(coordinates%amplitudes_of(steady%amplitudes)), model%tones%omega]
+      guess = [discretisation%harmonics%coefficients(coordinates%amplitudes_of(steady%amplitudes)), system%tones%omega]
    end function guess_from
 
    !> Stores an integrated motion in a result. The forces of the laws follow from its inertia, damping, stiffness and
    !> loads.
-   subroutine keep_integrated(model, coordinates, steady, result)
-      type(model_t), intent(in) :: model
+   subroutine keep_integrated(system, discretisation, options, coordinates, steady, result)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(coordinates_t), intent(in) :: coordinates
       type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(inout) :: result
-      complex(wp), dimension(model%loads%n_dofs, model%harmonics%n_harmonics) :: c, forces
-      real(wp) :: w(model%harmonics%n_harmonics)
+      complex(wp), dimension(discretisation%loads%n_dofs, discretisation%harmonics%n_harmonics) :: c, forces
+      real(wp) :: w(discretisation%harmonics%n_harmonics)
       integer :: h
 
       c = steady%amplitudes
-      w = model%harmonics%frequencies(model%tones%omega)
+      w = discretisation%harmonics%frequencies(system%tones%omega)
       do h = 1, size(w)
-         forces(:, h) = model%loads%of(h) - forces_of(model, c(:, h), w(h))
+         forces(:, h) = discretisation%loads%of(h) - forces_of(system, c(:, h), w(h))
       end do
-      result%frequency = model%tones%omega
-      result%n_harmonics = model%harmonics%n_harmonics
+      result%frequency = system%tones%omega
+      result%n_harmonics = discretisation%harmonics%n_harmonics
       result%is_odd = .false.
-      result%coefficients = as_pairs(c(model%output%dofs, :))
+      result%coefficients = as_pairs(c(options%output%dofs, :))
       result%force_coefficients = as_pairs(forces(coordinates%dofs, :))
       result%corrected_coefficients = as_pairs(c(coordinates%dofs, :))
-      call find_stability(model, steady, result%stability)
+      call find_stability(system, discretisation, options, steady, result%stability)
       associate (found => result%error_estimate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
-         call near_commensurate(model%tones, found%combination, found%combination_frequency)
-         result%is_near_commensurate = model%tones%n_tones > 1 .and. &
-            found%combination_frequency < model%error_estimate%commensurability*maxval(model%tones%omega)
+         call near_commensurate(system%tones, found%combination, found%combination_frequency)
+         result%is_near_commensurate = system%tones%n_tones > 1 .and. &
+            found%combination_frequency < options%error_estimate%commensurability*maxval(system%tones%omega)
          found%truncation = steady%spread
          found%aliasing = 0.0_wp
-         if (model%integration%aim <= 0.0_wp) then                   ! averages: tuples outside the set, and the scatter
+         if (options%integration%aim <= 0.0_wp) then                  ! averages: tuples outside the set, and the scatter
             found%truncation = steady%left_out
             found%aliasing = steady%spread
          end if
@@ -75,26 +80,30 @@ contains
          found%defects%tension = nan
          found%defects%complementarity = nan
          found%defects%slip = nan
-         found%power_laws = spread(nan, 1, size(model%laws))
-         found%power_in = model%loads%power_into(c, w)
-         call new_mean_energy(found%energy, model%structure, c, w)
+         found%power_laws = spread(nan, 1, size(system%laws))
+         found%power_in = discretisation%loads%power_into(c, w)
+         call new_mean_energy(found%energy, system%structure, c, w)
       end associate
    end subroutine keep_integrated
 
    !> Stable, because time integration converged to it; if walls are struck, with the multipliers of the periodic
    !> motion. If the motion explains almost nothing of its record, stability is unknown.
-   subroutine find_stability(model, steady, stability)
-      type(model_t), intent(in) :: model
+   subroutine find_stability(system, discretisation, options, steady, stability)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(steady_motion_t), intent(in) :: steady
       type(stability_t), intent(out) :: stability
 
       if (allocated(steady%monodromy)) then
-         if (model%stability%method /= stability_method%off) stability = stability_of_map(steady%monodromy, model%tones%omega(1))
+         if (options%stability%method /= stability_method%off) &
+            stability = stability_of_map(steady%monodromy, system%tones%omega(1))
          return
       end if
-      if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
-         call request_stability(model, model%stability, &
-                                harmonic_motion_t(model%harmonics%tuples, model%tones, steady%amplitudes), steady%work, stability)
+      if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
+         call request_stability(system, discretisation, options, options%stability, &
+                                harmonic_motion_t(discretisation%harmonics%tuples, system%tones, steady%amplitudes), &
+                                   steady%work, stability)
       select case (stability%verdict)
       case (verdict%unknown)
          if (steady%spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
@@ -104,14 +113,14 @@ contains
    end subroutine find_stability
 
    !> Forces that a motion requires without laws.
-   function forces_of(model, c, w) result(forces)
-      type(model_t), intent(in) :: model
+   function forces_of(system, c, w) result(forces)
+      type(system_t), intent(in) :: system
       complex(wp), intent(in) :: c(:)                                 !! [m], (n_dofs)
       real(wp), intent(in) :: w                                       !! [rad/s]
       complex(wp) :: forces(size(c))
       real(wp) :: imaginary_part(size(c)), real_part(size(c)), stiffness(size(c), size(c))
 
-      associate (s => model%structure)
+      associate (s => system%structure)
          stiffness = s%stiffness - w**2*s%mass
          real_part = real(c)
          imaginary_part = aimag(c)

@@ -1,14 +1,15 @@
 !> Whether the derivatives of user laws are those of their forces: compared at the first motion of a run. Newton's method converges
 !> to the right motion with wrong ones, but stability, curves and derivatives are then wrong.
 module hb_law_doubt
+   use hb_discretisation, only: discretisation_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_law_check, only: check_derivatives_at, derivative_check_t
    use hb_law_coordinates, only: law_dofs_of
-   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved
+   use hb_system, only: system_t
    use hb_text, only: join
    implicit none
    private
@@ -27,9 +28,10 @@ module hb_law_doubt
 contains
 
    !> Compares the derivatives of all user laws along a motion, unless this was done before or there is no motion.
-   subroutine law_doubt_examine(self, model, motion)
+   subroutine law_doubt_examine(self, system, discretisation, motion)
       class(law_doubt_t), intent(inout) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(motion_result_t), intent(in) :: motion
       type(derivative_check_t) :: check
       real(wp), allocatable :: phases(:, :), q(:, :), v(:, :)
@@ -38,12 +40,12 @@ contains
 
       if (self%is_done .or. .not. is_solved(motion%status)) return
       self%is_done = .true.
-      if (.not. any([(is_compared(model%laws(i)%law), i=1, size(model%laws))])) return
-      call sample_motion(model, motion, n_samples, phases, q, v)
+      if (.not. any([(is_compared(system%laws(i)%law), i=1, size(system%laws))])) return
+      call sample_motion(discretisation, motion, n_samples, phases, q, v)
       if (.not. allocated(q)) return
-      dofs = law_dofs_of(model%laws)
-      do i = 1, size(model%laws)
-         associate (law => model%laws(i)%law)
+      dofs = law_dofs_of(system%laws)
+      do i = 1, size(system%laws)
+         associate (law => system%laws(i)%law)
             if (.not. is_compared(law)) cycle
             associate (at => [(findloc(dofs, law%dofs(k), dim=1), k=1, size(law%dofs))])
                call check_derivatives_at(law, matmul(q(:, at), law%shape), matmul(v(:, at), law%shape), phases, &

@@ -4,6 +4,7 @@
 module hb_level
    use hb_basis, only: transfer_coefficients
    use hb_characteristic, only: samples_along_time
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_box, new_harmonics
    use hb_hysteretic_law, only: has_memory
@@ -11,6 +12,8 @@ module hb_level
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_options, only: options_t
+   use hb_system, only: system_t
    use hb_thresholds, only: minor, next_to_none, reliable
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: chosen_tuples, largest_indices, tuple_union_t
@@ -64,32 +67,33 @@ contains
       if (.not. goal > 0.0_wp) return
       next%set = top%set
       next%n_samples = top%n_samples
-      if (model%accuracy%grows_set) call choose_set(model, result, top, goal, n_failures == max_failures - 1 .or. &
+      if (model%options%accuracy%grows_set) &
+         call choose_set(model%discretisation, model%options, result, top, goal, n_failures == max_failures - 1 .or. &
          raised_by(result)*result%error_estimate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
       if (allocated(error)) return
-      if (model%accuracy%refines_grid) then
-         least = needed_samples(next%set%highest, degree_of(model))
+      if (model%options%accuracy%refines_grid) then
+         least = needed_samples(next%set%highest, degree_of(model%system))
          finer = 1.0_wp
-         if (degree_of(model) == 0) then
+         if (degree_of(model%system) == 0) then
             finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
             finer = max(clearly_smaller, min(finer, largest_refinement))*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
-         if (degree_of(model) > 0) next%n_samples = least
-         if (has_memory(model%laws) .and. .not. any(model%tones%is_unknown)) &
-            next%n_samples = samples_along_time(next%n_samples, model%tones%omega)
-         do while (product(real(next%n_samples, wp)) > model%accuracy%max_samples)
+         if (degree_of(model%system) > 0) next%n_samples = least
+         if (has_memory(model%system%laws) .and. .not. any(model%system%tones%is_unknown)) &
+            next%n_samples = samples_along_time(next%n_samples, model%system%tones%omega)
+         do while (product(real(next%n_samples, wp)) > model%options%accuracy%max_samples)
             if (all(next%n_samples <= least)) return
             next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
          end do
       else if (any(next%n_samples < 2*next%set%highest + 1)) then
          return
       end if
-      if (min(next%set%n_harmonics, top%set%n_harmonics) >= model%accuracy%max_harmonics .and. &
+      if (min(next%set%n_harmonics, top%set%n_harmonics) >= model%options%accuracy%max_harmonics .and. &
           result%error_estimate%truncation > result%error_estimate%aliasing) return ! other tuples, but not more
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
-      if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(model%tones%is_unknown)) &
+      if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(model%system%tones%is_unknown)) &
          call take_errors_out(result, top, next)
       is_there = .true.
    end subroutine choose_next
@@ -109,8 +113,9 @@ contains
    end subroutine take_errors_out
 
    !> Chooses the set of the next level.
-   subroutine choose_set(model, result, top, goal, as_box, set, error)
-      type(model_t), intent(in) :: model
+   subroutine choose_set(discretisation, options, result, top, goal, as_box, set, error)
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! for the estimated error
@@ -127,11 +132,11 @@ contains
       if (as_box) then
          call new_box(set, ceiling(largest_growth*top%set%highest), .false., error)
          if (allocated(error)) return
-         if (set%n_harmonics <= model%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
+         if (set%n_harmonics <= options%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
       end if
       carried = top%set%norms(coefficients_of(top))
       carried = carried/max(norm2(carried), tiny(1.0_wp))
-      is_needed = [(is_needed_at(model, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
+      is_needed = [(is_needed_at(discretisation, options, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
       if (allocated(result%error_estimate%neglected)) then
          around = result%error_estimate%around
          neglected = result%error_estimate%neglected
@@ -144,7 +149,7 @@ contains
                                                                              tiny(1.0_wp)) ! by the tuples of the set
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
-      capacity = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
+      capacity = min(options%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
       smallest = next_to_none*tail
       do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
          call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity), error)
@@ -172,8 +177,9 @@ contains
 
    !> Removes from a level the tuples that a neighbour can omit: those that together contribute a small share of the
    !> tolerance.
-   subroutine trim_set(model, level)
-      type(model_t), intent(in) :: model
+   subroutine trim_set(discretisation, options, level)
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(level_t), intent(inout) :: level
       type(level_t) :: trimmed
       type(error_t), allocatable :: error
@@ -184,9 +190,9 @@ contains
       allocate (amplitudes, source=level%set%norms(coefficients_of(level)))
       amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
       do h = 1, level%set%n_harmonics
-         if (is_needed_at(model, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
+         if (is_needed_at(discretisation, options, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
-      allocate (retained, source=largest_indices(amplitudes, minor*model%accuracy%tolerance, size(amplitudes)))
+      allocate (retained, source=largest_indices(amplitudes, minor*options%accuracy%tolerance, size(amplitudes)))
       if (size(retained) == size(amplitudes)) return
       call new_harmonics(trimmed%set, level%set%tuples(:, retained), error)
       if (allocated(error)) return
@@ -197,8 +203,10 @@ contains
 
    !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than requested; `is_smaller` is
    !> true if the saving is worth the change.
-   subroutine choose_smaller(model, level, is_smaller)
-      type(model_t), intent(in) :: model
+   subroutine choose_smaller(system, discretisation, options, level, is_smaller)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(level_t), intent(inout) :: level
       logical, intent(out) :: is_smaller
       integer, allocatable :: least(:), n_samples(:)
@@ -206,10 +214,10 @@ contains
 
       n_harmonics = level%set%n_harmonics
       allocate (n_samples, source=level%n_samples)
-      if (model%accuracy%grows_set) call trim_set(model, level)
-      if (model%accuracy%refines_grid) then
-         least = needed_samples(level%set%highest, degree_of(model))
-         if (degree_of(model) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
+      if (options%accuracy%grows_set) call trim_set(discretisation, options, level)
+      if (options%accuracy%refines_grid) then
+         least = needed_samples(level%set%highest, degree_of(system))
+         if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
          level%n_samples = min(n_samples, least)
       end if
       is_smaller = level%set%n_harmonics <= clearly_smaller*n_harmonics .or. &
@@ -238,63 +246,65 @@ contains
    end subroutine join
 
    !> Set and grid of a stored point; those of the model if it has none of its own.
-   function level_of(model, position) result(level)
-      type(model_t), intent(in) :: model
+   function level_of(discretisation, position) result(level)
+      type(discretisation_t), intent(in) :: discretisation
       type(curve_position_t), intent(in), optional :: position
       type(level_t) :: level
       type(error_t), allocatable :: error
 
-      level%set = model%harmonics
-      level%n_samples = model%torus%n_samples
+      level%set = discretisation%harmonics
+      level%n_samples = discretisation%torus%n_samples
       if (.not. present(position)) return
       if (allocated(position%tuples)) call new_harmonics(level%set, position%tuples, error) ! cannot fail: there was a motion in it
       if (allocated(position%n_samples)) level%n_samples = position%n_samples
    end function level_of
 
    !> Whether a set must contain a tuple: the mean value, the fundamentals, and tuples with loads.
-   pure logical function is_needed_at(model, tuple) result(is_needed)
-      type(model_t), intent(in) :: model
+   pure logical function is_needed_at(discretisation, options, tuple) result(is_needed)
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       integer, intent(in) :: tuple(:)
       integer :: h
 
       is_needed = sum(abs(tuple)) <= 1
-      if (allocated(model%accuracy%outputs)) then
-         do h = 1, size(model%accuracy%outputs)
-            associate (output => model%accuracy%outputs(h))
+      if (allocated(options%accuracy%outputs)) then
+         do h = 1, size(options%accuracy%outputs)
+            associate (output => options%accuracy%outputs(h))
                if (allocated(output%tuple)) is_needed = is_needed .or. all(output%tuple == tuple) .or. all(output%tuple == -tuple)
             end associate
          end do
       end if
-      h = model%harmonics%index_of(tuple)
-      if (h > 0 .and. .not. is_needed) is_needed = .not. model%loads%is_zero_at(h)
+      h = discretisation%harmonics%index_of(tuple)
+      if (h > 0 .and. .not. is_needed) is_needed = .not. discretisation%loads%is_zero_at(h)
    end function is_needed_at
 
    !> Sets the model to the set and the grid of a level.
-   subroutine put_on_level(here, model, level, error)
+   subroutine put_on_level(here, discretisation, options, level, error)
       type(model_t), intent(inout) :: here
-      type(model_t), intent(in) :: model                              !! on a set that has all loads
+      type(discretisation_t), intent(in) :: discretisation            !! on a set that has all loads
+      type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
       logical :: corrects_kinks
 
-      corrects_kinks = model%torus%corrects_kinks
-      call put_on_set(here, model, level%set)
-      call new_torus(here%torus, level%n_samples, level%set, error)
+      corrects_kinks = discretisation%torus%corrects_kinks
+      call put_on_set(here, discretisation, level%set)
+      call new_torus(here%discretisation%torus, level%n_samples, level%set, error)
       if (allocated(error)) return
-      here%torus%corrects_kinks = corrects_kinks
-      call check_memory(sizes_of(here), model%memory_limit, error)
+      here%discretisation%torus%corrects_kinks = corrects_kinks
+      call check_memory(sizes_of(here%system, here%discretisation, here%options), options%memory_limit, error)
    end subroutine put_on_level
 
    !> Sets the model to another set of harmonics.
-   subroutine put_on_set(here, model, set)
+   subroutine put_on_set(here, discretisation, set)
       type(model_t), intent(inout) :: here
-      type(model_t), intent(in) :: model                              !! on a set that has all loads
+      type(discretisation_t), intent(in) :: discretisation            !! on a set that has all loads
       type(harmonics_t), intent(in) :: set
 
-      here%harmonics = set
-      here%loads = model%loads%in_set(model%harmonics, set)
-      here%load_slopes = model%load_slopes%in_set(model%harmonics, set)
-      here%start = model%start%in_set(model%harmonics, set)
+      here%discretisation%harmonics = set
+      here%discretisation%loads = discretisation%loads%in_set(discretisation%harmonics, set)
+      here%discretisation%load_slopes = discretisation%load_slopes%in_set(discretisation%harmonics, set)
+      here%discretisation%start = discretisation%start%in_set(discretisation%harmonics, set)
    end subroutine put_on_set
 
    !> Coefficients (n_coefficients, coordinates) of the motion of a level.
@@ -387,35 +397,35 @@ contains
    end function estimate_of_wanted
 
    !> Increases the estimated error of a motion with rigid laws, which error estimates underestimate.
-   pure subroutine with_caution(model, result)
-      type(model_t), intent(in) :: model
+   pure subroutine with_caution(system, result)
+      type(system_t), intent(in) :: system
       type(motion_result_t), intent(inout) :: result
 
-      if (.not. is_rigid(model)) return
+      if (.not. is_rigid(system)) return
       result%level_estimate = min(1.0_wp, hypot(caution*result%error_estimate%truncation, result%error_estimate%aliasing))
       if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
    end subroutine with_caution
 
    !> Whether a law is rigid.
-   pure logical function is_rigid(model)
-      type(model_t), intent(in) :: model
+   pure logical function is_rigid(system)
+      type(system_t), intent(in) :: system
       integer :: i
 
-      is_rigid = any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
+      is_rigid = any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
    end function is_rigid
 
    !> Degree of the laws if all are polynomials, otherwise 0.
-   pure integer function degree_of(model) result(degree)
-      type(model_t), intent(in) :: model
+   pure integer function degree_of(system) result(degree)
+      type(system_t), intent(in) :: system
       integer :: i
 
       degree = 1
-      do i = 1, size(model%laws)
-         if (model%laws(i)%law%degree == 0) then
+      do i = 1, size(system%laws)
+         if (system%laws(i)%law%degree == 0) then
             degree = 0
             return
          end if
-         degree = max(degree, model%laws(i)%law%degree)
+         degree = max(degree, system%laws(i)%law%degree)
       end do
    end function degree_of
 

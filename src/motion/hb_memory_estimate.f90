@@ -7,6 +7,7 @@
 module hb_memory_estimate
    use hb_balance, only: largest_dense_tangent
    use hb_basis, only: basis_t, whole_basis
+   use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: finer_samples, wider_orders
    use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
@@ -17,11 +18,12 @@ module hb_memory_estimate
    use hb_kinds, only: complex_bytes, gib, real_bytes, wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
-   use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
+   use hb_options, only: options_t
    use hb_preconditioner, only: unit_work
    use hb_solver_types, only: largest_affordable, method, solver_config_t
    use hb_structure, only: structure_t
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_torus, only: cheap_size, default_samples, torus_t
    use hb_wide_problem, only: vectors_of_steps
@@ -338,8 +340,10 @@ contains
 
    !> The sizes of a model; laws from the first one with an error onwards, and a grid with one, do not count.
    !> Neighbours may need all tuples. Scans sparse matrices of the structure once.
-   type(sizes_t) function sizes_of(model) result(self)
-      type(model_t), intent(in) :: model
+   type(sizes_t) function sizes_of(system, discretisation, options) result(self)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(basis_t) :: basis
       type(torus_t) :: torus
       type(error_t), allocatable :: error
@@ -348,33 +352,34 @@ contains
       integer :: i, n, span
       logical :: is_odd
 
-      do n = 0, size(model%laws) - 1
-         if (.not. (allocated(model%laws(n + 1)%law%dofs) .and. allocated(model%laws(n + 1)%law%shape))) exit
+      do n = 0, size(system%laws) - 1
+         if (.not. (allocated(system%laws(n + 1)%law%dofs) .and. allocated(system%laws(n + 1)%law%shape))) exit
       end do
-      torus = model%torus
-      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(model%harmonics, 1)
-      basis = whole_basis(model%harmonics, torus)
-      if (allocated(model%torus%n_samples) .and. n == size(model%laws) .and. .not. model%chain%is_on) then
-         call find_basis(basis, is_odd, model, error)
+      torus = discretisation%torus
+      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(discretisation%harmonics, 1)
+      basis = whole_basis(discretisation%harmonics, torus)
+      if (allocated(discretisation%torus%n_samples) .and. n == size(system%laws) .and. &
+          .not. options%chain%is_on) then
+         call find_basis(basis, is_odd, system, discretisation, options, error)
          associate (last => basis%torus%n_samples(size(torus%n_samples)))
             if (basis%torus%is_half) last = last/2
          end associate
       end if
-      coordinates = coordinates_of(model, n)
-      laws = laws_at(coordinates, model%laws(:n))
-      self%n_dofs = model%structure%n_dofs
+      coordinates = coordinates_of(system, n)
+      laws = laws_at(coordinates, system%laws(:n))
+      self%n_dofs = system%structure%n_dofs
       self%n_law_dofs = size(coordinates%dofs)
       self%n_coordinates = coordinates%n
       self%n_harmonics = basis%harmonics%n_harmonics
       self%highest = basis%harmonics%highest
       self%samples = basis%torus%n_samples
-      self%n_stored_dofs = size(model%output%dofs)
-      self%stored_samples = model%output%samples
-      self%solver = model%solver
-      self%has_error_estimate = model%error_estimate%is_on .and. n > 0
-      self%has_unknown_tones = any(model%tones%is_unknown)
+      self%n_stored_dofs = size(options%output%dofs)
+      self%stored_samples = options%output%samples
+      self%solver = options%solver
+      self%has_error_estimate = options%error_estimate%is_on .and. n > 0
+      self%has_unknown_tones = any(system%tones%is_unknown)
       self%largest_dense = largest_dense_tangent(laws)
-      call count_matrices(self, model%structure)
+      call count_matrices(self, system%structure)
       do i = 1, n
          call add_law(self, laws, i)
       end do
@@ -384,8 +389,9 @@ contains
       if (coordinates%n == 0) return
       self%linear_bandwidth = coordinates%n - 1
       self%bandwidth = coordinates%n - 1
-      if (any(coordinates%dofs < 1 .or. coordinates%dofs > model%structure%n_dofs)) return  ! of a model that is rejected anyway
-      self%linear_bandwidth = condensed_half_bandwidth(model%structure, coordinates)
+      ! of a model that is rejected anyway
+      if (any(coordinates%dofs < 1 .or. coordinates%dofs > system%structure%n_dofs)) return
+      self%linear_bandwidth = condensed_half_bandwidth(system%structure, coordinates)
       span = maxval([(maxval(laws(i)%law%dofs) - minval(laws(i)%law%dofs), i=1, n)])
       self%bandwidth = span
       if (self%is_rigid) self%bandwidth = self%linear_bandwidth + 2*span   ! of a neighbour, too

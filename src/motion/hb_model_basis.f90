@@ -10,13 +10,15 @@ module hb_model_basis
    use hb_amplitudes, only: amplitudes_t
    use hb_basis, only: basis_t, new_basis, whole_basis
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, tuple_text
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: new_law_coordinates
-   use hb_model, only: model_t, symmetry
+   use hb_options, only: options_t
+   use hb_system, only: system_t
    use hb_torus, only: torus_t
    implicit none
    private
@@ -30,77 +32,85 @@ contains
 
    !> Finds the basis of a model, with a first guess that replaces its own. The odd basis is used if nothing prevents
    !> it, or if the user requests odd motions.
-   subroutine find_basis(self, is_odd, model, error, guess)
+   subroutine find_basis(self, is_odd, system, discretisation, options, error, guess)
       type(basis_t), intent(out) :: self
       logical, intent(out) :: is_odd
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: guess(:)                      !! coefficients of all tuples, then all base frequencies
 
-      is_odd = is_solved_odd(model)
-      if (is_odd .and. present(guess) .and. model%symmetry == symmetry%auto) then
-         associate (n => model%harmonics%n_coefficients, n_all => size(guess) - model%tones%n_tones)
-            is_odd = even_part(model%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= max_even
+      is_odd = is_solved_odd(system, discretisation, options)
+      if (is_odd .and. present(guess) .and. discretisation%symmetry == symmetry%auto) then
+         associate (n => discretisation%harmonics%n_coefficients, n_all => size(guess) - system%tones%n_tones)
+            is_odd = even_part(discretisation%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= max_even
          end associate
       end if
       if (is_odd) then
-         call new_basis(self, model%harmonics, modulo(sum(model%harmonics%tuples, dim=1), 2) == 1, half_of_odd(model), error)
+         call new_basis(self, discretisation%harmonics, modulo(sum(discretisation%harmonics%tuples, dim=1), 2) == 1, &
+                        half_of_odd(system, discretisation), error)
       else
-         self = whole_basis(model%harmonics, model%torus)
+         self = whole_basis(discretisation%harmonics, discretisation%torus)
       end if
    end subroutine find_basis
 
    !> The coordinates of the laws, and degrees of freedom with a given phase or amplitude.
-   function coordinates_of(model, n_laws) result(coordinates)
-      type(model_t), intent(in) :: model
+   function coordinates_of(system, n_laws) result(coordinates)
+      type(system_t), intent(in) :: system
       integer, intent(in), optional :: n_laws                         !! only the first ones; default: all
       type(coordinates_t) :: coordinates
       integer, allocatable :: wanted(:)
       integer :: last
 
-      last = size(model%laws)
+      last = size(system%laws)
       if (present(n_laws)) last = n_laws
       allocate (wanted(0))
-      if (allocated(model%phase_dofs)) wanted = model%phase_dofs
-      if (model%normal_mode%is_requested .and. .not. model%normal_mode%has_energy) wanted = [wanted, model%normal_mode%dof]
-      call new_law_coordinates(coordinates, model%structure, model%laws(:last), wanted)
+      if (allocated(system%phase_dofs)) wanted = system%phase_dofs
+      if (system%normal_mode%is_requested .and. .not. system%normal_mode%has_energy) &
+         wanted = [wanted, system%normal_mode%dof]
+      call new_law_coordinates(coordinates, system%structure, system%laws(:last), wanted)
    end function coordinates_of
 
    !> Whether the motion is searched for among odd ones, unless a first guess from elsewhere is not odd. Loads and
    !> first guesses that are not read yet count as zero.
-   logical function is_solved_odd(self)
-      type(model_t), intent(in) :: self
-      logical :: is_even(self%harmonics%n_harmonics)
+   logical function is_solved_odd(system, discretisation, options)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      logical :: is_even(discretisation%harmonics%n_harmonics)
       integer :: i
 
       is_solved_odd = .false.
-      if (self%symmetry == symmetry%none .or. size(self%laws) == 0) return
-      is_even = modulo(sum(self%harmonics%tuples, dim=1), 2) == 0
-      if (self%symmetry == symmetry%auto) then
-         if (self%start_from_integration) return
+      if (discretisation%symmetry == symmetry%none .or. size(system%laws) == 0) return
+      is_even = modulo(sum(discretisation%harmonics%tuples, dim=1), 2) == 0
+      if (discretisation%symmetry == symmetry%auto) then
+         if (options%start%from_integration) return
          ! a rigid law may base its augmentation on tuples that would be removed
-         if (any(is_even) .and. any([(self%laws(i)%law%is_multiplier, i=1, size(self%laws))])) return
-         if (self%start%n_dofs > 0) then
+         if (any(is_even) .and. any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])) return
+         if (discretisation%start%n_dofs > 0) then
             do i = 1, size(is_even)
                if (.not. is_even(i)) cycle
-               if (.not. self%start%is_zero_at(i)) return
+               if (.not. discretisation%start%is_zero_at(i)) return
             end do
          end if
       end if
-      if (self%loads%n_dofs > 0) then
-         is_solved_odd = why_not_odd(self%laws, self%harmonics, self%torus, self%loads) == ""
+      if (discretisation%loads%n_dofs > 0) then
+         is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, &
+                                     discretisation%loads) == ""
       else
-         is_solved_odd = why_not_odd(self%laws, self%harmonics, self%torus) == ""
+         is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus) == ""
       end if
    end function is_solved_odd
 
    !> The grid for odd motions: half of it if it can be halved, otherwise all of it.
-   type(torus_t) function half_of_odd(self) result(torus)
-      type(model_t), intent(in) :: self
+   type(torus_t) function half_of_odd(system, discretisation) result(torus)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
 
-      torus = self%torus
+      torus = discretisation%torus
       if (.not. torus%can_be_halved()) return
-      if (.not. has_memory(self%laws) .or. self%tones%n_tones == 1) torus = torus%half()
+      if (.not. has_memory(system%laws) .or. system%tones%n_tones == 1) torus = torus%half()
    end function half_of_odd
 
    !> Why equations are not odd; empty if they are.

@@ -4,15 +4,17 @@
 !> derive what they need; nothing is read.
 module hb_model_numbers
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
+   use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_memory_estimate, only: check_memory, sizes_of
-   use hb_model, only: model_t, symmetry
+   use hb_model, only: model_t
    use hb_model_basis, only: why_not_odd
    use hb_model_number, only: has_number, model_number_t
    use hb_numbers, only: number_t, numbered_t
    use hb_structure, only: structure_t
+   use hb_system, only: system_t
    use hb_text, only: to_text
    implicit none
    private
@@ -44,8 +46,8 @@ contains
       call store_numbers(model, numbers, values, error)
       if (.not. allocated(error) .and. has_structure) call build_structure(model, structure, error)
       if (.not. allocated(error)) then
-         if (has_structure) call build_loads(model, structure, loads, slopes, error)
-         if (.not. has_structure) call build_loads(model, model%structure, loads, slopes, error)
+         if (has_structure) call build_loads(model%system, model%discretisation, structure, loads, slopes, error)
+         if (.not. has_structure) call build_loads(model%system, model%discretisation, model%system%structure, loads, slopes, error)
       end if
       call store_numbers(model, numbers, before, ignored)
    end subroutine build_beside
@@ -62,15 +64,15 @@ contains
       is_found = .false.
       select case (number%object)
       case (has_number%tones)
-         associate (tones => self%tones, tone => max(1, number%element(1)))
+         associate (tones => self%system%tones, tone => max(1, number%element(1)))
             if (tone > tones%n_tones .or. (number%key == "hertz" .neqv. tones%is_in_hertz)) return
             if (tones%is_unknown(tone)) return
             is_found = .true.
             value = tones%in_unit(tones%omega(tone)*tones%subharmonic)
          end associate
       case (has_number%normal_mode)
-         is_found = self%normal_mode%is_requested .and. (number%key == "energy" .eqv. self%normal_mode%has_energy)
-         value = merge(self%normal_mode%energy, self%normal_mode%amplitude, self%normal_mode%has_energy)
+         is_found = self%system%normal_mode%is_requested .and. (number%key == "energy" .eqv. self%system%normal_mode%has_energy)
+         value = merge(self%system%normal_mode%energy, self%system%normal_mode%amplitude, self%system%normal_mode%has_energy)
       case default
          object => object_of(self, number)
          if (associated(object)) call object%find_number(number%number_t, value, is_found)
@@ -87,18 +89,18 @@ contains
       associate (i => number%i)
          select case (number%object)
          case (has_number%structure)
-            if (allocated(self%builder)) object => self%builder
+            if (allocated(self%system%builder)) object => self%system%builder
          case (has_number%bearing)
-            if (i <= size(self%bearings)) object => self%bearings(i)
+            if (i <= size(self%system%bearings)) object => self%system%bearings(i)
          case (has_number%dynamic_stiffness)
-            if (.not. allocated(self%structure%parts)) return
-            if (i <= size(self%structure%parts)) object => self%structure%parts(i)
+            if (.not. allocated(self%system%structure%parts)) return
+            if (i <= size(self%system%structure%parts)) object => self%system%structure%parts(i)
          case (has_number%load)
-            if (i <= size(self%given_loads)) object => self%given_loads(i)
+            if (i <= size(self%system%loads)) object => self%system%loads(i)
          case (has_number%start)
-            if (i <= size(self%given_starts)) object => self%given_starts(i)
+            if (i <= size(self%options%start%given)) object => self%options%start%given(i)
          case (has_number%law)
-            if (any(self%law_groups == i)) object => self%laws(findloc(self%law_groups, i, dim=1))%law
+            if (any(self%system%law_groups == i)) object => self%system%laws(findloc(self%system%law_groups, i, dim=1))%law
          end select
       end associate
    end function object_of
@@ -127,14 +129,14 @@ contains
          end if
          if (allocated(error)) return
       end do
-      traits = traits_of(self%laws)
+      traits = traits_of(self%system%laws)
       call store_numbers(self, numbers, values, error)
       if (.not. allocated(error)) call follow_numbers(self, numbers, error)
       if (allocated(error)) then
          call store_numbers(self, numbers, before, ignored)
          call follow_numbers(self, numbers, ignored)
       else if (present(is_alike)) then
-         is_alike = all(traits == traits_of(self%laws))
+         is_alike = all(traits == traits_of(self%system%laws))
       end if
    end subroutine set_model_numbers
 
@@ -158,8 +160,8 @@ contains
             call store_frequencies(self, numbers(mine), values(mine), are_set)
          case (has_number%normal_mode)
             are_set = abs(values(k)) > 0.0_wp
-            if (self%normal_mode%has_energy) self%normal_mode%energy = values(k)
-            if (.not. self%normal_mode%has_energy) self%normal_mode%amplitude = values(k)
+            if (self%system%normal_mode%has_energy) self%system%normal_mode%energy = values(k)
+            if (.not. self%system%normal_mode%has_energy) self%system%normal_mode%amplitude = values(k)
          case default
             call store_in_objects(self, numbers(k), [(numbers(mine(j))%number_t, j=1, size(mine))], values(mine), are_set)
          end select
@@ -185,8 +187,8 @@ contains
          return
       end if
       are_set = .true.
-      do i = 1, size(self%laws)
-         if (self%law_groups(i) == first%i .and. are_set) call self%laws(i)%law%set_numbers(numbers, values, are_set)
+      do i = 1, size(self%system%laws)
+         if (self%system%law_groups(i) == first%i .and. are_set) call self%system%laws(i)%law%set_numbers(numbers, values, are_set)
       end do
    end subroutine store_in_objects
 
@@ -200,8 +202,8 @@ contains
 
       are_set = all(values > 0.0_wp)
       do k = 1, size(numbers)
-         self%tones%omega(max(1, numbers(k)%element(1))) = merge(two_pi*values(k), values(k), self%tones%is_in_hertz)/ &
-                                                           self%tones%subharmonic
+         self%system%tones%omega(max(1, numbers(k)%element(1))) = &
+            merge(two_pi*values(k), values(k), self%system%tones%is_in_hertz)/ self%system%tones%subharmonic
       end do
    end subroutine store_frequencies
 
@@ -218,23 +220,25 @@ contains
       if (has_other_structure) then
          call build_structure(self, structure, error)
          if (allocated(error)) return
-         if (.not. has_dofs_of(structure, self%structure)) then
+         if (.not. has_dofs_of(structure, self%system%structure)) then
             call fail(error, trim(numbers(1)%name)//": the structure would have other degrees of freedom")
             return
          end if
-         self%structure = structure
-         call check_memory(sizes_of(self), self%memory_limit, error)  ! zero entries make a structure smaller
+         self%system%structure = structure
+         ! zero entries make a structure smaller
+         call check_memory(sizes_of(self%system, self%discretisation, self%options), self%options%memory_limit, error)
          if (allocated(error)) return
       end if
-      if (any(numbers%object == has_number%load) .or. (any(numbers%object == has_number%tones) .and. self%has_inertia_loads) .or. &
-          (has_other_structure .and. any(self%given_loads%depends_on_structure()))) then
-         call build_loads(self, self%structure, loads, slopes, error)
+      if (any(numbers%object == has_number%load) .or. (any(numbers%object == has_number%tones) .and. &
+                                                       self%system%has_inertia_loads) .or. &
+          (has_other_structure .and. any(self%system%loads%depends_on_structure()))) then
+         call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
          if (allocated(error)) return
-         self%loads = loads
-         self%load_slopes = slopes
+         self%discretisation%loads = loads
+         self%discretisation%load_slopes = slopes
       end if
       if (any(numbers%object == has_number%start)) call build_starts(self)
-      if (self%symmetry == symmetry%odd) call check_odd(self, error)
+      if (self%discretisation%symmetry == symmetry%odd) call check_odd(self%system, self%discretisation, error)
    end subroutine follow_numbers
 
    !> Builds the structure of the present numbers.
@@ -244,12 +248,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      call self%builder%build(structure, error, self%memory_limit)
+      call self%system%builder%build(structure, error, self%options%memory_limit)
       if (allocated(error)) return
-      do i = 1, size(self%bearings)
-         call self%bearings(i)%add_to(structure)
+      do i = 1, size(self%system%bearings)
+         call self%system%bearings(i)%add_to(structure)
       end do
-      if (allocated(self%structure%parts)) structure%parts = self%structure%parts
+      if (allocated(self%system%structure%parts)) structure%parts = self%system%structure%parts
    end subroutine build_structure
 
    logical function has_dofs_of(structure, other) result(has)
@@ -261,40 +265,41 @@ contains
 
    !> Builds the loads on a structure, and their derivatives by the frequencies. Fails for a load in a tuple of an unknown
    !> tone.
-   subroutine build_loads(self, structure, loads, slopes, error)
-      type(model_t), intent(in) :: self
+   subroutine build_loads(system, discretisation, structure, loads, slopes, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(structure_t), intent(in) :: structure
       type(amplitudes_t), intent(out) :: loads                        !! [N], not those of the model
       type(amplitudes_t), intent(out) :: slopes                       !! by j.omega [N s]
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: frequencies(self%harmonics%n_harmonics)
+      real(wp) :: frequencies(discretisation%harmonics%n_harmonics)
       integer :: i
 
-      call new_amplitudes(loads, structure%n_dofs, self%harmonics%n_harmonics)
+      call new_amplitudes(loads, structure%n_dofs, discretisation%harmonics%n_harmonics)
       slopes = loads
-      frequencies = self%harmonics%frequencies(merge(0.0_wp, self%tones%omega, self%tones%is_unknown))
-      do i = 1, size(self%given_loads)
-         associate (load => self%given_loads(i))
+      frequencies = discretisation%harmonics%frequencies(merge(0.0_wp, system%tones%omega, system%tones%is_unknown))
+      do i = 1, size(system%loads)
+         associate (load => system%loads(i))
             if (.not. allocated(load%weights)) cycle                  ! a problem that has been reported
-            if (unknown_tone_of(self, i) > 0) then
-               call fail(error, "load "//to_text(i)//": tone "//to_text(unknown_tone_of(self, i))// &
+            if (unknown_tone_of(system, i) > 0) then
+               call fail(error, "load "//to_text(i)//": tone "//to_text(unknown_tone_of(system, i))// &
                          " is unknown, and a load needs a given frequency")
                return
             end if
-            call load%add_to(structure, self%harmonics, frequencies, loads, slopes)
+            call load%add_to(structure, discretisation%harmonics, frequencies, loads, slopes)
          end associate
       end do
    end subroutine build_loads
 
    !> An unknown tone in the tuple of a load that is not zero; 0: there is none.
-   pure integer function unknown_tone_of(self, i) result(tone)
-      type(model_t), intent(in) :: self
+   pure integer function unknown_tone_of(system, i) result(tone)
+      type(system_t), intent(in) :: system
       integer, intent(in) :: i                                        !! number of the load
 
       tone = 0
-      associate (load => self%given_loads(i))
+      associate (load => system%loads(i))
          if (any(abs(load%weights*load%cosine) > 0.0_wp) .or. any(abs(load%weights*load%sine) > 0.0_wp)) &
-            tone = findloc(self%tones%is_unknown .and. load%tuple /= 0, .true., dim=1)
+            tone = findloc(system%tones%is_unknown .and. load%tuple /= 0, .true., dim=1)
       end associate
    end function unknown_tone_of
 
@@ -303,20 +308,22 @@ contains
       type(model_t), intent(inout) :: self
       integer :: i
 
-      call new_amplitudes(self%start, self%structure%n_dofs, self%harmonics%n_harmonics)
-      do i = 1, size(self%given_starts)
-         if (.not. allocated(self%given_starts(i)%weights)) cycle     ! a problem that has been reported
-         call self%given_starts(i)%add_to(self%structure, self%harmonics, spread(0.0_wp, 1, self%harmonics%n_harmonics), self%start)
+      call new_amplitudes(self%discretisation%start, self%system%structure%n_dofs, self%discretisation%harmonics%n_harmonics)
+      do i = 1, size(self%options%start%given)
+         if (.not. allocated(self%options%start%given(i)%weights)) cycle ! a problem that has been reported
+         call self%options%start%given(i)%add_to(self%system%structure, self%discretisation%harmonics, &
+            spread(0.0_wp, 1, self%discretisation%harmonics%n_harmonics), self%discretisation%start)
       end do
    end subroutine build_starts
 
    !> Fails if the equations of odd motions are no longer odd.
-   subroutine check_odd(self, error)
-      type(model_t), intent(in) :: self
+   subroutine check_odd(system, discretisation, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(error_t), allocatable, intent(out) :: error
       character(200) :: reason
 
-      reason = why_not_odd(self%laws, self%harmonics, self%torus, self%loads)
+      reason = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, discretisation%loads)
       if (reason /= "") call fail(error, "the symmetry of motions cannot be 'odd': "//trim(reason))
    end subroutine check_odd
 

@@ -12,6 +12,7 @@ module hb_model_problem
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: balance_t, new_balance
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -22,7 +23,9 @@ module hb_model_problem
    use hb_model_number, only: has_number, model_number_t
    use hb_model_numbers, only: build_beside
    use hb_movement, only: add_linear_numbers, movement_t, movement_with_tone, new_movement, set_movement
+   use hb_options, only: options_t
    use hb_structure, only: structure_t
+   use hb_system, only: system_t
    use hb_thresholds, only: difference_step
    implicit none
    private
@@ -87,32 +90,36 @@ module hb_model_problem
 contains
 
    !> Creates the problem of a model. Fails for a number that cannot move, and for a model without laws.
-   subroutine new_model_problem(self, model, moving, value, error)
+   subroutine new_model_problem(self, system, discretisation, options, moving, value, error)
       type(model_problem_t), intent(inout) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(moving_value_t), intent(in) :: moving
       real(wp), intent(in) :: value                                   !! its value in the model
       type(error_t), allocatable, intent(out) :: error
       integer :: tone
 
-      self%model = model
+      self%model%system = system
+      self%model%discretisation = discretisation
+      self%model%options = options
       self%first_value = value
-      self%own = 2*model%tones%n_tones + 1
+      self%own = 2*system%tones%n_tones + 1
       self%n_unknowns = 0
       self%has_stiffness = .false.
-      self%omega = model%tones%omega
-      self%xi = 0.0_wp*model%tones%omega
+      self%omega = system%tones%omega
+      self%xi = 0.0_wp*system%tones%omega
       call take_value(self, moving, value, error)
       if (allocated(error)) return
       if (allocated(self%with_tones)) deallocate (self%with_tones)
-      allocate (self%with_tones(model%tones%n_tones))
-      do tone = 1, model%tones%n_tones
-         if (model%tones%is_unknown(tone)) self%with_tones(tone) = movement_with_tone(model, tone)
+      allocate (self%with_tones(system%tones%n_tones))
+      do tone = 1, system%tones%n_tones
+         if (system%tones%is_unknown(tone)) self%with_tones(tone) = movement_with_tone(system, tone)
       end do
       self%moves_frequency = self%movement%tones .and. .not. (self%movement%needs_balance() .or. self%follows_tones())
-      self%followed = 0.0_wp*model%tones%omega                        ! not yet
+      self%followed = 0.0_wp*system%tones%omega                       ! not yet
       if (self%follows_tones()) then
-         call follow_tones(self, model%tones%omega, error)
+         call follow_tones(self, system%tones%omega, error)
       else
          call rebuild(self, error)
       end if
@@ -130,7 +137,7 @@ contains
       self%first_value = value
       self%moves_mode = moving%number%object == has_number%normal_mode
       call new_movement(self%movement, self%model, moving%number, moving%is_tied, error)
-      if (.not. allocated(error)) self%omega_slopes = self%movement%omega_slopes(self%model%tones)
+      if (.not. allocated(error)) self%omega_slopes = self%movement%omega_slopes(self%model%system%tones)
    end subroutine take_value
 
    !> Whether numbers follow frequencies of unknown tones.
@@ -167,9 +174,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
 
-      coordinates = coordinates_of(self%model)
+      coordinates = coordinates_of(self%model%system)
       if (coordinates%equal(self%stiffness%coordinates)) then
-         call self%balance_t%replace_laws(laws_at(coordinates, self%model%laws))
+         call self%balance_t%replace_laws(laws_at(coordinates, self%model%system%laws))
          self%is_sound = .true.
       else
          call rebuild(self, error)
@@ -189,25 +196,26 @@ contains
       self%is_sound = .false.
       allocate (xi, source=self%xi)
       n_before = self%n_unknowns
-      has_slopes = self%movement%tones .or. any(self%model%tones%is_unknown)
+      has_slopes = self%movement%tones .or. any(self%model%system%tones%is_unknown)
       associate (model => self%model)
-         if (size(model%laws) == 0) then
+         if (size(model%system%laws) == 0) then
             call fail(error, "a curve needs at least one &law; without laws use a &sweep")
             return
          end if
-         coordinates = coordinates_of(model)
+         coordinates = coordinates_of(model%system)
          keeps_stiffness = self%movement%is_of_laws() .and. self%has_stiffness .and. .not. self%follows_tones()
          if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%stiffness%coordinates)
          if (keeps_stiffness) then
             call self%stiffness%transfer_to(stiffness)
          else
-            call new_dynamic_stiffness(stiffness, model%structure, coordinates, &
-               model%harmonics%frequencies(model%tones%omega), model%loads, error, &
-               wanted_slopes_t(is_on=has_slopes, of_motion=model%normal_mode%has_energy, loads=model%load_slopes))
+            call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, &
+               model%discretisation%harmonics%frequencies(model%system%tones%omega), model%discretisation%loads, error, &
+               wanted_slopes_t(is_on=has_slopes, of_motion=model%system%normal_mode%has_energy, &
+                               loads=model%discretisation%load_slopes))
             if (allocated(error)) return
          end if
-         call new_balance(self%balance_t, model%harmonics, model%torus, model%tones%omega, stiffness, &
-                          laws_at(coordinates, model%laws), error)
+         call new_balance(self%balance_t, model%discretisation%harmonics, model%discretisation%torus, model%system%tones%omega, &
+                          stiffness, laws_at(coordinates, model%system%laws), error)
       end associate
       self%has_stiffness = .not. allocated(error)
       if (allocated(error)) return
@@ -216,7 +224,7 @@ contains
          call fail(error, "the number of unknowns must not change along a curve")
          return
       end if
-      if (any(abs(xi) > 0.0_wp)) call self%move(self%model%tones%omega, xi, error)
+      if (any(abs(xi) > 0.0_wp)) call self%move(self%model%system%tones%omega, xi, error)
       self%is_sound = .not. allocated(error)
    end subroutine rebuild
 
@@ -246,8 +254,8 @@ contains
       logical :: is_possible
 
       change = 0.0_wp
-      if (self%model%structure%n_dofs <= self%n_dofs) return          ! nothing is condensed
-      if (.not. (self%movement%tones .or. any(self%model%tones%is_unknown))) return
+      if (self%model%system%structure%n_dofs <= self%n_dofs) return   ! nothing is condensed
+      if (.not. (self%movement%tones .or. any(self%model%system%tones%is_unknown))) return
       omega = self%omega
       value = self%value
       call self%residual(x, here)
@@ -313,7 +321,7 @@ contains
       integer :: i
 
       self%is_sound = .false.
-      loads = self%model%loads
+      loads = self%model%discretisation%loads
       is_of_laws = movement%is_of_laws()
       if (present(laws_only)) is_of_laws = is_of_laws .or. laws_only
       call set_movement(self%model, movement, value, error, is_alike, laws_only)
@@ -321,11 +329,12 @@ contains
       if (is_of_laws .and. is_alike .and. self%has_stiffness) then
          call replace_laws(self, error)
       else if (movement%tones .and. .not. movement%needs_balance()) then
-         call self%balance_t%set_parameters([(i, i=1, size(self%omega))], self%model%tones%omega, is_possible)
+         call self%balance_t%set_parameters([(i, i=1, size(self%omega))], self%model%system%tones%omega, is_possible)
          if (.not. is_possible) call fail(error, "the structure has no condensed stiffness at these frequencies")
          self%is_sound = is_possible
       else if (moves_loads_alone(self)) then
-         call self%stiffness%change_loads(self%model%structure, self%frequencies, loads, self%model%loads, error)
+         call self%stiffness%change_loads(self%model%system%structure, self%frequencies, loads, self%model%discretisation%loads, &
+                                          error)
          self%has_stiffness = .not. allocated(error)
          if (self%has_stiffness) call replace_laws(self, error)
       else
@@ -417,7 +426,7 @@ contains
       if (is_possible .and. any(which /= self%own)) &
          call self%balance_t%set_parameters(pack(which, which /= self%own), pack(values, which /= self%own), is_possible)
       if (.not. is_possible .or. all(which == self%own)) return
-      self%model%tones%omega = self%omega                             ! for a new balance
+      self%model%system%tones%omega = self%omega                      ! for a new balance
       if (.not. self%follows_tones()) return
       call follow_tones(self, (self%omega), error)
       is_possible = .not. allocated(error)
@@ -464,7 +473,7 @@ contains
       if (movement%laws) call add_derivative_of_laws(self, movement, value, typical, x, derivative)
       if (movement%structure .or. movement%loads) call add_derivative_of_structure(self, movement, value, typical, x, derivative)
       if (.not. movement%tones) return
-      slopes = movement%omega_slopes(self%model%tones)
+      slopes = movement%omega_slopes(self%model%system%tones)
       do tone = 1, size(slopes)
          if (abs(slopes(tone)) <= 0.0_wp) cycle
          call self%balance_t%parameter_derivative(x, tone, part)
@@ -487,7 +496,7 @@ contains
       do k = movement%first, size(movement%followers)
          associate (follower => movement%followers(k))
             if (follower%number%object /= has_number%law .or. abs(follower%slope) <= 0.0_wp) cycle
-            call self%number_derivative(x, self%model%law_groups == follower%number%i, follower%number%number_t, &
+            call self%number_derivative(x, self%model%system%law_groups == follower%number%i, follower%number%number_t, &
                                         difference_step*typical*abs(follower%slope), part, is_known)
             if (.not. is_known) then
                call find_difference_of_laws(self, movement, value, difference_step*typical, x, total)
@@ -581,7 +590,7 @@ contains
 
       side%position = position
       call build_beside(self%model, numbers, values, side%structure, side%loads, error)
-      if (allocated(error)) side = side_t(0.0_wp, self%model%structure, self%model%loads)
+      if (allocated(error)) side = side_t(0.0_wp, self%model%system%structure, self%model%discretisation%loads)
    end subroutine find_side
 
    !> The difference quotients of both sides; zero if neither is possible.
@@ -593,7 +602,7 @@ contains
       type(amplitudes_t), intent(out) :: loads
       real(wp) :: once(self%harmonics%n_harmonics), weight
 
-      call new_amplitudes(loads, self%model%structure%n_dofs, self%harmonics%n_harmonics)
+      call new_amplitudes(loads, self%model%system%structure%n_dofs, self%harmonics%n_harmonics)
       if (.not. abs(sides(1)%position - sides(2)%position) > 0.0_wp) return
       weight = 1.0_wp/(sides(1)%position - sides(2)%position)
       once = 1.0_wp
@@ -636,7 +645,7 @@ contains
       if (size(numbers) > 0) then
          call find_difference(self, sides, has_structure, structure, loads)
       else
-         call new_amplitudes(loads, self%model%structure%n_dofs, self%harmonics%n_harmonics)
+         call new_amplitudes(loads, self%model%system%structure%n_dofs, self%harmonics%n_harmonics)
       end if
    end subroutine model_problem_find_linear_slopes
 
@@ -671,8 +680,8 @@ contains
       wanted%drives = self%drives()
       wanted%rates = 0.0_wp*self%frequencies
       wanted%loads = load_slopes
-      call new_dynamic_stiffness(stiffness, self%model%structure, coordinates_of(self%model), self%frequencies, &
-                                 self%model%loads, error, wanted)
+      call new_dynamic_stiffness(stiffness, self%model%system%structure, coordinates_of(self%model%system), self%frequencies, &
+                                 self%model%discretisation%loads, error, wanted)
       if (allocated(error)) return
       call new_linear_part(linear, stiffness)
       call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)
@@ -694,8 +703,8 @@ contains
          wanted%of_interior = .false.
          wanted%drives = self%drives()
          wanted%drives = wanted%drives(positions)
-         call new_dynamic_stiffness(stiffness, self%model%structure, self%stiffness%coordinates, self%frequencies(positions), &
-                                    load_slopes%at(positions), error, wanted)
+         call new_dynamic_stiffness(stiffness, self%model%system%structure, self%stiffness%coordinates, &
+                                    self%frequencies(positions), load_slopes%at(positions), error, wanted)
          if (.not. allocated(error)) along(:, positions) = stiffness%load
       end associate
       slope = [self%harmonics%coefficients(along)]

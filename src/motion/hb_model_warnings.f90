@@ -1,11 +1,13 @@
 !> Warnings about a model that can be solved, before it is: tones with a common period, no load, values that suggest a mistake.
 module hb_model_warnings
+   use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_model, only: model_t
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_numbers, only: number_t
+   use hb_options, only: options_t
+   use hb_system, only: system_t
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
@@ -23,42 +25,45 @@ module hb_model_warnings
 contains
 
    !> Lists the warnings about a model, one per line; none: an empty text.
-   subroutine describe_warnings(model, text)
-      type(model_t), intent(in) :: model
+   subroutine describe_warnings(system, discretisation, options, text)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       character(:), allocatable, intent(out) :: text
 
-      call describe_implausible(model, text)
-      call add_line(text, trim(commensurate_text(model%tones, model%error_estimate%commensurability)))
-      if (has_no_load(model)) call add_line(text, no_load_text)
+      call describe_implausible(system, text)
+      call add_line(text, trim(commensurate_text(system%tones, options%error_estimate%commensurability)))
+      if (has_no_load(system, discretisation)) call add_line(text, no_load_text)
    end subroutine describe_warnings
 
    !> Lists values of a model that suggest a mistake, one per line: tones far above all natural frequencies, gaps that are very
    !> large or negative; none: an empty text.
-   subroutine describe_implausible(model, text)
-      type(model_t), intent(in) :: model
+   subroutine describe_implausible(system, text)
+      type(system_t), intent(in) :: system
       character(:), allocatable, intent(out) :: text
       integer :: i
 
       text = ""
-      call describe_tones(model, text)
-      do i = 1, size(model%laws)
-         call describe_gaps(model%laws(i)%law, text)
+      call describe_tones(system, text)
+      do i = 1, size(system%laws)
+         call describe_gaps(system%laws(i)%law, text)
       end do
    end subroutine describe_implausible
 
    !> Adds a line on given tones that are far above all natural frequencies of the structure.
-   subroutine describe_tones(model, text)
-      type(model_t), intent(in) :: model
+   subroutine describe_tones(system, text)
+      type(system_t), intent(in) :: system
       character(:), allocatable, intent(inout) :: text
       real(wp), allocatable :: natural(:)
       real(wp) :: highest
       logical :: lacks_gyroscopic
 
-      if (model%structure%n_dofs > max_dofs .or. model%structure%up_to > 0.0_wp .or. allocated(model%structure%parts)) return
-      call find_natural_frequencies(model%structure, natural, lacks_gyroscopic)
+      if (system%structure%n_dofs > max_dofs .or. system%structure%up_to > 0.0_wp .or. &
+          allocated(system%structure%parts)) return
+      call find_natural_frequencies(system%structure, natural, lacks_gyroscopic)
       if (size(natural) == 0) return
       highest = maxval(natural)
-      associate (tones => model%tones)
+      associate (tones => system%tones)
          if (.not. highest > rounding*maxval(tones%omega)) return
          if (.not. any(tones%omega > max_tone_ratio*highest .and. .not. tones%is_unknown)) return
          call add_line(text, "a tone of "//to_text(rounded(tones%in_unit(maxval(tones%omega))))//" "//trim(tones%unit())// &
@@ -116,12 +121,13 @@ contains
 
    !> Whether nothing drives the model: no load, no law that depends on tones, and no unknown tone of a self-excited
    !> motion.
-   pure logical function has_no_load(model)
-      type(model_t), intent(in) :: model
+   pure logical function has_no_load(system, discretisation)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       integer :: i
 
-      has_no_load = .not. any(model%tones%is_unknown) .and. model%loads%is_zero() .and. &
-                    .not. any([(allocated(model%laws(i)%law%modulation), i=1, size(model%laws))])
+      has_no_load = .not. any(system%tones%is_unknown) .and. discretisation%loads%is_zero() .and. &
+                    .not. any([(allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])
    end function has_no_load
 
    !> Names a combination of given tones with a frequency below `limit` times the largest, and the equivalent model

@@ -8,6 +8,7 @@ module hb_motion
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
+   use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: error_estimate_t, estimate_linear_error
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
@@ -22,11 +23,13 @@ module hb_motion
    use hb_model_basis, only: coordinates_of, find_basis
    use hb_motion_description, only: describe_motion, keep_motion
    use hb_motion_result, only: motion_result_t
+   use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_solver, only: solve
-   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, fallback, report_t, stage, starting_point, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, report_t, set_choice, stage, starting_point, technique
    use hb_stability, only: stability_method, stability_t
    use hb_structure, only: max_dense
+   use hb_system, only: system_t
    use hb_thresholds, only: nearby_steps, rounding
    use hb_time_domain, only: locking_t, may_be_locked, primary_method, steady_motion_t
    implicit none
@@ -67,7 +70,7 @@ contains
       type(cancellation_t), target :: cancellation
       real(wp), allocatable :: found(:)
 
-      call cancellation%enter(model%solver%time_limit)
+      call cancellation%enter(model%options%solver%time_limit)
       if (present(guess)) found = guess
       call solve_with_cancellation(model, result, error, found, cached)
       call cancellation%leave()
@@ -90,9 +93,10 @@ contains
 
       attempts%model => model
       attempts%result => result
-      if (present(cached) .and. .not. any(model%tones%is_unknown)) attempts%parts => cached ! no slopes, no drives
+      if (present(cached) .and. .not. any(model%system%tones%is_unknown)) attempts%parts => cached ! no slopes, no drives
       call move_alloc(unknowns, attempts%first_guess)
-      call find_basis(attempts%basis, attempts%is_odd, model, error, attempts%first_guess)
+      call find_basis(attempts%basis, attempts%is_odd, model%system, model%discretisation, model%options, error, &
+                      attempts%first_guess)
       if (allocated(error)) return
       call make_attempts(attempts, stage%motion)
       if (allocated(attempts%error)) call move_alloc(attempts%error, error)
@@ -108,19 +112,21 @@ contains
 
       associate (model => self%model)
          if (rule%technique == technique%integration) then
-            applies = model%has_time_domain() .and. .not. (any(model%tones%is_unknown) .or. model%normal_mode%is_requested)
+            applies = model%options%has_time_domain() .and. .not. (any(model%system%tones%is_unknown) .or. &
+                                                           model%system%normal_mode%is_requested)
             if (self%result%status == outcome%pending) then
-               applies = applies .and. model%primary_method == primary_method%integration .and. .not. allocated(self%first_guess)
+               applies = applies .and. model%options%primary_method == primary_method%integration .and. &
+                  .not. allocated(self%first_guess)
             else
-               self%is_struck = model%lacks_impacts_of(self%result%status)
-               applies = applies .and. model%solver%fallback .and. model%solver%fallback_by_integration .and. &
+               self%is_struck = model%options%lacks_impacts_of(model%system, self%result%status)
+               applies = applies .and. model%options%solver%fallback .and. model%options%solver%fallback_by_integration .and. &
                          (self%is_struck .or. is_lost(self%result%status))
             end if
             if (.not. applies) return
-            self%coordinates = coordinates_of(model)
+            self%coordinates = coordinates_of(model%system)
             applies = self%coordinates%n > 0
          else
-            applies = rule%discretisation /= discretisation%odd .or. self%is_odd
+            applies = rule%discretisation /= set_choice%odd .or. self%is_odd
          end if
       end associate
    end function motion_attempts_applies
@@ -142,17 +148,19 @@ contains
             return
          end if
          if (rule%start == starting_point%integrated) then
-            call balance_from(model, guess_from(model, self%coordinates, self%steady), result, self%unknowns)
+            call balance_from(model%system, model%discretisation, model%options, &
+                              guess_from(model%system, model%discretisation, self%coordinates, self%steady), result, self%unknowns)
             attempt%has_succeeded = result%fallback == fallback%integration
             call adopt_integrated(self)
          else
             if (.not. allocated(self%unknowns) .and. allocated(self%first_guess)) self%unknowns = self%first_guess
-            if (rule%discretisation == discretisation%odd) then
+            if (rule%discretisation == set_choice%odd) then
                call solve_model(model, self%basis, result, self%error, self%unknowns, self%parts)
                result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
                attempt%has_succeeded = result%is_odd
             else
-               call solve_model(model, whole_basis(model%harmonics, model%torus), result, self%error, self%unknowns, self%parts)
+               call solve_model(model, whole_basis(model%discretisation%harmonics, model%discretisation%torus), result, &
+                                self%error, self%unknowns, self%parts)
                attempt%has_succeeded = result%status == outcome%converged
             end if
             if (allocated(result%attempts)) call move_alloc(result%attempts, within)
@@ -175,7 +183,8 @@ contains
       type(error_t), allocatable :: error
 
       associate (model => self%model, result => self%result, steady => self%steady)
-         call model%callbacks%time_domain_solver%find_steady_motion(model, self%coordinates%dofs, steady, error)
+         call model%options%callbacks%time_domain_solver%find_steady_motion(model%system, model%discretisation, model%options, &
+                                                                            self%coordinates%dofs, steady, error)
          attempt%has_succeeded = work_is_over() .or. steady%status /= outcome%pending .and. .not. allocated(error)
          attempt%status = merge(steady%status, outcome%failed, attempt%has_succeeded)
          if (.not. attempt%has_succeeded) return
@@ -187,7 +196,8 @@ contains
          result%n_periods = steady%n_repeat
          if (work_is_over()) result%status = status_of_ended()
          if (allocated(steady%message)) result%message = steady%message
-         if (is_solved(result%status)) call keep_integrated(model, self%coordinates, steady, result)
+         if (is_solved(result%status)) &
+            call keep_integrated(model%system, model%discretisation, model%options, self%coordinates, steady, result)
          attempt%status = result%status
       end associate
    end subroutine integrate_first
@@ -204,9 +214,10 @@ contains
       associate (model => self%model, result => self%result, steady => self%steady)
          allocate (from)
          has_start = self%is_struck .and. allocated(self%unknowns)
-         if (has_start) call start_from(model, self%unknowns, from, has_start)
+         if (has_start) call start_from(model%system, model%discretisation, model%options, self%unknowns, from, has_start)
          if (.not. has_start) from = model
-         call model%callbacks%time_domain_solver%find_steady_motion(from, self%coordinates%dofs, steady, error)
+         call model%options%callbacks%time_domain_solver%find_steady_motion(from%system, from%discretisation, from%options, &
+                                                                            self%coordinates%dofs, steady, error)
          result%work = result%work + steady%work
          result%integration_work = steady%work
          if (allocated(error)) steady%message = "integration: "//error%message
@@ -239,14 +250,17 @@ contains
             result%status = steady%status
             result%n_periods = steady%n_repeat
             result%message = steady%message
-            if (is_solved(steady%status)) call keep_integrated(model, self%coordinates, steady, result)
+            if (is_solved(steady%status)) &
+               call keep_integrated(model%system, model%discretisation, model%options, self%coordinates, steady, result)
          end if
       end associate
    end subroutine adopt_integrated
 
    !> Sets a motion that solves the balance as the start of the model, in all degrees of freedom.
-   subroutine start_from(model, unknowns, from, is_there)
-      type(model_t), intent(in) :: model
+   subroutine start_from(system, discretisation, options, unknowns, from, is_there)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: unknowns(:)                             !! of the solution, as the guess of `solve_motion`
       type(model_t), intent(out) :: from
       logical, intent(out) :: is_there
@@ -254,25 +268,29 @@ contains
       type(motion_result_t) :: whole
       integer :: i
 
-      is_there = model%structure%n_dofs <= max_dense
+      is_there = system%structure%n_dofs <= max_dense
       if (.not. is_there) return
-      from = model
-      from%may_integrate = .false.
-      from%error_estimate%is_on = .false.
-      from%stability%method = stability_method%off
-      from%output%dofs = [(i, i=1, model%structure%n_dofs)]
+      from%system = system
+      from%discretisation = discretisation
+      from%options = options
+      from%options%may_integrate = .false.
+      from%options%error_estimate%is_on = .false.
+      from%options%stability%method = stability_method%off
+      from%options%output%dofs = [(i, i=1, system%structure%n_dofs)]
       call solve_motion(from, whole, error, unknowns)
       is_there = .not. allocated(error) .and. whole%status == outcome%converged
       if (.not. is_there) return
-      from%error_estimate = model%error_estimate
-      from%stability = model%stability
-      from%output = model%output
-      from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
+      from%options%error_estimate = options%error_estimate
+      from%options%stability = options%stability
+      from%options%output = options%output
+      from%discretisation%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
    end subroutine start_from
 
    !> Solves the balance in a few steps from the integrated motion; the result is that of the balance if it converges.
-   subroutine balance_from(model, guess, result, unknowns)
-      type(model_t), intent(in) :: model
+   subroutine balance_from(system, discretisation, options, guess, result, unknowns)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: guess(:)                                !! as that of `solve_motion`
       type(motion_result_t), intent(inout) :: result
       real(wp), allocatable, intent(inout) :: unknowns(:)
@@ -281,11 +299,13 @@ contains
       type(model_t) :: near
       real(wp), allocatable :: solution(:)
 
-      near = model
-      near%solver%fallback = .false.
-      near%solver%max_iterations = min(model%solver%max_iterations, nearby_steps)
+      near%system = system
+      near%discretisation = discretisation
+      near%options = options
+      near%options%solver%fallback = .false.
+      near%options%solver%max_iterations = min(options%solver%max_iterations, nearby_steps)
       solution = guess
-      call solve_model(near, whole_basis(model%harmonics, model%torus), found, error, solution)
+      call solve_model(near, whole_basis(discretisation%harmonics, discretisation%torus), found, error, solution)
       if (allocated(error)) return
       call found%add(result%effort_t)
       if (found%status == outcome%converged) then
@@ -340,48 +360,50 @@ contains
 
       started = wall_clock()
       call move_alloc(unknowns, guess)
-      coordinates = coordinates_of(model)
-      is_autonomous = any(model%tones%is_unknown)
-      call find_first_guess(model, basis, coordinates, guess, start, first_guess, error)
+      coordinates = coordinates_of(model%system)
+      is_autonomous = any(model%system%tones%is_unknown)
+      call find_first_guess(model%system, model%discretisation, model%options, basis, coordinates, guess, start, first_guess, error)
       if (allocated(error)) return
       result%frequency = start%omega
       result%n_harmonics = basis%whole%n_harmonics
       keeps = .false.
       if (present(cached)) keeps = associated(cached) .and. coordinates%n > 0
       if (keeps) then
-         call cached%narrow%take(model%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                 model%loads%at(basis%positions), linear, error)
+         call cached%narrow%take(model%system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                 model%discretisation%loads%at(basis%positions), linear, error)
       else
-         call new_dynamic_stiffness(stiffness, model%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                    model%loads%at(basis%positions), error, &
-                                    wanted_slopes_t(is_on=is_autonomous, of_motion=model%normal_mode%has_energy, &
-                                                    loads=model%load_slopes%at(basis%positions)))
+         call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                    model%discretisation%loads%at(basis%positions), error, &
+                                    wanted_slopes_t(is_on=is_autonomous, of_motion=model%system%normal_mode%has_energy, &
+                                                    loads=model%discretisation%load_slopes%at(basis%positions)))
       end if
       if (allocated(error)) return
       if (coordinates%n == 0) then
          result%setup_seconds = wall_clock() - started
-         call solve_linear_model(model, basis, stiffness, result)
+         call solve_linear_model(model%system, model%discretisation, model%options, basis, stiffness, result)
          return
       end if
       if (.not. keeps) then
          allocate (linear)
          call new_linear_part(linear, stiffness)
       end if
-      call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, model%laws), &
+      call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, model%system%laws), &
                        error)
       if (keeps) balance%cached_wide => cached%wide
       result%setup_seconds = wall_clock() - started
       if (.not. allocated(error)) call solve_balance(model, basis, start, balance, result, error, first_guess, unknowns)
-      if (model%has_time_domain() .and. is_autonomous .and. model%tones%n_tones > 1 .and. .not. allocated(error) &
+      if (model%options%has_time_domain() .and. is_autonomous .and. model%system%tones%n_tones > 1 .and. .not. allocated(error) &
           .and. result%status /= outcome%interrupted) &
-         call search_for_locking(model, start, coordinates%dofs, result)
+         call search_for_locking(model%system, model%discretisation, model%options, start, coordinates%dofs, result)
       if (keeps) call cached%narrow%give_back(balance%stiffness)
       call balance%destroy()
    end subroutine solve_model
 
    !> Finds the start of the search: the tones, and the motion if it is given or by time integration.
-   subroutine find_first_guess(model, basis, coordinates, guess, start, first_guess, error)
-      type(model_t), intent(in) :: model
+   subroutine find_first_guess(system, discretisation, options, basis, coordinates, guess, start, first_guess, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the whole set; not allocated: there is none
@@ -389,22 +411,24 @@ contains
       real(wp), allocatable, intent(out) :: first_guess(:)            !! in the basis
       type(error_t), allocatable, intent(out) :: error
 
-      start%omega = model%tones%omega
-      if (any(model%tones%is_unknown)) call find_start(start, model, basis, coordinates, error)
+      start%omega = system%tones%omega
+      if (any(system%tones%is_unknown)) call find_start(start, system, discretisation, options, basis, coordinates, error)
       if (allocated(error)) return
       if (allocated(guess)) then
          call restrict_guess(basis, coordinates%n, guess, first_guess)
-      else if (model%start_from_integration .and. coordinates%n > 0) then
-         call integrate_guess(model, basis, start%omega, coordinates, first_guess, error)
+      else if (options%start%from_integration .and. coordinates%n > 0) then
+         call integrate_guess(system, discretisation, options, basis, start%omega, coordinates, first_guess, error)
       end if
-      if (allocated(error) .or. .not. (any(model%tones%is_unknown) .and. allocated(first_guess))) return
+      if (allocated(error) .or. .not. (any(system%tones%is_unknown) .and. allocated(first_guess))) return
       start%omega = first_guess(size(first_guess) - size(start%omega) + 1:)
       start%has_motion = .true.
    end subroutine find_first_guess
 
    !> Computes a first guess by time integration; there is none if that finds nothing.
-   subroutine integrate_guess(model, basis, omega, coordinates, first_guess, error)
-      type(model_t), intent(in) :: model
+   subroutine integrate_guess(system, discretisation, options, basis, omega, coordinates, first_guess, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(coordinates_t), intent(in) :: coordinates
@@ -412,11 +436,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: integrated(:)
 
-      if (.not. model%has_time_domain()) then
+      if (.not. options%has_time_domain()) then
          call fail(error, "first_guess = 'integration' needs a time-domain solver")
          return
       end if
-      call model%callbacks%time_domain_solver%first_guess(model, omega, coordinates%dofs, integrated, error)
+      call options%callbacks%time_domain_solver%first_guess(system, discretisation, options, omega, coordinates%dofs, integrated, &
+                                                            error)
       if (allocated(error) .and. work_is_over()) deallocate (error)   ! the following steps are short
       call annotate(error, "first guess from time integration")
       if (allocated(error) .or. .not. allocated(integrated)) return
@@ -441,39 +466,43 @@ contains
    end subroutine restrict_guess
 
    !> Solves a model without laws: the condensed problem has no unknowns, only the linear motion remains.
-   subroutine solve_linear_model(model, basis, stiffness, result)
-      type(model_t), intent(in) :: model
+   subroutine solve_linear_model(system, discretisation, options, basis, stiffness, result)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(dynamic_stiffness_t), intent(in) :: stiffness
       type(motion_result_t), intent(inout) :: result
       complex(wp) :: at_laws(0, basis%harmonics%n_harmonics)
       complex(wp), allocatable :: c(:, :)
 
-      allocate (c(model%structure%n_dofs, basis%harmonics%n_harmonics))
+      allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
       call stiffness%recover(at_laws, c)
-      call keep_motion(model, basis, c, result)
+      call keep_motion(options, basis, c, result)
       allocate (result%force_coefficients(2, basis%whole%n_harmonics, 0))
       allocate (result%corrected_coefficients(2, basis%whole%n_harmonics, 0))
       result%status = outcome%converged
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
-      if (model%error_estimate%is_on .and. result%status == outcome%converged) &
-         call estimate_linear_error(result%error_estimate, model%structure, model%tones, &
-                                    basis%harmonics%frequencies(model%tones%omega), &
-                             model%loads%at(basis%positions), c)
+      if (options%error_estimate%is_on .and. result%status == outcome%converged) &
+         call estimate_linear_error(result%error_estimate, system%structure, system%tones, &
+                                    basis%harmonics%frequencies(system%tones%omega), &
+                             discretisation%loads%at(basis%positions), c)
    end subroutine solve_linear_model
 
    !> Fails for a motion of which a coordinate drifts: no motion with a constant mean value exists.
-   subroutine check_drift(model, balance, u, error)
-      type(model_t), intent(in) :: model
+   subroutine check_drift(system, options, balance, u, error)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)                                 !! solution [m]
       type(error_t), allocatable, intent(out) :: error
       integer :: drifting
 
-      drifting = balance%drifting(u, model%solver%tolerance)
+      drifting = balance%drifting(u, options%solver%tolerance)
       if (drifting == 0) return
       call fail(error, "degree of freedom '"// &
-                trim(model%structure%labels(balance%stiffness%coordinates%positions(drifting)))//"' drifts: it has no static "// &
+                trim(system%structure%labels(balance%stiffness%coordinates%positions(drifting)))// &
+                   "' drifts: it has no static "// &
                 "stiffness, and the mean force of its laws and loads is not zero, so that no motion has a mean value there; "// &
                 "add a support or make the loads symmetric")
    end subroutine check_drift
@@ -497,37 +526,37 @@ contains
 
       started = wall_clock()
       allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
-      if (any(model%tones%is_unknown)) then
-         call add_start(model, basis, balance%stiffness%coordinates, u)
+      if (any(model%system%tones%is_unknown)) then
+         call add_start(model%discretisation, basis, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%base%u
          begun = wall_clock()
-         call find_motion(model, start, balance, u, search)
+         call find_motion(model%system, model%discretisation, model%options, start, balance, u, search)
          report = search%report
-         call keep_tones(model, balance, report, result)
+         call keep_tones(model%system, balance, report, result)
          if (allocated(search%message)) result%message = search%message
       else
          allocate (linear_solution, mold=u)
          call balance%linear_solution(linear_solution)
-         if (model%start_from_linear) then
+         if (model%options%start%from_linear) then
             u = linear_solution
             if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
          end if
-         call add_start(model, basis, balance%stiffness%coordinates, u)
+         call add_start(model%discretisation, basis, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
          ! a known motion is tried first
-         if (allocated(guess) .or. .not. model%start%is_zero()) balance%continues_in_order_first = .false.
+         if (allocated(guess) .or. .not. model%discretisation%start%is_zero()) balance%continues_in_order_first = .false.
          begun = wall_clock()
-         call solve_unknowns(model, balance, linear_solution, u, report)
-         if (report%status == outcome%converged .and. model%loads%is_zero() .and. .not. model%callbacks%is_followed) &
-            call discard_noise(balance, u, report%residual)
+         call solve_unknowns(model%options, balance, linear_solution, u, report)
+         if (report%status == outcome%converged .and. model%discretisation%loads%is_zero() .and. &
+             .not. model%options%callbacks%is_followed) call discard_noise(balance, u, report%residual)
       end if
-      if (report%status == outcome%converged) call check_drift(model, balance, u, error)
+      if (report%status == outcome%converged) call check_drift(model%system, model%options, balance, u, error)
       if (allocated(error)) return
       if (work_is_over()) report%status = status_of_ended()
       result%setup_seconds = result%setup_seconds + begun - started
       result%solver_seconds = wall_clock() - begun
       if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
-      call keep_report(model, balance, u, report, result, error)
+      call keep_report(model%system, model%options, balance, u, report, result, error)
       if (allocated(error) .or. (report%status == outcome%failed .and. allocated(report%error))) return
       call describe_motion(model, basis, balance, u, result, error, search)
       failure = trim(balance%law_set%memory_failure())
@@ -563,8 +592,9 @@ contains
    end subroutine discard_noise
 
    !> Stores the solver's report in the result, with a message if it has found no motion.
-   subroutine keep_report(model, balance, u, report, result, error)
-      type(model_t), intent(in) :: model
+   subroutine keep_report(system, options, balance, u, report, result, error)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)                                 !! the last iterate
       type(report_t), intent(inout) :: report
@@ -592,7 +622,7 @@ contains
          result%message = balance%law_set%error_text
       else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
-         call find_circumstances(model, balance, u, circumstances)
+         call find_circumstances(system, options, balance, u, circumstances)
          result%message = trim(advice_on(report, circumstances))
          result%reason = limit_of(report)
       else if (report%status == outcome%not_finite) then
@@ -603,8 +633,10 @@ contains
 
    !> Checks whether the tones have locked, in which case there is no torus: if the search for a torus failed, or if
    !> its motion is no better than a guess and its tones are nearly commensurate.
-   subroutine search_for_locking(model, start, law_dofs, result)
-      type(model_t), intent(in) :: model
+   subroutine search_for_locking(system, discretisation, options, start, law_dofs, result)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
       type(motion_result_t), intent(inout) :: result
@@ -613,15 +645,16 @@ contains
 
       select case (result%status)
       case (outcome%stalled)
-         call model%callbacks%time_domain_solver%find_locking(locking, model, start%omega, law_dofs)
+         call options%callbacks%time_domain_solver%find_locking(locking, system, discretisation, options, start%omega, law_dofs)
       case (outcome%truncated)
-         if (may_be_locked(result%frequency, model%tones%is_unknown)) &
-            call model%callbacks%time_domain_solver%find_locking(locking, model, result%frequency, law_dofs)
+         if (may_be_locked(result%frequency, system%tones%is_unknown)) &
+            call options%callbacks%time_domain_solver%find_locking(locking, system, discretisation, options, result%frequency, &
+                                                                   law_dofs)
       case (outcome%collapsed) ! to a fraction of a given tone? Otherwise the motion has no other tone
-         if (all(model%tones%is_unknown) .or. .not. may_be_locked(start%omega, model%tones%is_unknown)) return
-         call model%callbacks%time_domain_solver%find_locking(locking, model, start%omega, law_dofs)
+         if (all(system%tones%is_unknown) .or. .not. may_be_locked(start%omega, system%tones%is_unknown)) return
+         call options%callbacks%time_domain_solver%find_locking(locking, system, discretisation, options, start%omega, law_dofs)
          if (.not. locking%is_locked) return
-         locking%is_locked = any(locking%multiples > 1 .and. .not. model%tones%is_unknown)
+         locking%is_locked = any(locking%multiples > 1 .and. .not. system%tones%is_unknown)
       end select
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (.not. locking%is_locked) return
@@ -629,7 +662,7 @@ contains
       result%message = trim(locking%message())
       result%error_estimate = none                                       ! of a torus that does not exist
       result%is_near_commensurate = .false.
-      where (model%tones%is_unknown) result%frequency = locking%multiples*locking%base
+      where (system%tones%is_unknown) result%frequency = locking%multiples*locking%base
    end subroutine search_for_locking
 
    !> Status of a point that must end early.
@@ -645,22 +678,22 @@ contains
    end function status_of_ended
 
    !> Stores the tones; unknown ones that the motion does not have are NaN.
-   subroutine keep_tones(model, balance, report, result)
-      type(model_t), intent(in) :: model
+   subroutine keep_tones(system, balance, report, result)
+      type(system_t), intent(in) :: system
       type(balance_t), intent(in) :: balance
       type(report_t), intent(in) :: report
       type(motion_result_t), intent(inout) :: result
 
       result%frequency = balance%omega
-      if (model%normal_mode%is_requested) result%artificial_damping = balance%xi
+      if (system%normal_mode%is_requested) result%artificial_damping = balance%xi
       if (any(report%status == [outcome%collapsed, outcome%no_motion])) then
-         where (model%tones%is_unknown) result%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
+         where (system%tones%is_unknown) result%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
       end if
    end subroutine keep_tones
 
    !> Solves with the coefficients as one vector.
-   subroutine solve_unknowns(model, balance, linear_solution, u, report)
-      type(model_t), intent(in) :: model
+   subroutine solve_unknowns(options, balance, linear_solution, u, report)
+      type(options_t), intent(in) :: options
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: linear_solution(:, :)                   !! of the model without its laws, in the form of u
       real(wp), intent(inout), contiguous, target :: u(:, :)
@@ -668,19 +701,19 @@ contains
       real(wp), pointer, contiguous :: x(:)
 
       x(1:size(u)) => u
-      balance%preconditioner_level = model%solver%preconditioner_level
-      call solve(balance, model%solver, reshape(linear_solution, [size(u)]), x, report)
+      balance%preconditioner_level = options%solver%preconditioner_level
+      call solve(balance, options%solver, reshape(linear_solution, [size(u)]), x, report)
    end subroutine solve_unknowns
 
    !> Adds the user's first guess at the coordinates of the laws; the other motion follows from these.
-   subroutine add_start(model, basis, coordinates, u)
-      type(model_t), intent(in) :: model
+   subroutine add_start(discretisation, basis, coordinates, u)
+      type(discretisation_t), intent(in) :: discretisation
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(inout) :: u(:, :)
       type(amplitudes_t) :: start
 
-      start = model%start%at(basis%positions)
+      start = discretisation%start%at(basis%positions)
       if (.not. start%is_zero()) u = u + basis%harmonics%coefficients(coordinates%amplitudes_of(start%whole()))
    end subroutine add_start
 end module hb_motion

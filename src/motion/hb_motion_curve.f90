@@ -12,6 +12,7 @@ module hb_motion_curve
    use hb_curve_request, only: curve_kind, curve_request_t, find_direction, find_null_vector
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
    use hb_curve_step, only: longest_chord, step
+   use hb_discretisation, only: discretisation_t
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
    use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
@@ -20,10 +21,12 @@ module hb_motion_curve
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
+   use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, stability_t
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: faint, nearby_steps, next_to_none, reliable
    implicit none
@@ -75,14 +78,14 @@ contains
 
       self%request = request
       if (allocated(request%origin)) then
-         call begin_at_origin(self, model, result, error)
+         call begin_at_origin(self, model%system, model%discretisation, model%options, result, error)
          return
       end if
-      if (model%accuracy%is_on) model%chain%is_on = .false.          ! the point has no neighbour and is none
+      if (model%options%accuracy%is_on) model%options%chain%is_on = .false. ! the point has no neighbour and is none
       call solve_point(model, result, error, level)
-      if (allocated(level%unknowns) .and. model%accuracy%is_on .and. model%accuracy%grows_set) then
+      if (allocated(level%unknowns) .and. model%options%accuracy%is_on .and. model%options%accuracy%grows_set) then
          lowest = level
-         call join(lowest, model%harmonics, is_new)                   ! without even tuples no loss of symmetry is detected
+         call join(lowest, model%discretisation%harmonics, is_new)    ! without even tuples no loss of symmetry is detected
          if (is_new) call solve_point(model, result, error, level, lowest)
       end if
       self%is_done = allocated(error) .or. .not. allocated(level%unknowns)
@@ -90,16 +93,16 @@ contains
          result%status = outcome%stalled                              ! a motion, but not a point of a curve
          result%message = "a curve must start from a harmonic balance solution; "//result%message
       end if
-      if (any(model%tones%is_unknown) .and. model%accuracy%is_on .and. .not. self%is_done) then
+      if (any(model%system%tones%is_unknown) .and. model%options%accuracy%is_on .and. .not. self%is_done) then
          self%is_done = estimate_of(result) >= reliable
          if (self%is_done) &
             result%message = "no harmonic set within the limits represents this motion: it may have other tones, or none"
       end if
       if (self%is_done) return
-      further = [pack(result%frequency, model%tones%is_unknown)]
-      if (model%normal_mode%is_requested) further = [further, pack(result%artificial_damping, model%tones%is_unknown)]
+      further = [pack(result%frequency, model%system%tones%is_unknown)]
+      if (model%system%normal_mode%is_requested) further = [further, pack(result%artificial_damping, model%system%tones%is_unknown)]
       further = [further, request%start]
-      call self%prepare(model, further, level, error)
+      call self%prepare(model%system, model%discretisation, model%options, further, level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = [level%unknowns(:self%problem%n_unknowns), further]
@@ -111,14 +114,16 @@ contains
 
    !> Begins where the curve leaves another one, a short distance along it: at the intersection itself the tangent is
    !> singular.
-   subroutine begin_at_origin(self, model, result, error)
+   subroutine begin_at_origin(self, system, discretisation, options, result, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       logical :: is_found
 
-      call self%prepare(model, self%request%origin%further, self%request%origin%level, error)
+      call self%prepare(system, discretisation, options, self%request%origin%further, self%request%origin%level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       call find_first(self, is_found)
@@ -128,7 +133,7 @@ contains
          self%is_done = .true.
          return
       end if
-      if (model%accuracy%is_on) call transfer_motion(self, self%first%x, self%first%direction, error)
+      if (options%accuracy%is_on) call transfer_motion(self, self%first%x, self%first%direction, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%level = self%level
@@ -187,10 +192,10 @@ contains
       logical :: is_found
 
       if (self%request%origin%is_torus) return
-      call self%find_stability(from, self%model%stability%tolerance, at_origin)
+      call self%find_stability(from, self%model%options%stability%tolerance, at_origin)
       if (.not. allocated(at_origin%multipliers)) return
       do i = 1, max_halvings
-         call self%find_stability(self%first%x, self%model%stability%tolerance, at_first)
+         call self%find_stability(self%first%x, self%model%options%stability%tolerance, at_first)
          if (.not. allocated(at_first%multipliers)) return
          if (bifurcation_value(bifurcation%doubling, at_first%multipliers)* &
              bifurcation_value(bifurcation%doubling, at_origin%multipliers) > 0.0_wp) return
@@ -205,9 +210,11 @@ contains
 
    !> Replaces `begin`: starts from a motion and tangent of another curve, in the plane across the tangent and
    !> slightly before the motion, so that the events there are ahead. `is_found` is false if there is no motion.
-   subroutine motion_curve_begin_next_to(self, model, request, position, is_found, error)
+   subroutine motion_curve_begin_next_to(self, system, discretisation, options, request, position, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(curve_request_t), intent(in) :: request
       type(curve_position_t), intent(in) :: position                  !! a fold or peak of the other curve, with its tangent
       logical, intent(out) :: is_found
@@ -217,7 +224,7 @@ contains
       self%branch = 0
       self%is_reversed = .false.
       is_found = .false.
-      call self%prepare(model, further_of(position, model), level_of(model, position), error)
+      call self%prepare(system, discretisation, options, further_of(position, system), level_of(discretisation, position), error)
       if (allocated(error)) return
       associate (direction => position%direction)
          self%first%x = position%unknowns - run_up*request%longest_step*direction/norm2(direction/self%units_at(position%unknowns))
@@ -240,13 +247,14 @@ contains
       integer :: i
 
       self%request = request
-      call self%prepare(model, further_of(stored(1), model), level_of(model, stored(1)), error)
+      call self%prepare(model%system, model%discretisation, model%options, further_of(stored(1), model%system), &
+                        level_of(model%discretisation, stored(1)), error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = stored(1)%unknowns
       if (allocated(request%origin)) self%first%direction = stored(1)%direction
       do i = 1, size(stored)
-         level = level_of(model, stored(i))
+         level = level_of(model%discretisation, stored(i))
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
             call add_origin(self%origins, .false., stored(i)%unknowns, stored(i)%direction, level)
          if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
@@ -261,7 +269,7 @@ contains
          if (allocated(error)) return
          self%n_reported = size(stored)
          self%length = abs(last%length)
-         if (model%accuracy%is_on) then
+         if (model%options%accuracy%is_on) then
             call self%put_on(level, error)
             if (allocated(error)) return
             call self%make_curve(last%unknowns, last%direction)
@@ -284,7 +292,7 @@ contains
       call self%renew()
       call self%evaluate_here(self%known)
       associate (last => stored(size(stored)))
-         if (model%accuracy%is_on .and. last%kind == curve_kind%regular) then
+         if (model%options%accuracy%is_on .and. last%kind == curve_kind%regular) then
             call self%describe(waiting_t(last%kind, x=self%curve%x), result, error)
             self%estimate = estimate_of(result)
          end if
@@ -293,24 +301,28 @@ contains
    end subroutine motion_curve_continue_from
 
    !> The unknowns of a point other than those of the balance.
-   pure function further_of(position, model) result(further)
+   pure function further_of(position, system) result(further)
       type(curve_position_t), intent(in) :: position
-      type(model_t), intent(in) :: model
-      real(wp) :: further(n_further(model))
+      type(system_t), intent(in) :: system
+      real(wp) :: further(n_further(system))
 
       further = position%unknowns(size(position%unknowns) - size(further) + 1:)
    end function further_of
 
    !> Prepares the curve for its start on a set and a grid.
-   subroutine motion_curve_prepare(self, model, further, level, error)
+   subroutine motion_curve_prepare(self, system, discretisation, options, further, level, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: further(:)                              !! unknowns in addition to those of the balance, at the start
       type(level_t), intent(in) :: level                              !! of its first motion
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      self%model = model
+      self%model%system = system
+      self%model%discretisation = discretisation
+      self%model%options = options
       self%further = further
       self%first%level = level_t(level%set, level%n_samples)
       if (.not. allocated(self%request%values)) allocate (self%request%values(0))
@@ -339,7 +351,7 @@ contains
 
       self%branch_start = self%first
       if (self%branch > 0) self%branch_start = self%origins(self%branch)
-      if (self%model%accuracy%is_on) call self%put_on(self%branch_start%level, error)
+      if (self%model%options%accuracy%is_on) call self%put_on(self%branch_start%level, error)
       if (allocated(error)) return
       if (self%branch == 0 .and. allocated(self%first%direction)) then
          direction = self%first%direction
@@ -455,7 +467,7 @@ contains
 
       type(cancellation_t), target :: cancellation
 
-      call cancellation%enter(self%model%solver%time_limit)
+      call cancellation%enter(self%model%options%solver%time_limit)
       call find_next(self, result, error)
       call cancellation%leave()
    end subroutine motion_curve_next
@@ -543,7 +555,7 @@ contains
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
 
-      if (self%model%accuracy%is_on) then
+      if (self%model%options%accuracy%is_on) then
          call step_to_tolerance(self, error)
       else
          call step(self)
@@ -584,7 +596,7 @@ contains
       position%length = self%sense()*(self%length + point%position)
       position%branch = self%branch
       position%unknowns = self%pack(point%x)
-      if (self%model%accuracy%is_on) then
+      if (self%model%options%accuracy%is_on) then
          position%tuples = self%level%set%tuples
          position%n_samples = self%level%n_samples
       end if

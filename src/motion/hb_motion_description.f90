@@ -5,6 +5,7 @@ module hb_motion_description
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
+   use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: error_estimate_t, estimate_error, choose_wider_set, wanted_motions_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
@@ -17,10 +18,12 @@ module hb_motion_description
    use hb_model, only: model_t
    use hb_model_basis, only: asymmetry
    use hb_motion_result, only: as_pairs, motion_result_t
+   use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
+   use hb_system, only: system_t
    use hb_thresholds, only: agreement
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
@@ -45,32 +48,37 @@ contains
       complex(wp), allocatable :: c(:, :)
       real(wp) :: begun
 
-      allocate (c(model%structure%n_dofs, basis%harmonics%n_harmonics))
+      allocate (c(model%system%structure%n_dofs, basis%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
-      call keep_motion(model, basis, c, result)
+      call keep_motion(model%options, basis, c, result)
       call keep_forces(basis, balance, u, result, error)
       if (allocated(error)) return
-      if (model%error_estimate%is_on .and. result%status == outcome%converged) then
+      if (model%options%error_estimate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
-         call keep_error_estimate(model, basis, balance, u, result, error, search, curve)
+         call keep_error_estimate(model%system, model%discretisation, model%options, basis, balance, u, result, error, search, &
+                                  curve)
          result%error_estimate_seconds = wall_clock() - begun
          if (allocated(error)) return
-         call keep_outputs(model, basis, c, result)
+         call keep_outputs(model%options, basis, c, result)
       end if
       if (is_solved(result%status)) then
          if (result%stability%method == stability_method%off) &
-            call stability_of(model, balance, c, model%stability%tolerance, result%stability)
-         call compare_with_refined(model, tones_of(model, balance), result%error_estimate, result%stability)
+            call stability_of(model%system, model%discretisation, model%options, balance, c, model%options%stability%tolerance, &
+                              result%stability)
+         call compare_with_refined(model%system, model%discretisation, model%options, tones_of(model%system, balance), &
+                                   result%error_estimate, result%stability)
       end if
-      call allow_for_growth(result, model%error_estimate%truncation)
+      call allow_for_growth(result, model%options%error_estimate%truncation)
       if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
-      if (size(model%output%samples) > 0) call keep_surfaces(model, basis, balance, u, result, error)
+      if (size(model%options%output%samples) > 0) call keep_surfaces(model%system, model%options, basis, balance, u, result, error)
    end subroutine describe_motion
 
    !> Computes the stability of a motion of the model according to its settings except the tolerance; not that of
    !> normal modes.
-   subroutine stability_of(model, balance, c, tolerance, stability, is_integrated)
-      type(model_t), intent(in) :: model
+   subroutine stability_of(system, discretisation, options, balance, c, tolerance, stability, is_integrated)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(balance_t), intent(in) :: balance
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       real(wp), intent(in) :: tolerance
@@ -78,18 +86,21 @@ contains
       logical, intent(in), optional :: is_integrated !! always of the integrated periodic motion
       type(stability_config_t) :: config
 
-      config = model%stability
+      config = options%stability
       config%tolerance = tolerance
       if (present(is_integrated)) config%is_integrated = is_integrated
-      call request_stability(model, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(model, balance), c), &
+      call request_stability(system, discretisation, options, config, &
+                             harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), &
                              usual_work(balance), stability)
    end subroutine stability_of
 
    !> Accepts a verdict only if the motion with its first-order errors removed has the same one: multipliers and
    !> exponents are sensitive to errors that are small relative to the motion, such as errors in the time at which a
    !> hard stop is left.
-   subroutine compare_with_refined(model, tones, found, stability)
-      type(model_t), intent(in) :: model
+   subroutine compare_with_refined(system, discretisation, options, tones, found, stability)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(error_estimate_t), intent(in) :: found                        !! its error estimate
       type(stability_t), intent(inout) :: stability                   !! its stability
@@ -98,11 +109,12 @@ contains
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
-      config = model%stability
+      config = options%stability
       config%patience = 1.0_wp
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%max_periods = stability%n_periods
-      call request_stability(model, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
+      call request_stability(system, discretisation, options, config, &
+                             harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%compare_with(refined)
    end subroutine compare_with_refined
 
@@ -124,26 +136,29 @@ contains
    end subroutine allow_for_growth
 
    !> Calls the stability finder of the model; without one the stability is unknown.
-   subroutine request_stability(model, config, motion, work_allowed, stability)
-      type(model_t), intent(in) :: model
+   subroutine request_stability(system, discretisation, options, config, motion, work_allowed, stability)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(stability_config_t), intent(in) :: config
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(stability_t), intent(out) :: stability
 
-      if (model%normal_mode%is_requested .or. config%method == stability_method%off) return
-      if (.not. allocated(model%callbacks%stability_finder)) return
-      call model%callbacks%stability_finder%find(stability, config, motion, model%structure, model%laws, &
-                                                 excitation_t(model%loads, model%harmonics%frequencies(motion%tones%omega), &
-                                                              model%integration%restitution), work_allowed)
+      if (system%normal_mode%is_requested .or. config%method == stability_method%off) return
+      if (.not. allocated(options%callbacks%stability_finder)) return
+      call options%callbacks%stability_finder%find(stability, config, motion, system%structure, system%laws, &
+                                                 excitation_t(discretisation%loads, &
+                                                              discretisation%harmonics%frequencies(motion%tones%omega), &
+                                                              options%integration%restitution), work_allowed)
    end subroutine request_stability
 
    !> The tones of a model at the frequencies of a solution.
-   type(tones_t) function tones_of(model, balance) result(tones)
-      type(model_t), intent(in) :: model
+   type(tones_t) function tones_of(system, balance) result(tones)
+      type(system_t), intent(in) :: system
       type(balance_t), intent(in) :: balance
 
-      tones = model%tones
+      tones = system%tones
       tones%omega = balance%omega
    end function tones_of
 
@@ -157,16 +172,16 @@ contains
    end function usual_work
 
    !> Stores the coefficients of the output degrees of freedom in a result.
-   subroutine keep_motion(model, basis, c, result)
-      type(model_t), intent(in) :: model
+   subroutine keep_motion(options, basis, c, result)
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
       integer :: i
 
-      allocate (result%coefficients(2, basis%whole%n_harmonics, size(model%output%dofs)), source=0.0_wp)
-      do i = 1, size(model%output%dofs)                               ! a copy of all would take as much memory again
-         result%coefficients(:, basis%positions, i:i) = as_pairs(c(model%output%dofs(i:i), :))
+      allocate (result%coefficients(2, basis%whole%n_harmonics, size(options%output%dofs)), source=0.0_wp)
+      do i = 1, size(options%output%dofs)                             ! a copy of all would take as much memory again
+         result%coefficients(:, basis%positions, i:i) = as_pairs(c(options%output%dofs(i:i), :))
       end do
    end subroutine keep_motion
 
@@ -216,15 +231,15 @@ contains
 
    !> Stores the outputs whose accuracy is requested. The estimated error of each is its change when the first-order
    !> errors of the motion are removed; zero if the motion has none, because nothing moves at the laws.
-   subroutine keep_outputs(model, basis, c, result)
-      type(model_t), intent(in) :: model
+   subroutine keep_outputs(options, basis, c, result)
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
       integer :: i
 
-      if (.not. allocated(model%accuracy%outputs)) return
-      associate (outputs => model%accuracy%outputs, found => result%error_estimate)
+      if (.not. allocated(options%accuracy%outputs)) return
+      associate (outputs => options%accuracy%outputs, found => result%error_estimate)
          if (size(outputs) == 0) return
          allocate (result%outputs(basis%whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
          allocate (result%output_estimate(size(outputs)), &
@@ -240,8 +255,10 @@ contains
 
    !> Computes the error estimate of a solved point; if it exceeds a threshold, the point receives the corresponding
    !> status.
-   subroutine keep_error_estimate(model, basis, balance, u, result, error, search, curve)
-      type(model_t), intent(in) :: model
+   subroutine keep_error_estimate(system, discretisation, options, basis, balance, u, result, error, search, curve)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(balance_t), intent(inout), target :: balance               !! the search refers to it
       real(wp), intent(in) :: u(:, :)
@@ -252,34 +269,35 @@ contains
       type(wanted_motions_t) :: wanted
       integer :: i
 
-      wanted%refined = model%structure%n_dofs <= max_dense .and. &   ! for stability
-         any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
-      if (allocated(model%accuracy%outputs)) wanted%refined = wanted%refined .or. size(model%accuracy%outputs) > 0
-      if (any(model%tones%is_unknown) .and. present(search)) then
-         call estimate_error(result%error_estimate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, &
-                             search%phase)
+      wanted%refined = system%structure%n_dofs <= max_dense .and. &   ! for stability
+         any([(system%laws(i)%law%n_switches + system%laws(i)%law%n_states > 0, i=1, size(system%laws))])
+      if (allocated(options%accuracy%outputs)) wanted%refined = wanted%refined .or. size(options%accuracy%outputs) > 0
+      if (any(system%tones%is_unknown) .and. present(search)) then
+         call estimate_error(result%error_estimate, system%structure, discretisation%loads%at(basis%positions), &
+                             balance, u, wanted, error, search%phase)
       else
-         wanted%improvement_steps = model%error_estimate%improvement_steps
-         call estimate_error(result%error_estimate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, &
-                             curve)
+         wanted%improvement_steps = options%error_estimate%improvement_steps
+         call estimate_error(result%error_estimate, system%structure, discretisation%loads%at(basis%positions), &
+                             balance, u, wanted, error, curve)
       end if
       if (allocated(error)) return
       if (allocated(result%error_estimate%improved)) call keep_improved(basis, result, error)
       if (allocated(error)) return
-      associate (found => result%error_estimate, limit => model%error_estimate)
+      associate (found => result%error_estimate, limit => options%error_estimate)
          result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(u)), tiny(1.0_wp)))
          if (result%penetration_share > 1.0_wp) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
          if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
-         if (found%impact > limit%impact .and. .not. model%normal_mode%is_requested) & ! a free motion loses no energy
+         if (found%impact > limit%impact .and. .not. system%normal_mode%is_requested) & ! a free motion loses no energy
             result%status = outcome%impact                            ! a larger set does not help
-         if (any(model%tones%is_unknown) .and. model%lacks_impacts_of(result%status)) result%message = "the restitution of "// &
+         if (any(system%tones%is_unknown) .and. options%lacks_impacts_of(system, result%status)) &
+            result%message = "the restitution of "// &
             "walls has no effect on motions with unknown tones, which are not integrated with impacts; give the tones, or "// &
             "use nhbm integrate"
          if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
-         result%is_near_commensurate = model%tones%n_tones > 1 .and. &
+         result%is_near_commensurate = system%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(balance%omega)
       end associate
    end subroutine keep_error_estimate
@@ -312,8 +330,9 @@ contains
    end function is_missed
 
    !> Stores hypertime surfaces on the grid that the user requested.
-   subroutine keep_surfaces(model, basis, balance, u, result, error)
-      type(model_t), intent(in) :: model
+   subroutine keep_surfaces(system, options, basis, balance, u, result, error)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
@@ -325,12 +344,12 @@ contains
       type(torus_t) :: torus
       type(transform_t) :: transform
 
-      call new_torus(torus, model%output%samples, basis%harmonics, error)
+      call new_torus(torus, options%output%samples, basis%harmonics, error)
       if (allocated(error)) return
       torus%corrects_kinks = .false.                                  ! uncorrected forces
       associate (coordinates => balance%stiffness%coordinates)
          allocate (linear, source=balance%stiffness)
-         call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, model%laws), &
+         call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, system%laws), &
                           error)
          if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
          if (.not. allocated(error)) &

@@ -7,6 +7,7 @@ module hb_motion_ridge
    use hb_clock, only: wall_clock
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_step, only: largest_change
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_kinds, only: pi, wp
    use hb_level, only: distance, level_of, level_t
@@ -14,7 +15,9 @@ module hb_motion_ridge
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
+   use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: next_to_none
    implicit none
@@ -66,7 +69,7 @@ contains
       type(motion_result_t) :: point
       real(wp) :: highest, measure
 
-      call prepare(self, model, request)
+      call prepare(self, model%system, model%discretisation, model%options, request)
       call set_values(self, request%start, self%inner%start, error)
       if (.not. allocated(error)) call self%short%begin(self%model, self%inner, point, error)
       self%is_done = allocated(error)
@@ -106,7 +109,7 @@ contains
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error                !! if there is none
 
-      call prepare(self, model, request)
+      call prepare(self, model%system, model%discretisation, model%options, request)
       self%last = stored(size(stored))
       self%step = self%last%step
       self%value = self%last%parameter
@@ -115,13 +118,17 @@ contains
       self%is_done = self%n_reported >= request%n_points
    end subroutine motion_ridge_continue_from
 
-   subroutine prepare(self, model, request)
+   subroutine prepare(self, system, discretisation, options, request)
       class(motion_ridge_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(curve_request_t), intent(in) :: request
 
       self%request = request
-      self%model = model
+      self%model%system = system
+      self%model%discretisation = discretisation
+      self%model%options = options
       if (.not. allocated(self%short)) allocate (self%short)
       self%step = 0.25_wp*request%longest_step
       self%inner%moving = request%over%moving
@@ -182,7 +189,7 @@ contains
       logical :: is_found
 
       started = wall_clock()
-      call cancellation%enter(self%model%solver%time_limit)
+      call cancellation%enter(self%model%options%solver%time_limit)
       associate (request => self%request, sense => sign(1.0_wp, self%request%to - self%request%from))
          do
             value = self%value + sense*self%step*request%moving%typical
@@ -275,7 +282,8 @@ contains
       do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          if (allocated(error)) return
          call self%short%destroy()
-         call self%short%begin_next_to(self%model, close, position, is_found, error)
+         call self%short%begin_next_to(self%model%system, self%model%discretisation, self%model%options, close, position, &
+                                       is_found, error)
          if (allocated(error) .or. .not. is_found) return
          n = 0
          do i = 1, max_twin_steps
@@ -309,7 +317,8 @@ contains
       position = self%last
       do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          call self%short%destroy()
-         call self%short%begin_next_to(self%model, self%inner, position, is_found, error)
+         call self%short%begin_next_to(self%model%system, self%model%discretisation, self%model%options, self%inner, position, &
+                                       is_found, error)
          if (allocated(error) .or. .not. is_found) return
          call self%short%search_for(self%request%over%kind, result, is_found, error)
          if (allocated(error) .or. is_found) exit
@@ -339,8 +348,8 @@ contains
       type(curve_position_t), intent(in) :: position
       type(level_t) :: level
 
-      level = level_of(self%model, position)
-      level%unknowns = [position%unknowns(:size(position%unknowns) - 1), 0.0_wp*self%model%tones%omega]
+      level = level_of(self%model%discretisation, position)
+      level%unknowns = [position%unknowns(:size(position%unknowns) - 1), 0.0_wp*self%model%system%tones%omega]
    end function motion_at
 
    !> Frees the curve; safe to call twice.

@@ -1,7 +1,7 @@
 !> Samples of a motion at phases of its tones that are spread evenly over the torus.
 module hb_motion_samples
+   use hb_discretisation, only: discretisation_t
    use hb_kinds, only: two_pi, wp
-   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    implicit none
    private
@@ -13,8 +13,8 @@ contains
 
    !> Finds phases, displacements and velocities at the degrees of freedom of laws, ascending (law_dofs_of); not allocated if the
    !> result has no motion.
-   pure subroutine sample_motion(model, motion, n, phases, q, v)
-      type(model_t), intent(in) :: model
+   pure subroutine sample_motion(discretisation, motion, n, phases, q, v)
+      type(discretisation_t), intent(in) :: discretisation
       type(motion_result_t), intent(in) :: motion
       integer, intent(in) :: n                                        !! number of samples
       real(wp), allocatable, intent(out) :: phases(:, :)              !! [rad], (n_tones, n_samples)
@@ -24,7 +24,7 @@ contains
       integer :: d, h, k, s
 
       if (.not. (allocated(motion%corrected_coefficients) .and. allocated(motion%frequency))) return
-      tuples = model%harmonics%tuples
+      tuples = discretisation%harmonics%tuples
       if (allocated(motion%harmonics%tuples)) tuples = motion%harmonics%tuples
       if (size(motion%corrected_coefficients, 2) /= size(tuples, 2)) return
       allocate (phases(size(tuples, 1), n))

@@ -81,9 +81,9 @@ contains
       logical :: is_new, is_possible
 
       is_found = .false.
-      if (self%model%accuracy%is_on) then
+      if (self%model%options%accuracy%is_on) then
          level = known(1)%level
-         level%unknowns = [known(1)%x(:size(known(1)%x) - size(self%problem%which)), 0.0_wp*self%model%tones%omega]
+         level%unknowns = [known(1)%x(:size(known(1)%x) - size(self%problem%which)), 0.0_wp*self%model%system%tones%omega]
          do i = 2, size(known)
             call join(level, known(i)%level%set, is_new)
             level%n_samples = max(level%n_samples, known(i)%level%n_samples)
@@ -97,10 +97,10 @@ contains
       allocate (functional(size(motions, 1), 1), source=0.0_wp)
       functional(size(functional), 1) = 1.0_wp
       call new_bordered_problem(held, self%problem, self%problem%which, functional, [value])
-      config = self%problem%model%solver
+      config = self%problem%model%options%solver
       config%tolerance = max(config%tolerance, 2.0_wp*self%problem%rounding_level(motions(:self%problem%n_unknowns, 1)))
       config%max_iterations = max_iterations
-      if (self%model%accuracy%is_on) then                             ! the deflated motion must be a zero of this problem
+      if (self%model%options%accuracy%is_on) then                     ! the deflated motion must be a zero of this problem
          do i = 1, size(motions, 2)
             solved = motions(:, i)
             call solve_newton(held, config, solved, report)
@@ -108,7 +108,7 @@ contains
          end do
       end if
       x = motions(:, 1)
-      call find_other(held, config, self%problem%model%harmonics, motions, x, is_found)
+      call find_other(held, config, self%problem%model%discretisation%harmonics, motions, x, is_found)
       x(size(x)) = value
    end subroutine search_at
 
@@ -123,15 +123,15 @@ contains
       real(wp) :: value
 
       is_accepted = .true.
-      if (.not. self%model%accuracy%is_on) return
+      if (.not. self%model%options%accuracy%is_on) return
       value = x(size(x))
       along = 0.0_wp*x
       along(size(x)) = 1.0_wp
       call transfer_motion(self, x, along, error)
       if (allocated(error)) return
       x(size(x)) = value
-      is_accepted = is_other(x, motions_of(self, known), self%problem%model%harmonics, self%problem%x_scale, &
-                             safety*self%model%accuracy%tolerance)
+      is_accepted = is_other(x, motions_of(self, known), self%problem%model%discretisation%harmonics, self%problem%x_scale, &
+                             safety*self%model%options%accuracy%tolerance)
    end subroutine accept
 
    !> Motions on the present set, and their shifts by periods of the loads.
@@ -144,14 +144,15 @@ contains
       integer :: copy, i, m, n_copies
 
       associate (model => self%problem%model, n => self%problem%n_unknowns)
-         n_copies = model%tones%subharmonic**model%tones%n_tones
-         allocate (motions(n + 1, 0), phases(model%tones%n_tones))
+         n_copies = model%system%tones%subharmonic**model%system%tones%n_tones
+         allocate (motions(n + 1, 0), phases(model%system%tones%n_tones))
          do i = 1, size(known)
             do copy = 0, n_copies - 1
-               phases = [(modulo(copy/model%tones%subharmonic**(m - 1), model%tones%subharmonic), m=1, model%tones%n_tones)]
-               phases = two_pi/model%tones%subharmonic*phases
-               x = carry(known(i)%level%set, model%harmonics, known(i)%x, 1)
-               if (copy > 0) x(:n) = shifted(x(:n), model%harmonics, phases)
+               phases = [(modulo(copy/model%system%tones%subharmonic**(m - 1), model%system%tones%subharmonic), m=1, &
+                          model%system%tones%n_tones)]
+               phases = two_pi/model%system%tones%subharmonic*phases
+               x = carry(known(i)%level%set, model%discretisation%harmonics, known(i)%x, 1)
+               if (copy > 0) x(:n) = shifted(x(:n), model%discretisation%harmonics, phases)
                motions = reshape([motions, x], [n + 1, size(motions, 2) + 1])
             end do
          end do

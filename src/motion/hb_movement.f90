@@ -6,6 +6,7 @@ module hb_movement
    use hb_model, only: model_t
    use hb_model_number, only: follower_t, followers_of, has_number, model_number_t, values_at
    use hb_model_numbers, only: find_model_number, set_model_numbers
+   use hb_system, only: system_t
    use hb_tones, only: tones_t
    implicit none
    private
@@ -48,14 +49,14 @@ contains
       first = [follower_t(number)]
       if (is_tied) then
          tone = number
-         do i = 1, model%tones%n_tones
+         do i = 1, model%system%tones%n_tones
             if (i == max(1, number%element(1))) cycle
             tone%element(1) = i
-            ratio = model%tones%omega(i)/model%tones%omega(max(1, number%element(1)))
+            ratio = model%system%tones%omega(i)/model%system%tones%omega(max(1, number%element(1)))
             first = [first, follower_t(tone, factor=ratio, slope=ratio)]
          end do
       end if
-      call make_movement(self, model, first)
+      call make_movement(self, model%system, first)
       if (number%object == has_number%normal_mode) self%first = 2     ! an equation has it
       do i = 1, size(self%followers)
          call find_model_number(model, self%followers(i)%number, value, is_found)
@@ -65,62 +66,62 @@ contains
    end subroutine new_movement
 
    !> What moves with the frequency of an unknown tone [rad/s], which itself belongs to the balance.
-   function movement_with_tone(model, tone) result(self)
-      type(model_t), intent(in) :: model
+   function movement_with_tone(system, tone) result(self)
+      type(system_t), intent(in) :: system
       integer, intent(in) :: tone
       type(movement_t) :: self
       type(model_number_t) :: number
       real(wp) :: unit
 
       number%object = has_number%tones
-      number%key = trim(merge("hertz    ", "frequency", model%tones%is_in_hertz))
+      number%key = trim(merge("hertz    ", "frequency", system%tones%is_in_hertz))
       number%element(1) = tone
-      unit = model%tones%subharmonic/merge(two_pi, 1.0_wp, model%tones%is_in_hertz)
-      call make_movement(self, model, [follower_t(number, factor=unit, slope=unit)])
+      unit = system%tones%subharmonic/merge(two_pi, 1.0_wp, system%tones%is_in_hertz)
+      call make_movement(self, system, [follower_t(number, factor=unit, slope=unit)])
       self%tones = .false.                                            ! no given one can follow it
       self%first = 2
    end function movement_with_tone
 
-   subroutine make_movement(self, model, first)
+   subroutine make_movement(self, system, first)
       type(movement_t), intent(out) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
       type(follower_t), intent(in) :: first(:)
       integer :: i
 
       self%followers = first
-      if (allocated(model%ties)) self%followers = followers_of(model%ties, first)
+      if (allocated(system%ties)) self%followers = followers_of(system%ties, first)
       associate (numbers => self%followers%number)
          self%structure = any(numbers%is_of_structure())
          self%loads = any(numbers%object == has_number%load)
-         if (self%structure .and. .not. self%loads) self%loads = any(model%given_loads%depends_on_structure())
+         if (self%structure .and. .not. self%loads) self%loads = any(system%loads%depends_on_structure())
          self%laws = any(numbers%object == has_number%law)
-         self%coordinates = any([(is_weight(model, numbers(i)), i=1, size(numbers))])
+         self%coordinates = any([(is_weight(system, numbers(i)), i=1, size(numbers))])
          self%tones = any(numbers%object == has_number%tones)
-         self%has_inertia_loads = model%has_inertia_loads
-         if (size(numbers) == 1) self%is_affine = is_affine_in(model, numbers(1))
+         self%has_inertia_loads = system%has_inertia_loads
+         if (size(numbers) == 1) self%is_affine = is_affine_in(system, numbers(1))
       end associate
    end subroutine make_movement
 
    !> Whether a number is the weight of a coordinate of laws.
-   pure logical function is_weight(model, number)
-      type(model_t), intent(in) :: model
+   pure logical function is_weight(system, number)
+      type(system_t), intent(in) :: system
       type(model_number_t), intent(in) :: number
       integer :: i
 
       is_weight = .false.
       if (number%object /= has_number%law) return
-      do i = 1, size(model%laws)
-         if (model%law_groups(i) == number%i) is_weight = is_weight .or. model%laws(i)%law%has_weight(number%number_t)
+      do i = 1, size(system%laws)
+         if (system%law_groups(i) == number%i) is_weight = is_weight .or. system%laws(i)%law%has_weight(number%number_t)
       end do
    end function is_weight
 
    !> Whether structure and loads are affine functions of a number, a + b p, where nothing else moves.
-   logical function is_affine_in(model, number)
-      type(model_t), intent(in) :: model
+   logical function is_affine_in(system, number)
+      type(system_t), intent(in) :: system
       type(model_number_t), intent(in) :: number
 
       is_affine_in = number%object == has_number%load
-      if (number%object == has_number%structure) is_affine_in = model%builder%is_affine_in(number%number_t)
+      if (number%object == has_number%structure) is_affine_in = system%builder%is_affine_in(number%number_t)
    end function is_affine_in
 
    !> Whether it moves numbers of the model.
@@ -210,16 +211,16 @@ contains
    end subroutine add_linear_numbers
 
    !> Unknown tones whose frequencies numbers follow.
-   function tied_tones(model) result(which)
-      type(model_t), intent(in) :: model
+   function tied_tones(system) result(which)
+      type(system_t), intent(in) :: system
       integer, allocatable :: which(:)
       type(movement_t) :: movement
       integer :: tone
 
       which = [integer ::]
-      do tone = 1, model%tones%n_tones
-         if (.not. model%tones%is_unknown(tone)) cycle
-         movement = movement_with_tone(model, tone)
+      do tone = 1, system%tones%n_tones
+         if (.not. system%tones%is_unknown(tone)) cycle
+         movement = movement_with_tone(system, tone)
          if (movement%moves()) which = [which, tone]
       end do
    end function tied_tones
@@ -232,9 +233,9 @@ contains
       integer, allocatable :: tones(:)
       integer :: i
 
-      allocate (tones, source=tied_tones(model))
+      allocate (tones, source=tied_tones(model%system))
       do i = 1, size(tones)
-         call set_movement(model, movement_with_tone(model, tones(i)), omega(tones(i)), error)
+         call set_movement(model, movement_with_tone(model%system, tones(i)), omega(tones(i)), error)
          if (allocated(error)) return
       end do
    end subroutine follow_frequencies

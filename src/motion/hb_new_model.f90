@@ -43,21 +43,22 @@ contains
                    " frequencies and "//to_text(size(n_samples))//" numbers of samples")
          return
       end if
-      allocate (self%builder, source=builder)
-      call self%builder%build(self%structure, error)
-      if (.not. allocated(error)) call new_tones(self%tones, omega, error)
-      if (.not. allocated(error)) call new_torus(self%torus, n_samples, harmonics, error)
+      allocate (self%system%builder, source=builder)
+      call self%system%builder%build(self%system%structure, error)
+      if (.not. allocated(error)) call new_tones(self%system%tones, omega, error)
+      if (.not. allocated(error)) call new_torus(self%discretisation%torus, n_samples, harmonics, error)
       if (allocated(error)) return
-      self%harmonics = harmonics
-      allocate (self%bearings(0), self%laws(0), self%law_groups(0), self%given_loads(0), self%given_starts(0), self%ties(0))
-      allocate (self%gradient%names(0), self%gradient%by(0), self%output%samples(0))
-      allocate (self%callbacks%stability_finder, source=floquet_t())
-      self%output%title = ""
-      self%output%dofs = [(i, i=1, self%structure%n_dofs)]
-      self%integration%record = ""
-      call build_loads(self, self%structure, loads, slopes, error)
-      self%loads = loads
-      self%load_slopes = slopes
+      self%discretisation%harmonics = harmonics
+      allocate (self%system%bearings(0), self%system%laws(0), self%system%law_groups(0), self%system%loads(0), &
+                self%options%start%given(0), self%system%ties(0))
+      allocate (self%options%gradient%names(0), self%options%gradient%by(0), self%options%output%samples(0))
+      allocate (self%options%callbacks%stability_finder, source=floquet_t())
+      self%options%output%title = ""
+      self%options%output%dofs = [(i, i=1, self%system%structure%n_dofs)]
+      self%options%integration%record = ""
+      call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
+      self%discretisation%loads = loads
+      self%discretisation%load_slopes = slopes
       call build_starts(self)
    end subroutine new_model
 
@@ -71,13 +72,13 @@ contains
       integer :: i, places(size(dofs))
 
       do i = 1, size(dofs)
-         call self%structure%find_dof(dofs(i), places(i), error)
+         call self%system%structure%find_dof(dofs(i), places(i), error)
          if (allocated(error)) return
       end do
-      call new_law(box, law, "law "//to_text(size(self%laws) + 1), places, error)
+      call new_law(box, law, "law "//to_text(size(self%system%laws) + 1), places, error)
       if (allocated(error)) return
-      self%law_groups = [self%law_groups, size(self%laws) + 1]
-      self%laws = [self%laws, box]
+      self%system%law_groups = [self%system%law_groups, size(self%system%laws) + 1]
+      self%system%laws = [self%system%laws, box]
    end subroutine add_law
 
    !> Adds a force cos cos(j.tau) + sin sin(j.tau). Fails for an unknown degree of freedom, and for a tuple that the set of
@@ -92,11 +93,11 @@ contains
       type(load_t) :: load
       integer :: place
 
-      call self%structure%find_dof(dof, place, error)
+      call self%system%structure%find_dof(dof, place, error)
       if (allocated(error)) return
-      if (size(tuple) /= self%harmonics%n_tones) then
-         call fail(error, "a tuple needs "//to_text(self%harmonics%n_tones)//" entries, one per tone")
-      else if (self%harmonics%index_of(tuple) == 0) then
+      if (size(tuple) /= self%discretisation%harmonics%n_tones) then
+         call fail(error, "a tuple needs "//to_text(self%discretisation%harmonics%n_tones)//" entries, one per tone")
+      else if (self%discretisation%harmonics%index_of(tuple) == 0) then
          call fail(error, "tuple "//tuple_text(tuple)//" is not in the set of harmonics")
       end if
       if (allocated(error)) return
@@ -105,9 +106,9 @@ contains
       load%weights = [1.0_wp]
       load%cosine = cosine
       load%sine = sine
-      self%given_loads = [self%given_loads, load]
-      call build_loads(self, self%structure, loads, slopes, error)
-      self%loads = loads
-      self%load_slopes = slopes
+      self%system%loads = [self%system%loads, load]
+      call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
+      self%discretisation%loads = loads
+      self%discretisation%load_slopes = slopes
    end subroutine add_load
 end module hb_new_model

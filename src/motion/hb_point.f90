@@ -42,10 +42,10 @@ contains
       integer :: i
 
       call solve_once(model, result, error, level, below, guess, cached)
-      allocate (tones, source=tied_tones(model))
+      allocate (tones, source=tied_tones(model%system))
       if (size(tones) == 0) return
       model%is_read = .false.                                         ! its values are no longer those of the input
-      allocate (omega, source=model%tones%omega)
+      allocate (omega, source=model%system%tones%omega)
       allocate (change(size(tones)), defect(size(tones)), step(size(tones)), source=0.0_wp)
       allocate (slope(size(tones), size(tones)), source=0.0_wp)
       do i = 1, size(tones)
@@ -53,7 +53,7 @@ contains
       end do
       do i = 1, nearby_steps
          if (allocated(error) .or. .not. allocated(level%unknowns) .or. work_is_over()) return
-         associate (found => result%frequency(tones), accuracy => model%accuracy)
+         associate (found => result%frequency(tones), accuracy => model%options%accuracy)
             if (i > 1) then
                change = found - omega(tones) - defect
                slope = slope - spread(step + matmul(slope, change), 2, size(tones))*spread(change, 1, size(tones))/ &
@@ -92,11 +92,11 @@ contains
       type(cached_linear_parts_t), intent(inout), optional, target :: cached
       real(wp), allocatable :: unknowns(:)
 
-      if (model%accuracy%is_on) then
+      if (model%options%accuracy%is_on) then
          call solve_to_tolerance(model, result, error, level, below)
       else
          call solve_motion(model, result, error, guess, unknowns, cached)
-         level = level_t(model%harmonics, model%torus%n_samples)
+         level = level_t(model%discretisation%harmonics, model%discretisation%torus%n_samples)
          if (allocated(unknowns)) call move_alloc(unknowns, level%unknowns)
       end if
    end subroutine solve_once

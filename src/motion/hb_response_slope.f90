@@ -28,7 +28,7 @@ contains
          call find_difference(problem, dof, x, direction, harmonics, slope)
          return
       end if
-      allocate (all_slopes(problem%model%structure%n_dofs, size(harmonics)))
+      allocate (all_slopes(problem%model%system%structure%n_dofs, size(harmonics)))
       call find_motion_slopes(problem, x, direction, harmonics, all_slopes, is_found)
       if (is_found) slope = all_slopes(dof, :)
    end subroutine find_series_slope
@@ -46,12 +46,12 @@ contains
 
       moving%frequencies = problem%frequencies
       moving%drives = problem%drives()
-      moving%loads = problem%model%loads
+      moving%loads = problem%model%discretisation%loads
       call add_frequency_slopes(problem, direction, moving)
       call problem%find_linear_slopes(direction(problem%n_unknowns + 1:), moving%structure_slope, moving%load_slopes)
-      call moving%load_slopes%add_scaled(problem%model%load_slopes, moving%frequency_slopes)
-      call find_motion_slope(problem%model%structure, problem%stiffness%coordinates, moving, harmonics, motion_in(problem, x), &
-                             motion_in(problem, direction), slopes, is_singular)
+      call moving%load_slopes%add_scaled(problem%model%discretisation%load_slopes, moving%frequency_slopes)
+      call find_motion_slope(problem%model%system%structure, problem%stiffness%coordinates, moving, harmonics, &
+                             motion_in(problem, x), motion_in(problem, direction), slopes, is_singular)
       is_found = .not. is_singular
    end subroutine find_motion_slopes
 
@@ -111,7 +111,7 @@ contains
       subroutine evaluate(side, position)
          integer, intent(in) :: side
          real(wp), intent(in) :: position
-         complex(wp) :: motion(problem%model%structure%n_dofs, problem%harmonics%n_harmonics)
+         complex(wp) :: motion(problem%model%system%structure%n_dofs, problem%harmonics%n_harmonics)
 
          associate (there => x + position*direction)
             positions(side) = position

@@ -1,8 +1,8 @@
 !> A set of harmonics before it is created: sweeps compare thousands of these.
 module hb_truncation
+   use hb_discretisation, only: symmetry
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics
-   use hb_model, only: symmetry
    implicit none
    private
    public :: box_truncation, truncation_t

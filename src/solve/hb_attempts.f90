@@ -9,7 +9,7 @@
 module hb_attempts
    use hb_kinds, only: wp
    use hb_outcome, only: outcome, outcome_name
-   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, fallback, stage, starting_point, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
    implicit none
    private
    public :: attempt_conditions_t, attempt_rules, attempts_t, attempts_text, is_fallback, make_attempts, plan_attempts, row_after
@@ -42,7 +42,7 @@ module hb_attempts
       !
       attempt_rule_t("integration_first", technique=technique%integration, &
                      start=starting_point%rest, stage=stage%motion), &
-      attempt_rule_t("odd_set", stage=stage%motion, discretisation=discretisation%odd, &
+      attempt_rule_t("odd_set", stage=stage%motion, discretisation=set_choice%odd, &
                      on_success="integration"), &
       attempt_rule_t("whole_set", stage=stage%motion), &
       attempt_rule_t("integration", technique=technique%integration, start=starting_point%rest, &
@@ -51,26 +51,26 @@ module hb_attempts
                      start=starting_point%integrated, stage=stage%motion), &
       !
       attempt_rule_t("lines_first", technique=technique%integration, &
-                     start=starting_point%rest, stage=stage%point, discretisation=discretisation%lines), &
+                     start=starting_point%rest, stage=stage%point, discretisation=set_choice%lines), &
       attempt_rule_t("set_of_neighbour", start=starting_point%neighbour, stage=stage%point, &
-                     discretisation=discretisation%neighbour, on_success="refinement"), &
+                     discretisation=set_choice%neighbour, on_success="refinement"), &
       attempt_rule_t("first_set", stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("larger_first_set", stage=stage%point, discretisation=discretisation%larger, &
+      attempt_rule_t("larger_first_set", stage=stage%point, discretisation=set_choice%larger, &
                      on_success="refinement"), &
-      attempt_rule_t("smaller_first_set", stage=stage%point, discretisation=discretisation%smaller, &
+      attempt_rule_t("smaller_first_set", stage=stage%point, discretisation=set_choice%smaller, &
                      on_success="refinement"), &
       attempt_rule_t("lines", technique=technique%integration, start=starting_point%rest, &
-                     stage=stage%point, discretisation=discretisation%lines, on_failure="end"), &
+                     stage=stage%point, discretisation=set_choice%lines, on_failure="end"), &
       attempt_rule_t("refinement", start=starting_point%motion, stage=stage%point, &
-                     discretisation=discretisation%refined, on_success="finer_for_stability"), &
+                     discretisation=set_choice%refined, on_success="finer_for_stability"), &
       attempt_rule_t("lines_from_motion", &
                      technique=technique%integration, start=starting_point%motion, stage=stage%point, &
-                     discretisation=discretisation%lines, on_failure="end"), &
+                     discretisation=set_choice%lines, on_failure="end"), &
       attempt_rule_t("finer_for_stability", start=starting_point%motion, &
-                     share=4.0_wp, stage=stage%point, discretisation=discretisation%finer, on_failure="end"), &
+                     share=4.0_wp, stage=stage%point, discretisation=set_choice%finer, on_failure="end"), &
       !
       attempt_rule_t("start", stage=stage%curve), &
-      attempt_rule_t("other_end", stage=stage%curve, discretisation=discretisation%other_end), &
+      attempt_rule_t("other_end", stage=stage%curve, discretisation=set_choice%other_end), &
       attempt_rule_t("start_integrated", &
                      technique=technique%integration, stage=stage%curve)]
 

@@ -6,7 +6,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_rule_t, attempt_t, discretisation, fallback, fallback_names, fallback_texts, largest_affordable, method
+   public :: attempt_rule_t, attempt_t, set_choice, fallback, fallback_names, fallback_texts, largest_affordable, method
    public :: report_t, share_of_solver, solver_config_t, stage, starting_point, technique, unit_of_work
 
    type :: method_t
@@ -53,7 +53,7 @@ module hb_solver_types
    type(stage_t), parameter :: stage = stage_t()
 
    !> Where an attempt looks for the motion: set and grid, or the end of a curve.
-   type :: discretisation_t
+   type :: set_choice_t
       integer :: given = 1                                            !! of the model; with a tolerance a small box of harmonics
       integer :: odd = 2                                              !! its odd tuples, on half of its grid
       integer :: neighbour = 3                                        !! of the last motion of a chain
@@ -63,8 +63,8 @@ module hb_solver_types
       integer :: finer = 7                                            !! likewise, to a part of the tolerance
       integer :: lines = 8                                            !! the lines of a record
       integer :: other_end = 9                                        !! that of the other end of a curve
-   end type discretisation_t
-   type(discretisation_t), parameter :: discretisation = discretisation_t()
+   end type set_choice_t
+   type(set_choice_t), parameter :: set_choice = set_choice_t()
 
    !> How an attempt proceeds.
    type :: technique_t
@@ -104,7 +104,7 @@ module hb_solver_types
                                                                       !! by it; of a finer set, of the work so far
       logical :: needs_tangent = .false.                              !! a dense one
       integer :: stage = stage%solver
-      integer :: discretisation = discretisation%given
+      integer :: discretisation = set_choice%given
       character(22) :: on_success = "end"                             !! the attempt that follows: its name, `next` of the same
                                                                       !! stage, or `end` for none
       character(22) :: on_failure = "next"

@@ -200,14 +200,15 @@ contains
       call update_model(self%source%model, self%source%document, is_new, error, self%source%available_memory)
       if (allocated(error)) return
       bare = self%source%model
-      if (self%source%layout%has_own_tuples) call put_on_level(bare, self%source%model, self%level, error)
+      if (self%source%layout%has_own_tuples) &
+         call put_on_level(bare, self%source%model%discretisation, self%source%model%options, self%level, error)
       if (allocated(error)) return
-      bare%may_integrate = .false.
-      bare%solver%fallback = .false.
-      bare%solver%max_iterations = min(max_iterations, bare%solver%max_iterations)
-      bare%error_estimate%is_on = .false.
-      bare%stability%method = stability_method%off
-      bare%output%samples = [integer ::]
+      bare%options%may_integrate = .false.
+      bare%options%solver%fallback = .false.
+      bare%options%solver%max_iterations = min(max_iterations, bare%options%solver%max_iterations)
+      bare%options%error_estimate%is_on = .false.
+      bare%options%stability%method = stability_method%off
+      bare%options%output%samples = [integer ::]
       guess = [motion, self%frequencies]
       call solve_motion(bare, result, error, guess, unknowns)
       self%n_left = self%n_left - 1

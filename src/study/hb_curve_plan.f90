@@ -1,6 +1,7 @@
 !> The group `&curve`: the moving value, its range, and the points that are located.
 module hb_curve_plan
    use hb_curve_request, only: curve_kind, curve_kind_names, curve_request_t, located_response_t
+   use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -9,10 +10,12 @@ module hb_curve_plan
    use hb_model_problem, only: moving_value_t
    use hb_model_reader, only: find_number, moving_groups
    use hb_movement, only: movement_t, new_movement
+   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_stability, only: stability_method
+   use hb_system, only: system_t
    use hb_text, only: lower, shown, string_t, to_text
    use hb_thresholds, only: rounding
    implicit none
@@ -208,7 +211,7 @@ contains
       type(located_response_t) :: response
       integer :: i, k
 
-      call check_model(self, model, document, error)
+      call check_model(self, model%system, model%options, document, error)
       if (allocated(error)) return
       request = self%curve_request_t
       call find_moving(self%parameter, "parameter '"//shown(self%path)//"'", request%moving)
@@ -220,10 +223,13 @@ contains
       do k = 1, size(keys_of_responses)
          do i = 1, size(self%responses_of(k)%names)
             response = located_response_t(kind=kinds_of_responses(k))
-            call new_response(response%response_t, self%responses_of(k)%names(i)%value, model%structure, model%tones%n_tones, error)
-            if (.not. (allocated(error) .or. model%accuracy%grows_set .or. response%is_in(model%harmonics))) &
+            call new_response(response%response_t, self%responses_of(k)%names(i)%value, model%system%structure, &
+                              model%system%tones%n_tones, error)
+            if (.not. (allocated(error) .or. model%options%accuracy%grows_set .or. &
+                       response%is_in(model%discretisation%harmonics))) &
                call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple")
-            if (response%kind == curve_kind%resonance .and. .not. allocated(error)) call check_loads(model, response, error)
+            if (response%kind == curve_kind%resonance .and. .not. allocated(error)) &
+               call check_loads(model%system, model%discretisation, response, error)
             if (allocated(error)) then
                error%message = self%location//": "//trim(keys_of_responses(k))//": "//error%message
                return
@@ -249,41 +255,43 @@ contains
    end subroutine curve_plan_make_request
 
    !> Whether a wall has a given restitution.
-   logical function has_restitution(model)
-      type(model_t), intent(in) :: model
+   logical function has_restitution(system)
+      type(system_t), intent(in) :: system
       type(hold_t) :: hold
       integer :: i
 
       has_restitution = .false.
-      do i = 1, size(model%laws)
-         if (model%laws(i)%law%is_multiplier) hold = model%laws(i)%law%hold()
+      do i = 1, size(system%laws)
+         if (system%laws(i)%law%is_multiplier) hold = system%laws(i)%law%hold()
          has_restitution = has_restitution .or. hold%restitution >= 0.0_wp
       end do
    end function has_restitution
 
    !> Why motions with impacts have no curve along these values; empty if they have one.
-   subroutine find_refusal_with_impacts(self, model, text)
+   subroutine find_refusal_with_impacts(self, system, options, text)
       class(curve_plan_t), intent(in) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       character(:), allocatable, intent(out) :: text
       character(*), parameter :: which = "with walls that have a restitution, a curve "
 
       text = ""
-      if (model%tones%n_tones > 1 .or. any(model%tones%is_unknown)) then
+      if (system%tones%n_tones > 1 .or. any(system%tones%is_unknown)) then
          text = which//"needs one given tone; a &sweep integrates motions of several tones one by one"
-      else if (.not. model%lacks_impacts_of(outcome%impact)) then
+      else if (.not. options%lacks_impacts_of(system, outcome%impact)) then
          text = which//"needs a restitution of every wall"
       else if (allocated(self%over) .or. self%switches .or. size(self%others) > 0 .or. len(self%origin_path) > 0) then
          text = which//"follows the motion from 'start' alone: 'follow', 'switch', 'others' and 'origin' need a balance"
-      else if (size(model%gradient%by) > 0) then
+      else if (size(options%gradient%by) > 0) then
          text = which//"has no derivatives: leave &gradient out"
       end if
    end subroutine find_refusal_with_impacts
 
    !> Fails if the model has no curve along these values.
-   subroutine check_model(self, model, document, error)
+   subroutine check_model(self, system, options, document, error)
       class(curve_plan_t), intent(in) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: error_text
@@ -296,39 +304,41 @@ contains
       end associate
       if (.not. document%is_real(self%parameter)) then
          error_text = "is not a real number; only real numbers can vary continuously"
-      else if (model%normal_mode%has_energy .and. .not. is_mode) then
+      else if (system%normal_mode%has_energy .and. .not. is_mode) then
          error_text = "a curve keeps the amplitude of a &normal_mode, not its energy"
       else if (is_mode .and. document%drives(self%parameter)) then
          error_text = "no &tie may follow what a curve moves in &normal_mode"
       else if (is_mode .and. min(self%from*self%start, self%to*self%start) <= 0.0_wp) then
          error_text = "an amplitude or energy must not be 0 and must not change its sign on a curve"
-      else if (size(model%laws) == 0) then
+      else if (size(system%laws) == 0) then
          error_text = "a curve needs at least one &law; without laws use a &sweep"
-      else if (has_restitution(model)) then
-         call find_refusal_with_impacts(self, model, error_text)
+      else if (has_restitution(system)) then
+         call find_refusal_with_impacts(self, system, options, error_text)
       end if
       if (is_tones .and. len(error_text) == 0) then
-         if (model%tones%is_unknown(max(1, self%parameter%element(1)))) error_text = "this frequency is unknown, not given"
-         if (any(model%tones%is_unknown) .and. self%moving%is_tied) error_text = "tie = 'ratio' needs tones that are all given"
+         if (system%tones%is_unknown(max(1, self%parameter%element(1)))) error_text = "this frequency is unknown, not given"
+         if (any(system%tones%is_unknown) .and. self%moving%is_tied) &
+            error_text = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(error_text) > 0) then
          call fail(error, self%location//": parameter '"//shown(self%path)//"': "//error_text)
          return
       end if
-      if (size(self%others) > 0 .and. any(model%tones%is_unknown)) then
+      if (size(self%others) > 0 .and. any(system%tones%is_unknown)) then
          call fail(error, self%location//": others: motions apart from a curve are sought where all tones are given")
          return
       end if
       if (allocated(self%over)) then
-         if (any(model%tones%is_unknown)) then
+         if (any(system%tones%is_unknown)) then
             error_text = "tones must be given"
-         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. model%tones%n_tones > 1) then
+         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
+                  system%tones%n_tones > 1) then
             error_text = "period doublings and Neimark-Sacker points are located on curves of motions with one tone"
          else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
-                  model%stability%method == stability_method%off) then
+                  options%stability%method == stability_method%off) then
             error_text = "period doublings and Neimark-Sacker points are located by the multipliers that &stability finds"
          else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
-                  .not. model%may_integrate) then
+                  .not. options%may_integrate) then
             error_text = "period doublings and Neimark-Sacker points are located by multipliers, which are not known with a "// &
                          "&dynamic_stiffness"
          else if (.not. document%is_real(self%over_parameter)) then
@@ -352,21 +362,22 @@ contains
    end subroutine add_amplitudes
 
    !> Fails if a response is not a harmonic with loads of one phase: it then cannot be in quadrature with them.
-   subroutine check_loads(model, response, error)
-      type(model_t), intent(in) :: model
+   subroutine check_loads(system, discretisation, response, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(located_response_t), intent(in) :: response
       type(error_t), allocatable, intent(out) :: error
-      complex(wp) :: loads(model%structure%n_dofs), largest
+      complex(wp) :: loads(system%structure%n_dofs), largest
       integer :: h
 
       h = 0
-      if (allocated(response%tuple)) h = model%harmonics%index_of(response%tuple)
-      if (all(model%loads%harmonics /= h) .or. h == 0) then
+      if (allocated(response%tuple)) h = discretisation%harmonics%index_of(response%tuple)
+      if (all(discretisation%loads%harmonics /= h) .or. h == 0) then
          call fail(error, "'"//response%name//"': name a harmonic that has a &load")
       else if (all(response%tuple == 0)) then
          call fail(error, "'"//response%name//"': a mean value has no phase")
       else
-         loads = model%loads%of(h)
+         loads = discretisation%loads%of(h)
          largest = loads(maxloc(abs(loads), dim=1))
          if (any(abs(aimag(loads*conjg(largest))) > rounding*abs(largest)**2)) &
             call fail(error, "'"//response%name//"': its loads have several phases")

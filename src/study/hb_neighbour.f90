@@ -6,7 +6,7 @@ module hb_neighbour
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_level, only: carry, level_t, same_set
-   use hb_model, only: model_t
+   use hb_options, only: options_t
    implicit none
    private
    public :: neighbour_t
@@ -85,15 +85,15 @@ contains
 
    !> Returns the set and the grid of the last point with a first guess in them, if the model requests first guesses
    !> from neighbours and there is one; neighbours share sets as long as these are suitable.
-   pure subroutine neighbour_predict_level(self, parameter, model, level)
+   pure subroutine neighbour_predict_level(self, parameter, options, level)
       class(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter
-      type(model_t), intent(in) :: model
+      type(options_t), intent(in) :: options
       type(level_t), intent(out) :: level
 
-      if (.not. model%chain%is_on .or. self%n_retained == 0) return
+      if (.not. options%chain%is_on .or. self%n_retained == 0) return
       level = self%last
-      call self%predict(parameter, self%last%set, model%chain%secant, level%unknowns)
+      call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
    end subroutine neighbour_predict_level
 
    !> Whether the motion has left the branch of the previous points, as far as these show.

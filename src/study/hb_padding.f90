@@ -33,7 +33,7 @@ contains
       real(wp) :: narrow, wide
       integer :: n_datasets
 
-      if (.not. study%model%accuracy%grows_set) return
+      if (.not. study%model%options%accuracy%grows_set) return
       call read_record(record, path, error)
       if (allocated(error)) return
       if (size(open_points(record, .true.)) > 0) return

@@ -5,7 +5,8 @@ module hb_point_source
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
    use hb_linear_part, only: cached_linear_parts_t
-   use hb_model, only: callbacks_t, model_t
+   use hb_model, only: model_t
+   use hb_options, only: callbacks_t
    use hb_results, only: results_layout_t
    use hb_sweep_plan, only: sweep_plan_t
    implicit none

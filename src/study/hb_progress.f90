@@ -3,8 +3,8 @@ module hb_progress
    use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_clock, only: wall_clock
    use hb_kinds, only: wp
+   use hb_operating_system, only: is_terminal
    use hb_printable, only: printable
-   use hb_system, only: is_terminal
    use hb_text, only: to_text
    implicit none
    private

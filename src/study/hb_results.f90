@@ -14,13 +14,13 @@ module hb_results
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
+   use hb_operating_system, only: check_held, held_file_t, hold_file, release_file
    use hb_outcome, only: outcome
    use hb_result_columns, only: measure_row, message_length, new_plan
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, n_times, rank_times_t, results_layout_t, swept_parameter_t
    use hb_row_buffer, only: capacity_for, hold_seconds, new_row_buffer
    use hb_stored_rows, only: stored_file_t
-   use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: to_text
    implicit none
    private

@@ -7,11 +7,11 @@ module hb_results_file
    use hb_file_location, only: check_target, put_in_place
    use hb_hdf5, only: bytes_of_kind, create_file, h5_dataset_t, h5_file_t, is_characters
    use hb_kinds, only: int64, wp
+   use hb_operating_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_parameter_path, only: identifier
    use hb_result_columns, only: bytes_of_row, column_t, measure_row, plan_t, tuple_entry_name
    use hb_results_layout, only: results_layout_t, swept_parameter_t
    use hb_signals, only: note_unfinished
-   use hb_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: to_text
    implicit none
    private

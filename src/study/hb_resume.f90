@@ -4,11 +4,11 @@ module hb_resume
    use hb_error, only: error_t, fail
    use hb_mpi, only: broadcast_integers, comm_t, rank_of, share_error
    use hb_namelist_difference, only: input_differences
+   use hb_operating_system, only: exists
    use hb_outcome, only: outcome
    use hb_results_record, only: open_points, read_record, record_t
    use hb_run_summary, only: count_retained, run_summary_t
    use hb_schedule, only: schedule_t
-   use hb_system, only: exists
    implicit none
    private
    public :: choose_units, resumed_file_t, resumed_input_t

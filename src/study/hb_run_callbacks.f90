@@ -1,7 +1,7 @@
 !> Callbacks of the models of a run: sources of models, and time integration.
 module hb_run_callbacks
    use hb_fe_model_file, only: fe_model_file_t
-   use hb_model, only: callbacks_t
+   use hb_options, only: callbacks_t
    use hb_time_integration, only: add_time_integration
    implicit none
    private

@@ -2,14 +2,17 @@
 module hb_stored_origin
    use hb_curve_plan, only: curve_plan_t
    use hb_curve_request, only: curve_kind, curve_origin_t, curve_request_t, new_curve_origin
+   use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_file_location, only: check_source
    use hb_hdf5, only: open_file
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t
+   use hb_options, only: options_t
    use hb_results_record, only: refuse_damaged_rows
    use hb_stored_rows, only: stored_file_t
+   use hb_system, only: system_t
    use hb_text, only: to_text
    implicit none
    private
@@ -28,17 +31,20 @@ contains
       call plan%make_request(model, document, request, error)
       if (allocated(error) .or. len(plan%origin_path) == 0) return
       allocate (request%origin)
-      call read_curve_origin(request%origin, plan%origin_path, plan%origin_point, model, error)
+      call read_curve_origin(request%origin, plan%origin_path, plan%origin_point, model%system, model%discretisation, &
+                             model%options, error)
       if (allocated(error)) error%message = plan%location//": origin: "//error%message
    end subroutine request_curve
 
    !> Reads the point; fails if it is damaged, is neither a period doubling nor a torus bifurcation, or does not fit
    !> the model.
-   subroutine read_curve_origin(self, path, point, model, error)
+   subroutine read_curve_origin(self, path, point, system, discretisation, options, error)
       type(curve_origin_t), intent(out) :: self
       character(*), intent(in) :: path                                !! of the file
       integer, intent(in) :: point                                    !! from 0
-      type(model_t), intent(in) :: model                              !! of the new curve
+      type(system_t), intent(in) :: system                            !! of the new curve
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       type(stored_file_t) :: stored
       type(curve_position_t) :: position
@@ -57,7 +63,8 @@ contains
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
          if (any(position%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker])) then
-            call new_curve_origin(self, position%kind == curve_kind%neimark_sacker, position, tuples, model, error)
+            call new_curve_origin(self, position%kind == curve_kind%neimark_sacker, position, tuples, system, discretisation, &
+                                  options, error)
          else
             call fail(error, &
                       "it is neither a 'period_doubling' nor a 'neimark_sacker'; 'nhbm info' and 'nhbm-post peaks' list those")

@@ -8,12 +8,14 @@ module hb_study
    use hb_followed_motion, only: n_further
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_model, only: callbacks_t, model_t, share_of_integrated
+   use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_model_files, only: list_model_files
    use hb_model_reader, only: group_names, read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
+   use hb_operating_system, only: folder_of
+   use hb_options, only: callbacks_t, share_of_integrated
    use hb_outcome, only: outcome
    use hb_result_columns, only: measure_row, new_plan, plan_t
    use hb_results_layout, only: results_layout_t
@@ -22,7 +24,7 @@ module hb_study
    use hb_stored_origin, only: request_curve
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
-   use hb_system, only: folder_of
+   use hb_system, only: system_t
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version
@@ -96,10 +98,11 @@ contains
          if (allocated(error)) return
       end if
       call write_complete_text(first, self%input_complete)
-      if (self%model%accuracy%grows_set) then
-         allocate (self%tuples(self%model%tones%n_tones, share_of_integrated*self%model%accuracy%max_harmonics), source=0)
+      if (self%model%options%accuracy%grows_set) then
+         allocate (self%tuples(self%model%system%tones%n_tones, share_of_integrated*self%model%options%accuracy%max_harmonics), &
+                   source=0)
       else
-         call tuples_of_sweep(self%tuples, self%model%harmonics, self%plan, self%document, has_improved(self), error)
+         call tuples_of_sweep(self%tuples, self%model%discretisation%harmonics, self%plan, self%document, has_improved(self), error)
       end if
    end subroutine new_study
 
@@ -122,8 +125,8 @@ contains
       class(study_t), intent(in) :: self
 
       n = 0
-      associate (line => self%plan%n_fastest(), length => self%model%chain%length)
-         if (self%model%chain%is_on) n = (self%plan%n_points/line)*((line + length - 1)/length)
+      associate (line => self%plan%n_fastest(), length => self%model%options%chain%length)
+         if (self%model%options%chain%is_on) n = (self%plan%n_points/line)*((line + length - 1)/length)
       end associate
    end function study_n_chains
 
@@ -133,8 +136,8 @@ contains
       type(study_t), intent(in) :: self
       integer, parameter :: min_points = 8                          ! a few distant values are not a curve
 
-      is_chained = self%model%chain%is_auto .and. size(self%model%laws) > 0 .and. self%plan%n_fastest() >= min_points &
-         .and. self%plan%can_be_chained()
+      is_chained = self%model%options%chain%is_auto .and. size(self%model%system%laws) > 0 .and. &
+         self%plan%n_fastest() >= min_points .and. self%plan%can_be_chained()
    end function is_chained
 
    !> Parses the text of an input file and applies its overrides.
@@ -225,7 +228,7 @@ contains
    pure logical function has_improved(self)
       type(study_t), intent(in) :: self
 
-      has_improved = self%model%error_estimate%is_on .and. self%model%error_estimate%improvement_steps > 0
+      has_improved = self%model%options%error_estimate%is_on .and. self%model%options%error_estimate%improvement_steps > 0
    end function has_improved
 
    !> Describes the contents of the result file before the first point is solved.
@@ -264,27 +267,27 @@ contains
       integer, allocatable :: law_dofs(:)
       integer :: i
 
-      associate (model => self%model, structure => self%model%structure, plan => self%plan)
-         allocate (law_dofs, source=law_dofs_of(model%laws))
+      associate (model => self%model, structure => self%model%system%structure, plan => self%plan)
+         allocate (law_dofs, source=law_dofs_of(model%system%laws))
          layout%n_points = plan%n_points
          layout%tuples = self%tuples
          if (present(n_harmonics)) layout%tuples = self%tuples(:, :n_harmonics)
-         layout%dof_labels = structure%labels(model%output%dofs)
-         layout%dof_units = [character(16) :: structure%units(model%output%dofs)]
+         layout%dof_labels = structure%labels(model%options%output%dofs)
+         layout%dof_units = [character(16) :: structure%units(model%options%output%dofs)]
          layout%law_dof_labels = structure%labels(law_dofs)
-         layout%law_labels = unique_labels(model)
+         layout%law_labels = unique_labels(model%system)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
-         layout%n_samples = model%output%samples
+         layout%n_samples = model%options%output%samples
          layout%has_improved = has_improved(self)
-         layout%has_accuracy = model%accuracy%is_on
-         layout%has_own_tuples = model%accuracy%grows_set
-         allocate (layout%output_names(size(model%accuracy%outputs)))
+         layout%has_accuracy = model%options%accuracy%is_on
+         layout%has_own_tuples = model%options%accuracy%grows_set
+         allocate (layout%output_names(size(model%options%accuracy%outputs)))
          do i = 1, size(layout%output_names)
-            layout%output_names(i) = model%accuracy%outputs(i)%name
+            layout%output_names(i) = model%options%accuracy%outputs(i)%name
          end do
-         layout%gradient_names = model%gradient%names
-         if (model%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
-         layout%title = model%output%title
+         layout%gradient_names = model%options%gradient%names
+         if (model%options%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
+         layout%title = model%options%output%title
          layout%input_name = self%document%file_name
          layout%input_folder = trim(folder_of(self%document%file_name))
          layout%input_text = self%input_text
@@ -297,11 +300,11 @@ contains
          if (allocated(plan%curve)) then
             layout%curve_parameter = plan%curve%path
             layout%curve_units = plan%curve%units
-            coordinates = coordinates_of(model)
-            layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(model)
-            if (model%lacks_impacts_of(outcome%impact)) &                ! a state and its scales, its phase, and the value
-               layout%n_curve_unknowns = 2 + 2*(2*model%structure%n_dofs + &
-                                             sum([(model%laws(i)%law%n_states, i=1, size(model%laws))]))
+            coordinates = coordinates_of(model%system)
+            layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(model%system)
+            if (model%options%lacks_impacts_of(model%system, outcome%impact)) & ! a state and its scales, its phase, and the value
+               layout%n_curve_unknowns = 2 + 2*(2*model%system%structure%n_dofs + &
+                                             sum([(model%system%laws(i)%law%n_states, i=1, size(model%system%laws))]))
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)
@@ -317,7 +320,7 @@ contains
       class(study_t), intent(in) :: self
       character(:), allocatable :: text
 
-      call list_model_files(self%model, text)
+      call list_model_files(self%model%system, text)
    end function study_libraries
 
    !> Size of one point in the result file, and the number of datasets to which it is written.
@@ -335,13 +338,13 @@ contains
    end subroutine row_of_study
 
    !> Labels of the laws; if two laws have the same label, the number of the law is added.
-   function unique_labels(model) result(labels)
-      type(model_t), intent(in) :: model
-      character(64) :: labels(size(model%laws))
+   function unique_labels(system) result(labels)
+      type(system_t), intent(in) :: system
+      character(64) :: labels(size(system%laws))
       integer :: i
 
       do i = 1, size(labels)
-         labels(i) = model%laws(i)%law%label
+         labels(i) = system%laws(i)%law%label
          if (any(labels(:i - 1) == labels(i))) labels(i) = trim(labels(i))//" "//to_text(i)
       end do
    end function unique_labels

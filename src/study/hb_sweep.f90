@@ -147,7 +147,7 @@ contains
       call describe_layout(self, size_of(comm), run%source%layout)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self), size_of(comm), block_seconds=0.0_wp)
-      run%is_checked = self%model%chain%is_on .and. .not. any(self%model%tones%is_unknown)
+      run%is_checked = self%model%options%chain%is_on .and. .not. any(self%model%system%tones%is_unknown)
       if (run%is_checked) run%is_checked = self%plan%can_be_chained()
       allocate (run%before%crashed(0))
       if (options%resumes) then
@@ -183,8 +183,8 @@ contains
       length = 1
       if (allocated(self%plan%curve)) then
          length = self%plan%n_fastest()
-      else if (self%model%chain%is_on) then
-         length = self%model%chain%length
+      else if (self%model%options%chain%is_on) then
+         length = self%model%options%chain%length
       end if
    end function length_of_units
 
@@ -250,7 +250,7 @@ contains
       call run%progress%finish(done, failed)
       call sum_up(summary, comm)
       if (allocated(run%source%law_doubt%text)) summary%law_doubt = run%source%law_doubt%text
-      call find_idle_laws(run%source%idle_laws, size(self%model%laws), comm, summary)
+      call find_idle_laws(run%source%idle_laws, size(self%model%system%laws), comm, summary)
       summary%n_points = self%plan%n_points
       summary%n_left = run%schedule%n_points - done - sum_over(comm, run%n_unused)
       summary%interruption = max_over(comm, run%ending%reason)

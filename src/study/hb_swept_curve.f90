@@ -21,7 +21,7 @@ module hb_swept_curve
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
-   use hb_solver_types, only: attempt_rule_t, attempt_t, discretisation, stage, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, technique
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
    use hb_text, only: to_text
@@ -82,10 +82,10 @@ contains
       document = source%document
       call source%plan%apply(first, document)
       call update_model(self%model, document, is_new, failure, source%available_memory, source%callbacks)
-      if (.not. allocated(failure)) call check_layout(self%model, source%layout, failure)
+      if (.not. allocated(failure)) call check_layout(self%model%system, self%model%options, source%layout, failure)
       if (.not. allocated(failure)) call request_curve(source%plan%curve, self%model, document, self%request, failure)
       allocate (self%stored(0))
-      call new_curve_of(self%curve, self%model, self%request)
+      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
@@ -144,7 +144,7 @@ contains
       real(wp) :: limit, started
 
       started = wall_clock()
-      limit = self%model%solver%time_limit
+      limit = self%model%options%solver%time_limit
       if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
       call cancellation%enter(limit)
       if (self%has_begun) then
@@ -166,9 +166,9 @@ contains
          result%message = error%message
          self%is_done = .true.
       else
-         call self%law_doubt%examine(self%model, result)
-         call self%idle_laws%examine(self%model, result)
-         if (.not. layout%has_own_tuples) call spread_result(self%model%harmonics, layout, result)
+         call self%law_doubt%examine(self%model%system, self%model%discretisation, result)
+         call self%idle_laws%examine(self%model%system, self%model%discretisation, result)
+         if (.not. layout%has_own_tuples) call spread_result(self%model%discretisation%harmonics, layout, result)
       end if
       if (.not. allocated(result%curve)) result%curve = curve_position_t(curve_kind%none, self%last_parameter, &
                                                                       ieee_value(1.0_wp, ieee_quiet_nan), self%last_branch)
@@ -191,8 +191,9 @@ contains
       attempts%start = self%request%start
       associate (request => self%request, model => self%model)
          attempts%has_choice = any(abs(request%start - [request%from, request%to]) <= 0.0_wp) .and. .not. &
-            (allocated(request%origin) .or. allocated(request%over) .or. any(model%tones%is_unknown) .or. &
-             model%start_from_integration .or. model%normal_mode%is_requested .or. model%lacks_impacts_of(outcome%impact))
+            (allocated(request%origin) .or. allocated(request%over) .or. any(model%system%tones%is_unknown) .or. &
+             model%options%start%from_integration .or. model%system%normal_mode%is_requested .or. &
+                model%options%lacks_impacts_of(model%system, outcome%impact))
       end associate
       call make_attempts(attempts, stage%curve)
       result%attempts = attempts%made
@@ -217,15 +218,15 @@ contains
       associate (curve => self%curve, result => self%result)
          associate (request => curve%request)
             call go_to(curve, merge(request%from + request%to - self%start, self%start, &
-                                    rule%discretisation == discretisation%other_end), self%error)
+                                    rule%discretisation == set_choice%other_end), self%error)
          end associate
-         if (self%has_choice) curve%model%may_integrate = rule%technique == technique%integration
+         if (self%has_choice) curve%model%options%may_integrate = rule%technique == technique%integration
          if (.not. allocated(self%error)) call curve%curve%begin(curve%model, curve%request, result, self%error)
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          attempt%status = merge(outcome%failed, result%status, allocated(self%error))
          if (allocated(self%error)) return
          attempt%has_succeeded = is_solved(result%status) .and. estimate_of(result) < reliable
-         if (is_solved(result%status) .and. rule%discretisation == discretisation%other_end .and. &
+         if (is_solved(result%status) .and. rule%discretisation == set_choice%other_end .and. &
              (attempt%has_succeeded .or. work_is_over())) &
             result%message = "no motion was found at "//to_text(self%start)//"; the curve begins at the other end of its range"
       end associate
@@ -246,7 +247,7 @@ contains
 
       if (abs(start - self%request%start) <= 0.0_wp) return
       call self%curve%destroy()
-      call new_curve_of(self%curve, self%model, self%request)
+      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
       self%request%start = start
       call new_movement(movement, self%model, self%request%moving%number, self%request%moving%is_tied, error)
       if (.not. allocated(error)) call set_movement(self%model, movement, start, error)

@@ -11,15 +11,16 @@ module hb_swept_point
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_level, only: level_t
-   use hb_model, only: model_t
    use hb_model_reader, only: update_model
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
+   use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
    use hb_point, only: solve_point
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
    use hb_results_layout, only: rank_times_t
+   use hb_system, only: system_t
    implicit none
    private
    public :: check_layout, run_point, spread_result
@@ -45,21 +46,22 @@ contains
       call cancellation%enter(huge(1.0_wp))
       call source%plan%apply(point, source%document)
       call update_model(source%model, source%document, is_new, error, source%available_memory, source%callbacks)
-      if (is_new .and. .not. allocated(error)) call check_layout(source%model, source%layout, error)
+      if (is_new .and. .not. allocated(error)) call check_layout(source%model%system, source%model%options, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)
       if (.not. allocated(error)) then
          associate (model => source%model)
-            call cancellation%begin(model%solver%time_limit)
-            if (model%accuracy%is_on) then
-               call neighbour%predict_level(value, model, below)
-            else if (model%chain%is_on) then
-               call neighbour%predict(value, model%harmonics, model%chain%secant, start)
+            call cancellation%begin(model%options%solver%time_limit)
+            if (model%options%accuracy%is_on) then
+               call neighbour%predict_level(value, model%options, below)
+            else if (model%options%chain%is_on) then
+               call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
             end if
             call solve_point(model, result, error, level, below, start, source%cached)
-            if (.not. allocated(error)) call find_gradient(model, level, level%unknowns, result)
-            if (.not. allocated(error)) call source%law_doubt%examine(model, result)
-            if (.not. allocated(error)) call source%idle_laws%examine(model, result)
+            if (.not. allocated(error)) &
+               call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)
+            if (.not. allocated(error)) call source%law_doubt%examine(model%system, model%discretisation, result)
+            if (.not. allocated(error)) call source%idle_laws%examine(model%system, model%discretisation, result)
          end associate
       end if
       if (allocated(error)) then
@@ -67,7 +69,7 @@ contains
          result%reason = reason%error
          result%message = error%message
       else
-         if (.not. source%layout%has_own_tuples) call spread_result(source%model%harmonics, source%layout, result)
+         if (.not. source%layout%has_own_tuples) call spread_result(source%model%discretisation%harmonics, source%layout, result)
       end if
       if (.not. allocated(error) .and. allocated(level%unknowns)) then
          if (present(check)) call check%examine(source, point, level, result)
@@ -85,21 +87,22 @@ contains
    end subroutine run_point
 
    !> Rejects a point whose structure or laws have other degrees of freedom: a file has one list of them.
-   subroutine check_layout(model, layout, error)
-      type(model_t), intent(in) :: model
+   subroutine check_layout(system, options, layout, error)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(results_layout_t), intent(in) :: layout
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: law_dofs(:)
       logical :: is_same
 
-      allocate (law_dofs, source=law_dofs_of(model%laws))
-      is_same = size(model%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
-                .and. size(model%laws) == size(layout%law_labels) &
-                .and. size(model%output%samples) == size(layout%n_samples)
+      allocate (law_dofs, source=law_dofs_of(system%laws))
+      is_same = size(options%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
+                .and. size(system%laws) == size(layout%law_labels) &
+                .and. size(options%output%samples) == size(layout%n_samples)
       if (is_same) then
-         is_same = all(model%structure%labels(model%output%dofs) == layout%dof_labels) .and. &
-                   all(model%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
-                   all(model%output%samples == layout%n_samples)
+         is_same = all(system%structure%labels(options%output%dofs) == layout%dof_labels) .and. &
+                   all(system%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
+                   all(options%output%samples == layout%n_samples)
       end if
       if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
                                    "list the common ones in &output dofs, or run it by itself")

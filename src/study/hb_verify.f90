@@ -103,9 +103,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      if (size(stored%coefficients, 3) /= stored%study%model%structure%n_dofs) then
+      if (size(stored%coefficients, 3) /= stored%study%model%system%structure%n_dofs) then
          call fail(error, "time integration starts from all degrees of freedom, and the file has "// &
-                   to_text(size(stored%coefficients, 3))//" of "//to_text(stored%study%model%structure%n_dofs)// &
+                   to_text(size(stored%coefficients, 3))//" of "//to_text(stored%study%model%system%structure%n_dofs)// &
                    "; solve again without &output dofs")
          return
       end if
@@ -186,15 +186,15 @@ contains
       claim%tuples = stored%tuples
       if (stored%has_own_tuples) claim%tuples = stored%own_tuples(:, :stored%n_harmonics(point), point)
       associate (n => size(claim%tuples, 2))
-         allocate (claim%amplitudes(n, model%structure%n_dofs))
-         claim%amplitudes(:, model%output%dofs) = cmplx(stored%coefficients(1, :n, :, point), &
+         allocate (claim%amplitudes(n, model%system%structure%n_dofs))
+         claim%amplitudes(:, model%options%output%dofs) = cmplx(stored%coefficients(1, :n, :, point), &
                                                         -stored%coefficients(2, :n, :, point), wp)
       end associate
       where (.not. ieee_is_finite(real(claim%amplitudes, wp))) claim%amplitudes = (0.0_wp, 0.0_wp)
       claim%estimate = stored%estimates(point)
       claim%frequency_estimates = stored%frequency_estimates(:, point)
       claim%is_averaged = any(stored%status(point) == [outcome%integrated, outcome%multiple_attractors]) &
-         .and. .not. model%accuracy%grows_set
+         .and. .not. model%options%accuracy%grows_set
       claim%is_unstable = stored%is_stable(point) == -1
       claim%spread = stored%aliasing(point)
       call verify_motion(model, claim, n_periods, result, error)

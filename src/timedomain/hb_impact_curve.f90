@@ -20,17 +20,19 @@ module hb_impact_curve
    use hb_integrated_result, only: keep_integrated
    use hb_kinds, only: wp
    use hb_level, only: level_t, put_on_set
-   use hb_model, only: model_t, share_of_integrated
+   use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_motion_curve, only: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motion_ridge, only: new_motion_curve
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_newton, only: solve_newton
+   use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_solved, outcome
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
+   use hb_system, only: system_t
    use hb_time_domain, only: steady_motion_t
    use hb_tuple_choice, only: new_lowest_set
    implicit none
@@ -90,12 +92,13 @@ module hb_impact_curve
 contains
 
    !> Creates the curve of a model: of impacts if walls have a restitution, otherwise of balances.
-   subroutine new_curve_of(self, model, request)
+   subroutine new_curve_of(self, system, options, request)
       class(motion_curve_t), allocatable, intent(out) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(curve_request_t), intent(in) :: request
 
-      if (model%lacks_impacts_of(outcome%impact)) then
+      if (options%lacks_impacts_of(system, outcome%impact)) then
          allocate (impact_curve_t :: self)
       else
          call new_motion_curve(self, request)
@@ -118,16 +121,16 @@ contains
       integer :: i
 
       whole = model
-      whole%output%dofs = [(i, i=1, model%structure%n_dofs)]
-      whole%chain%is_on = .false.
+      whole%options%output%dofs = [(i, i=1, model%system%structure%n_dofs)]
+      whole%options%chain%is_on = .false.
       call solve_point(whole, result, error, level)
       self%is_done = allocated(error) .or. .not. (is_solved(result%status) .and. allocated(result%coefficients))
       if (self%is_done) return
-      set = model%harmonics
-      if (model%accuracy%is_on) set = result%harmonics
-      call new_motion_series(motion, set%tuples, model%tones%omega, &
+      set = model%discretisation%harmonics
+      if (model%options%accuracy%is_on) set = result%harmonics
+      call new_motion_series(motion, set%tuples, model%system%tones%omega, &
                              transpose(cmplx(result%coefficients(1, :, :), -result%coefficients(2, :, :), wp)))
-      call new_impact_orbit(self%orbit, model, motion, error)
+      call new_impact_orbit(self%orbit, model%system, model%discretisation, model%options, motion, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       call self%orbit%move(request%moving, request%start)
@@ -141,7 +144,7 @@ contains
       end if
       self%first_section = self%orbit%section
       self%request = request
-      call self%prepare(model, [request%start], level_t(), error)
+      call self%prepare(model%system, model%discretisation, model%options, [request%start], level_t(), error)
       self%first%x = [x, request%start]
       call self%report_start(result, error)
    end subroutine impact_curve_begin
@@ -157,11 +160,11 @@ contains
       type(motion_series_t) :: motion
       integer :: i, n
 
-      associate (last => stored(size(stored))%unknowns, n_dofs => model%structure%n_dofs)
+      associate (last => stored(size(stored))%unknowns, n_dofs => model%system%structure%n_dofs)
          n = (size(last) - 2)/2
-         call new_motion_series(motion, reshape([1], [1, 1]), model%tones%omega, &
+         call new_motion_series(motion, reshape([1], [1, 1]), model%system%tones%omega, &
                                 cmplx(reshape(last(n + 1:n + n_dofs), [n_dofs, 1]), kind=wp))
-         call new_impact_orbit(self%orbit, model, motion, error)
+         call new_impact_orbit(self%orbit, model%system, model%discretisation, model%options, motion, error)
          if (allocated(error)) return
          call self%orbit%move(request%moving, request%start)
          self%orbit%map%scale = last(n + 1:2*n)
@@ -203,9 +206,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       self%level = level
-      self%set = self%model%harmonics
-      associate (accuracy => self%model%accuracy)
-         if (accuracy%is_on) call new_lowest_set(self%set, 1, loaded_tuples(self%model), error, &
+      self%set = self%model%discretisation%harmonics
+      associate (accuracy => self%model%options%accuracy)
+         if (accuracy%is_on) call new_lowest_set(self%set, 1, loaded_tuples(self%model%discretisation), error, &
             min(max_candidates, max(16, ceiling(4.0_wp*accuracy%tolerance**(-2.0_wp/3.0_wp)))))
       end associate
    end subroutine impact_curve_put_on
@@ -315,24 +318,25 @@ contains
       type(steady_motion_t) :: steady
       logical :: is_done
 
-      associate (orbit => self%orbit, n => self%orbit%n_unknowns, accuracy => self%model%accuracy)
+      associate (orbit => self%orbit, n => self%orbit%n_unknowns, accuracy => self%model%options%accuracy)
          result = motion_result_t()
          result%residual = orbit%norm(self%defect(point%x))
          result%n_unknowns = n
          result%status = outcome%failed
          here = orbit%model
-         coordinates = coordinates_of(here)
+         coordinates = coordinates_of(here%system)
          if (accuracy%is_on) then
-            call put_on_set(here, orbit%model, self%set)
-            here%integration%aim = accuracy%tolerance
+            call put_on_set(here, orbit%model%discretisation, self%set)
+            here%options%integration%aim = accuracy%tolerance
          end if
-         call orbit%describe(here, coordinates, point%x(:n), steady, is_done)
+         call orbit%describe(here%discretisation, here%options, coordinates, point%x(:n), steady, is_done)
          steady%status = outcome%integrated
          if (is_done .and. accuracy%is_on) then
-            call keep_lines(here, coordinates, share_of_integrated*accuracy%max_harmonics, steady, result, self%level)
-            result%status = status_within(self%model, steady, result)
+            call keep_lines(here%system, here%discretisation, here%options, coordinates, &
+                            share_of_integrated*accuracy%max_harmonics, steady, result, self%level)
+            result%status = status_within(self%model%options, steady, result)
          else if (is_done) then
-            call keep_integrated(here, coordinates, steady, result)
+            call keep_integrated(here%system, here%discretisation, here%options, coordinates, steady, result)
             result%status = steady%status
          end if
          if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
@@ -388,7 +392,7 @@ contains
 
       set => self%set
       call self%orbit%set_parameters([1], x(size(x):), is_possible)
-      load = largest_load(self%orbit%model, response)
+      load = largest_load(self%orbit%model%discretisation, response)
       allocate (c(0))
       if (is_possible) c = self%orbit%series_of(set, response%dof, x(:size(x) - 1))
    end subroutine impact_curve_find_series

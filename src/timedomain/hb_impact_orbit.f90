@@ -10,6 +10,7 @@ module hb_impact_orbit
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_coordinates, only: coordinates_t
    use hb_difference_limit, only: distance_at, limit_t
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_floquet, only: stability_of_map
    use hb_harmonics, only: harmonics_t
@@ -20,10 +21,12 @@ module hb_impact_orbit
    use hb_model_problem, only: moving_value_t, refusal_t
    use hb_motion_series, only: motion_series_t
    use hb_movement, only: movement_t, new_movement, set_movement
+   use hb_options, only: options_t
    use hb_problem, only: problem_t
    use hb_stability, only: stability_t
    use hb_state_map, only: at_rest, far_from_events, farthest_phase, new_state_map, state_map_t
    use hb_structure, only: max_dense
+   use hb_system, only: system_t
    use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integration_record_t
    implicit none
@@ -77,18 +80,22 @@ module hb_impact_orbit
 contains
 
    !> Creates the problem of a model with one given tone near a motion; fails for laws that no integrator supports.
-   subroutine new_impact_orbit(self, model, motion, error)
+   subroutine new_impact_orbit(self, system, discretisation, options, motion, error)
       type(impact_orbit_t), intent(out) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_series_t), intent(in) :: motion                     !! of all degrees of freedom
       type(error_t), allocatable, intent(out) :: error
 
-      self%model = model
-      call model%structure%check_matrices("integration", max_dense, error)
+      self%model%system = system
+      self%model%discretisation = discretisation
+      self%model%options = options
+      call system%structure%check_matrices("integration", max_dense, error)
       if (allocated(error)) return
       allocate (self%system)
       call put_system(self)
-      call new_state_map(self%map, self%system, motion, model%integration%restitution, accuracy, error)
+      call new_state_map(self%map, self%system, motion, options%integration%restitution, accuracy, error)
       if (allocated(error)) return
       self%section = farthest_phase(self%map)/two_pi
       self%n_unknowns = size(self%map%scale)
@@ -102,9 +109,9 @@ contains
    subroutine put_system(self)
       type(impact_orbit_t), intent(inout) :: self
 
-      associate (model => self%model, omega => self%model%tones%omega)
-         call new_integration_system(self%system, model%structure, model%laws, model%loads%whole(), &
-                                     model%harmonics%frequencies(omega), omega)
+      associate (model => self%model, omega => self%model%system%tones%omega)
+         call new_integration_system(self%system, model%system%structure, model%system%laws, model%discretisation%loads%whole(), &
+                                     model%discretisation%harmonics%frequencies(omega), omega)
       end associate
    end subroutine put_system
 
@@ -112,7 +119,7 @@ contains
    pure real(wp) function impact_orbit_period(self) result(period)
       class(impact_orbit_t), intent(in) :: self
 
-      period = two_pi/self%model%tones%omega(1)
+      period = two_pi/self%model%system%tones%omega(1)
    end function impact_orbit_period
 
    !> State after a part of a period from the section on, at a value.
@@ -295,8 +302,8 @@ contains
       if (.not. allocated(error)) then
          self%value = values(1)
          call put_system(self)
-         call collect_rigid(self%system%laws, self%model%integration%restitution, self%map%rigid, error)
-         self%map%motion%omega = self%model%tones%omega
+         call collect_rigid(self%system%laws, self%model%options%integration%restitution, self%map%rigid, error)
+         self%map%motion%omega = self%model%system%tones%omega
       end if
       is_possible = .not. allocated(error)
       if (is_possible) then
@@ -322,7 +329,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
 
       call differentiate(self, x)
-      if (allocated(self%slopes)) stability = stability_of_map(self%slopes(:, :size(x)), self%model%tones%omega(1))
+      if (allocated(self%slopes)) stability = stability_of_map(self%slopes(:, :size(x)), self%model%system%tones%omega(1))
    end function impact_orbit_stability
 
    !> Moves the section to another phase, and a state on it with a direction along which state and value change.
@@ -380,7 +387,7 @@ contains
       integer :: i, n
 
       after = x
-      n = max(min_samples, samples_of_harmonic*maxval(self%model%harmonics%highest))
+      n = max(min_samples, samples_of_harmonic*maxval(self%model%discretisation%harmonics%highest))
       associate (period => self%period())
          call self%map%record_from(self%section*period, period, n, [(i, i=1, self%system%n_dofs)], after, record, is_done)
       end associate
@@ -428,9 +435,10 @@ contains
    end function impact_orbit_series_of
 
    !> Derivative of the map and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
-   subroutine impact_orbit_describe(self, model, coordinates, x, steady, is_done)
+   subroutine impact_orbit_describe(self, discretisation, options, coordinates, x, steady, is_done)
       class(impact_orbit_t), intent(inout) :: self
-      type(model_t), intent(in) :: model                              !! at the same value, with a set of its own
+      type(discretisation_t), intent(in) :: discretisation            !! at the same value, with a set of its own
+      type(options_t), intent(in) :: options
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: x(:)
       type(steady_motion_t), intent(inout) :: steady
@@ -442,7 +450,7 @@ contains
       if (.not. is_done) return
       z = coordinates%values_of(q(:, coordinates%dofs))
       remainder = z
-      associate (set => model%harmonics, n => size(q, 1))
+      associate (set => discretisation%harmonics, n => size(q, 1))
          steady%amplitudes = transpose(harmonics_of(self, set, q))
          steady%averages = harmonics_of(self, set, z)
          do h = 1, set%n_harmonics
@@ -455,7 +463,7 @@ contains
       steady%spread = noise
       call differentiate(self, x)
       if (allocated(self%slopes)) steady%monodromy = self%slopes(:, :size(x))
-      if (model%integration%aim > 0.0_wp) then                        ! as for fits to candidates
+      if (options%integration%aim > 0.0_wp) then                      ! as for fits to candidates
          steady%spread = steady%left_out
          steady%left_out = 0.0_wp
       end if

@@ -11,6 +11,7 @@ module hb_integrated_motion
    use hb_birkhoff, only: coefficients_at
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
@@ -23,12 +24,14 @@ module hb_integrated_motion
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_newton, only: solve_newton
+   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense, structure_t
    use hb_sundials, only: has_cvode
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: same_motion
    use hb_time_domain, only: evaluation_work, integration_config_t, integration_method, steady_motion_t, step_of
@@ -75,8 +78,10 @@ contains
    !> so that no symmetry preserves an unstable motion. If `cvode` uses up all of its work on the fastest motions of
    !> the structure, which hard stops excite, or would do so on candidates, a method with fixed steps has the same
    !> budget again.
-   subroutine find_steady_motion(model, law_dofs, steady, error, start)
-      type(model_t), intent(in) :: model                              !! all tones given
+   subroutine find_steady_motion(system, discretisation, options, law_dofs, steady, error, start)
+      type(system_t), intent(in) :: system                            !! all tones given
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       integer, intent(in) :: law_dofs(:)
       type(steady_motion_t), intent(out) :: steady
       type(error_t), allocatable, intent(out) :: error
@@ -87,18 +92,21 @@ contains
       integer :: i
       logical :: by_cvode_alone, is_fast
 
-      by_cvode_alone = model%integration%aim <= 0.0_wp .and. any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
-      is_fast = model%integration%method == integration_method%cvode .and. .not. by_cvode_alone
-      if (is_fast) is_fast = .not. has_bounds_of(model) .or. work_of_mode*fastest_of(model)*periods_of_first(model)* &
-                             two_pi/minval(model%tones%omega)*evaluation_work(model%structure%n_dofs, size(law_dofs), .false.) > &
-                             model%integration%work_limit
+      by_cvode_alone = options%integration%aim <= 0.0_wp .and. &
+         any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
+      is_fast = options%integration%method == integration_method%cvode .and. .not. by_cvode_alone
+      if (is_fast) is_fast = .not. has_bounds_of(system) .or. &
+         work_of_mode*fastest_of(system)*periods_of_first(system, discretisation, options)* &
+                             two_pi/minval(system%tones%omega)*evaluation_work(system%structure%n_dofs, size(law_dofs), .false.) > &
+                             options%integration%work_limit
       if (.not. is_fast) then
-         call follow(model, law_dofs, steady, last, error, start)
-         if (model%integration%method /= integration_method%cvode) return
+         call follow(system, discretisation, options, law_dofs, steady, last, error, start)
+         if (options%integration%method /= integration_method%cvode) return
          if (.not. steady%is_out_of_work .or. steady%status /= outcome%pending) return
          if (by_cvode_alone) return
       end if
-      call follow_in_steps(model, law_dofs, 2.0_wp*model%integration%work_limit - steady%work, again, failure, start)
+      call follow_in_steps(system, discretisation, options, law_dofs, 2.0_wp*options%integration%work_limit - steady%work, again, &
+                           failure, start)
       again%work = again%work + steady%work
       steady%work = again%work
       if (.not. is_fast .and. (allocated(failure) .or. again%status == outcome%pending)) return
@@ -108,13 +116,13 @@ contains
    end subroutine find_steady_motion
 
    !> Whether cvode is available and supports the sliders of all laws.
-   pure logical function has_bounds_of(model) result(has_bounds)
-      type(model_t), intent(in) :: model
+   pure logical function has_bounds_of(system) result(has_bounds)
+      type(system_t), intent(in) :: system
       integer :: i
 
       has_bounds = has_cvode()
-      do i = 1, size(model%laws)
-         select type (law => model%laws(i)%law)
+      do i = 1, size(system%laws)
+         select type (law => system%laws(i)%law)
          class is (hysteretic_law_t)
             has_bounds = has_bounds .and. law%has_bounds
          end select
@@ -124,8 +132,10 @@ contains
    !> Integrates by a method with fixed steps, and with steps half as long from the end of the previous integration;
    !> with a tolerance until the motion no longer changes by more than permitted. The result is that of the shortest
    !> steps; the last change counts as its error.
-   subroutine follow_in_steps(model, law_dofs, budget, steady, error, start)
-      type(model_t), intent(in) :: model
+   subroutine follow_in_steps(system, discretisation, options, law_dofs, budget, steady, error, start)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       integer, intent(in) :: law_dofs(:)
       real(wp), intent(in) :: budget                                  !! of work
       type(steady_motion_t), intent(out) :: steady
@@ -138,34 +148,37 @@ contains
       integer :: i
       logical :: is_aimed
 
-      is_aimed = model%integration%aim > 0.0_wp
-      stepped = model
-      if (any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])) then
-         stepped%integration%method = integration_method%central_differences
-         stepped%integration%substeps = ceiling(steps_of_mode*fastest_of(model)*sample_step(model))
+      is_aimed = options%integration%aim > 0.0_wp
+      stepped%system = system
+      stepped%discretisation = discretisation
+      stepped%options = options
+      if (any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])) then
+         stepped%options%integration%method = integration_method%central_differences
+         stepped%options%integration%substeps = &
+            ceiling(steps_of_mode*fastest_of(system)*sample_step(system, discretisation, options))
       else
-         stepped%integration%method = integration_method%generalized_alpha
-         stepped%integration%spectral_radius = 0.0_wp
-         stepped%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
+         stepped%options%integration%method = integration_method%generalized_alpha
+         stepped%options%integration%spectral_radius = 0.0_wp
+         stepped%options%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
       end if
-      call follow(stepped, law_dofs, steady, last, error, start)
+      call follow(stepped%system, stepped%discretisation, stepped%options, law_dofs, steady, last, error, start)
       do i = 1, max_halvings
          if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%integrated)) exit
          coarse = steady
-         stepped%integration%substeps = 2*stepped%integration%substeps
-         stepped%integration%work_limit = max(0.0_wp, budget - coarse%work)
+         stepped%options%integration%substeps = 2*stepped%options%integration%substeps
+         stepped%options%integration%work_limit = max(0.0_wp, budget - coarse%work)
          now = last
-         call follow(stepped, law_dofs, steady, last, error, now)
+         call follow(stepped%system, stepped%discretisation, stepped%options, law_dofs, steady, last, error, now)
          steady%work = steady%work + coarse%work
          if (allocated(error)) exit
          steady%message = steady%message//merge("; implicit steps", "; fixed steps   ", &
-                                                stepped%integration%method == integration_method%generalized_alpha)
+                                                stepped%options%integration%method == integration_method%generalized_alpha)
          if (steady%status /= outcome%integrated) exit
          if (coarse%status /= outcome%integrated) cycle
-         change = maxval(distance_of(steady%averages, coarse%averages, 0.1_wp*allowed_of(model)))
+         change = maxval(distance_of(steady%averages, coarse%averages, 0.1_wp*allowed_of(options)))
          steady%spread = hypot(steady%spread, change)
          steady%message = trim(steady%message)//", half as long ones change it by "//rounded(change)
-         if (merge(change, steady%spread, is_aimed) <= allowed_of(model)) return
+         if (merge(change, steady%spread, is_aimed) <= allowed_of(options)) return
          steady%change_by_steps = change
       end do
       if (steady%status == outcome%integrated .and. .not. (is_aimed .and. steady%change_by_steps <= largest_change)) &
@@ -173,13 +186,13 @@ contains
    end subroutine follow_in_steps
 
    !> Frequency of the fastest mode of the structure without damping [rad/s], 0 if not known.
-   real(wp) function fastest_of(model) result(fastest)
-      type(model_t), intent(in) :: model
+   real(wp) function fastest_of(system) result(fastest)
+      type(system_t), intent(in) :: system
       type(error_t), allocatable :: error
       type(modes_t) :: modes
       type(structure_t) :: structure
 
-      structure = model%structure
+      structure = system%structure
       call structure%unpack()
       call new_modes(modes, structure%mass, 0.0_wp*structure%damping, structure%stiffness, error)
       fastest = 0.0_wp
@@ -187,49 +200,56 @@ contains
    end function fastest_of
 
    !> Sampling interval of a record [s].
-   real(wp) function sample_step(model) result(step)
-      type(model_t), intent(in) :: model
+   real(wp) function sample_step(system, discretisation, options) result(step)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
 
-      associate (highest => maxval(abs(model%harmonics%frequencies(model%tones%omega))))
-         step = min(step_of(model%integration, model%tones%omega), &
-                    two_pi/(merge(samples_of_candidate, samples_of_harmonic, model%integration%aim > 0.0_wp)*highest))
+      associate (highest => maxval(abs(discretisation%harmonics%frequencies(system%tones%omega))))
+         step = min(step_of(options%integration, system%tones%omega), &
+                    two_pi/(merge(samples_of_candidate, samples_of_harmonic, options%integration%aim > 0.0_wp)*highest))
       end associate
    end function sample_step
 
    !> Periods of the slowest tone in the first window.
-   integer function periods_of_first(model) result(n_periods)
-      type(model_t), intent(in) :: model
+   integer function periods_of_first(system, discretisation, options) result(n_periods)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
 
       n_periods = first_window
-      if (model%integration%aim <= 0.0_wp) return
-      associate (omega => model%tones%omega)
-         n_periods = max(n_periods, ceiling(numbers_of_unknown/seen*model%harmonics%n_harmonics*minval(omega)/ &
-                                            maxval(abs(model%harmonics%frequencies(omega)))))
+      if (options%integration%aim <= 0.0_wp) return
+      associate (omega => system%tones%omega)
+         n_periods = max(n_periods, ceiling(numbers_of_unknown/seen*discretisation%harmonics%n_harmonics*minval(omega)/ &
+                                            maxval(abs(discretisation%harmonics%frequencies(omega)))))
       end associate
    end function periods_of_first
 
    !> Work of the averages over a record, or of a fit to it [ns].
-   pure real(wp) function work_of_averages(model, n_samples, n_coordinates, n_products) result(work)
-      type(model_t), intent(in) :: model
+   pure real(wp) function work_of_averages(discretisation, options, n_samples, n_coordinates, n_products) result(work)
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       integer, intent(in) :: n_samples, n_coordinates
       integer, intent(in) :: n_products                               !! of a fit
 
-      if (model%integration%aim > 0.0_wp) then
+      if (options%integration%aim > 0.0_wp) then
          work = work_of_product*n_products*real(n_samples, wp)
       else
-         work = 2.0_wp*n_samples*n_coordinates*real(model%harmonics%n_harmonics, wp)
+         work = 2.0_wp*n_samples*n_coordinates*real(discretisation%harmonics%n_harmonics, wp)
       end if
    end function work_of_averages
 
    !> Largest permitted spread of a steady motion.
-   pure real(wp) function allowed_of(model) result(allowed)
-      type(model_t), intent(in) :: model
+   pure real(wp) function allowed_of(options) result(allowed)
+      type(options_t), intent(in) :: options
 
-      allowed = min(model%error_estimate%truncation, largest_spread)
+      allowed = min(options%error_estimate%truncation, largest_spread)
    end function allowed_of
 
-   subroutine follow(model, law_dofs, steady, state, error, start)
-      type(model_t), intent(in) :: model                              !! all tones given
+   subroutine follow(system, discretisation, options, law_dofs, steady, state, error, start)
+      type(system_t), intent(in) :: system                            !! all tones given
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       integer, intent(in) :: law_dofs(:)
       type(steady_motion_t), intent(out) :: steady
       type(integration_state_t), intent(out) :: state                 !! the last one
@@ -238,7 +258,7 @@ contains
       type(coordinates_t) :: coordinates
       type(integration_config_t) :: config
       type(integration_record_t) :: record
-      type(integration_system_t), target :: system
+      type(integration_system_t), target :: equations
       type(line_fit_t) :: fit
       complex(wp), allocatable :: before(:, :), now(:, :)
       real(wp), allocatable :: remainder(:, :), z(:, :)
@@ -246,42 +266,44 @@ contains
       integer :: i, n_first, status_before, window
       logical :: finds_lines, has_forgotten
 
-      finds_lines = model%integration%aim > 0.0_wp
-      associate (omega => model%tones%omega, frequencies => model%harmonics%frequencies(model%tones%omega))
-         coordinates = coordinates_of(model)
-         call model%structure%check_matrices("integration", max_dense, error)
+      finds_lines = options%integration%aim > 0.0_wp
+      associate (omega => system%tones%omega, frequencies => &
+                 discretisation%harmonics%frequencies(system%tones%omega))
+         coordinates = coordinates_of(system)
+         call system%structure%check_matrices("integration", max_dense, error)
          if (allocated(error)) return
-         call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
+         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
+                                     frequencies, omega)
          if (present(start)) then
             state = start
          else
-            call begin(model, frequencies, system, state)
+            call begin(discretisation, frequencies, equations, state)
          end if
          period = two_pi/minval(omega)
-         step = sample_step(model)
-         config = model%integration
+         step = sample_step(system, discretisation, options)
+         config = options%integration
          config%transient = 0.0_wp
          config%decimation = huge(1)
-         config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
-         allowed = allowed_of(model)
-         rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
-         n_first = periods_of_first(model)
+         config%largest = runaway*max(equations%length, maxval(abs(state%q)), tiny(1.0_wp))
+         allowed = allowed_of(options)
+         rate = slowest_decay(equations%structure%mass, equations%structure%damping, equations%structure%stiffness)
+         n_first = periods_of_first(system, discretisation, options)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
          do window = 1, max_windows
             config%duration = n_first*2**(window - 1)*period
-            if (config%duration/step*system%n_dofs > largest_record) exit
+            if (config%duration/step*equations%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > max_terms) exit
-            call integrate_window(model, system, config, step, state, record, steady, error)
+            call integrate_window(options, equations, config, step, state, record, steady, error)
             if (allocated(error)) return
             if (steady%is_out_of_work) exit
             steady%n_periods = steady%n_periods + n_first*2**(window - 1)
             z = coordinates%values_of(record%every_displacement(:, law_dofs))
             if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
-                                               importance_of(model), error)
+                                               importance_of(discretisation), error)
             if (allocated(error)) return
-            now = averages_of(model, z, record, fit)
-            steady%work = steady%work + work_of_averages(model, size(z, 1), size(z, 2), fit%n_products)
+            now = averages_of(system, discretisation, options, z, record, fit)
+            steady%work = steady%work + work_of_averages(discretisation, options, size(z, 1), size(z, 2), fit%n_products)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
             spread_before = spread
@@ -302,17 +324,18 @@ contains
                remainder = remainder_of(z, now, record, frequencies)
             end if
             status_before = steady%status
-            call describe_verdict(model, steady, z, remainder, record, allowed, has_forgotten, window == max_windows)
+            call describe_verdict(system, discretisation, options, steady, z, remainder, record, allowed, has_forgotten, &
+                                  window == max_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
-            if (is_final(steady, status_before, spread_before, allowed, model%integration%aim)) exit
+            if (is_final(steady, status_before, spread_before, allowed, options%integration%aim)) exit
          end do
          if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(n_first)// &
             " periods has too many samples"
          if (steady%status == outcome%integrated) then
-            steady%amplitudes = transpose(averages_of(model, record%every_displacement, record, fit))
-            if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
-               call polish(model, coordinates, state, steady)
+            steady%amplitudes = transpose(averages_of(system, discretisation, options, record%every_displacement, record, fit))
+            if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
+               call polish(system, discretisation, options, coordinates, state, steady)
          end if
          call fit%destroy()
       end associate
@@ -320,8 +343,10 @@ contains
 
    !> Replaces a motion with impacts by the periodic one at its end, if Newton's method finds it nearby: its accuracy is
    !> then not limited by the decay of transients.
-   subroutine polish(model, coordinates, state, steady)
-      type(model_t), intent(in) :: model
+   subroutine polish(system, discretisation, options, coordinates, state, steady)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(coordinates_t), intent(in) :: coordinates
       type(integration_state_t), intent(in) :: state                  !! at the end of the record
       type(steady_motion_t), intent(inout) :: steady
@@ -334,8 +359,8 @@ contains
       real(wp), allocatable :: begun(:), x(:)
       logical :: is_done
 
-      call new_motion_series(motion, model%harmonics%tuples, model%tones%omega, steady%amplitudes)
-      call new_impact_orbit(orbit, model, motion, error)
+      call new_motion_series(motion, discretisation%harmonics%tuples, system%tones%omega, steady%amplitudes)
+      call new_impact_orbit(orbit, system, discretisation, options, motion, error)
       if (.not. allocated(error)) then
          call orbit%state_after(state, begun, is_done)
          x = begun
@@ -343,7 +368,7 @@ contains
          steady%work = steady%work + orbit%work_of(report)
          if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= same_motion) then
             polished = steady
-            call orbit%describe(model, coordinates, x, polished, is_done)
+            call orbit%describe(discretisation, options, coordinates, x, polished, is_done)
             stability = orbit%stability(x)
             if (is_done .and. stability%verdict /= stability_verdict%unstable) steady = polished    ! the motion attracts
          end if
@@ -353,8 +378,8 @@ contains
 
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
    !> status is then `integrated` or undecided, without an error.
-   subroutine integrate_window(model, system, config, step, state, record, steady, error)
-      type(model_t), intent(in) :: model
+   subroutine integrate_window(options, system, config, step, state, record, steady, error)
+      type(options_t), intent(in) :: options
       type(integration_system_t), intent(inout), target :: system
       type(integration_config_t), intent(inout) :: config             !! with the duration of the window
       real(wp), intent(in) :: step                                    !! [s], between samples
@@ -369,7 +394,7 @@ contains
 
       cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
       n_before = system%laws%n_evaluations
-      config%max_evaluations = n_before + int(min((model%integration%work_limit - steady%work)/cost, 1.0e18_wp), int64)
+      config%max_evaluations = n_before + int(min((options%integration%work_limit - steady%work)/cost, 1.0e18_wp), int64)
       call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
       steady%is_out_of_work = next%is_out_of_work
       if (next%is_out_of_work .and. allocated(steady%message)) then
@@ -408,25 +433,27 @@ contains
       end associate
    end function is_final
 
-   subroutine begin(model, frequencies, system, state)
-      type(model_t), intent(in) :: model
+   subroutine begin(discretisation, frequencies, system, state)
+      type(discretisation_t), intent(in) :: discretisation
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
       type(integration_system_t), intent(in) :: system
       type(integration_state_t), intent(out) :: state
       integer :: i
 
       call new_integration_state(state, system%n_dofs, system%laws%n_states)
-      if (.not. model%start%is_zero()) then
-         state%q = sum(real(model%start%values), 2)
-         state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
+      if (.not. discretisation%start%is_zero()) then
+         state%q = sum(real(discretisation%start%values), 2)
+         state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
       end if
       state%q = state%q + perturbation*system%length*[(scattered(i), i=1, system%n_dofs)]
    end subroutine begin
 
    !> Describes a steady record. The remainder of a fit to candidates consists of lines beyond them: they are faster
    !> than the resolution of returns. The motion is known to that accuracy.
-   subroutine describe_verdict(model, steady, z, remainder, record, allowed, has_forgotten, is_last)
-      type(model_t), intent(in) :: model
+   subroutine describe_verdict(system, discretisation, options, steady, z, remainder, record, allowed, has_forgotten, is_last)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(steady_motion_t), intent(inout) :: steady
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
       real(wp), intent(in) :: remainder(:, :)                         !! remainder of the record without the series, likewise
@@ -441,9 +468,9 @@ contains
 
       integrated_for = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone"
       left_out = largest_share(remainder, z)
-      steady%left_out = merge(0.0_wp, left_out, model%integration%aim > 0.0_wp)  ! for a fit included in the spread
-      finds_lines = model%integration%aim > 0.0_wp
-      part = turns_to_repeat(remainder, scale_of(z), model%tones%omega*record%step/two_pi, left_out, allowed)
+      steady%left_out = merge(0.0_wp, left_out, options%integration%aim > 0.0_wp) ! for a fit included in the spread
+      finds_lines = options%integration%aim > 0.0_wp
+      part = turns_to_repeat(remainder, scale_of(z), system%tones%omega*record%step/two_pi, left_out, allowed)
       steady%status = outcome%pending
       if (part == 1) then
          if (steady%spread <= allowed .or. (finds_lines .and. has_forgotten)) steady%status = outcome%integrated
@@ -467,7 +494,7 @@ contains
       case (outcome%broadband)
          if (finds_lines) then
             steady%message = integrated_for//": the motion is none of these tones, a series of "// &
-                              to_text(model%harmonics%n_harmonics)//" harmonics misses the record by "// &
+                              to_text(discretisation%harmonics%n_harmonics)//" harmonics misses the record by "// &
                               rounded(steady%spread)//" in its worst quarter"
          else
             steady%message = integrated_for//": the motion does not repeat, its averages scatter by "//rounded(steady%spread)
@@ -521,29 +548,32 @@ contains
    end function amplitude_of
 
    !> Averages at all tuples, cos - i sin, (n_harmonics, any); for candidates by a fit of all of them.
-   function averages_of(model, x, record, fit) result(c)
-      type(model_t), intent(in) :: model
+   function averages_of(system, discretisation, options, x, record, fit) result(c)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
       type(integration_record_t), intent(in) :: record                !! that x is of
       type(line_fit_t), intent(inout) :: fit                          !! of candidates
-      complex(wp) :: c(model%harmonics%n_harmonics, size(x, 2))
+      complex(wp) :: c(discretisation%harmonics%n_harmonics, size(x, 2))
       integer :: k
 
       do k = 1, size(x, 2)
-         if (model%integration%aim > 0.0_wp) then
-            call fit%coefficients(x(:, k), share_of_fit*model%integration%aim, c(:, k))
+         if (options%integration%aim > 0.0_wp) then
+            call fit%coefficients(x(:, k), share_of_fit*options%integration%aim, c(:, k))
          else
-            call coefficients_at(x(:, k), record%start, record%step, model%harmonics%frequencies(model%tones%omega), c(:, k))
+            call coefficients_at(x(:, k), record%start, record%step, &
+                                 discretisation%harmonics%frequencies(system%tones%omega), c(:, k))
          end if
       end do
    end function averages_of
 
    !> Weight of a candidate relative to others: the smaller, the higher its order.
-   pure function importance_of(model) result(importance)
-      type(model_t), intent(in) :: model
-      real(wp) :: importance(model%harmonics%n_harmonics)
+   pure function importance_of(discretisation) result(importance)
+      type(discretisation_t), intent(in) :: discretisation
+      real(wp) :: importance(discretisation%harmonics%n_harmonics)
 
-      importance = 1.0_wp/(1 + sum(abs(model%harmonics%tuples), dim=1))
+      importance = 1.0_wp/(1 + sum(abs(discretisation%harmonics%tuples), dim=1))
    end function importance_of
 
    !> Differences of motions relative to the first, by coordinate, for coefficients above `least`.

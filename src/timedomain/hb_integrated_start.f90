@@ -13,14 +13,16 @@
 !> records.
 module hb_integrated_start
    use hb_birkhoff, only: bump_weights, coefficients_at
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
-   use hb_model, only: model_t
+   use hb_options, only: options_t
    use hb_record_tones, only: find_tones
    use hb_structure, only: max_dofs
+   use hb_system, only: system_t
    use hb_time_domain, only: highest_part, integration_config_t, locking_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
@@ -44,8 +46,10 @@ contains
    !> Integrates, and returns the guess in the form of hb_motion: coefficients at the degrees of freedom of the laws,
    !> then all base frequencies. Not allocated if the motion decays, or if it has no unknown tone. An error is one of
    !> time integration, such as a law that the method does not support.
-   subroutine integrated_guess(model, omega, law_dofs, guess, error)
-      type(model_t), intent(in) :: model
+   subroutine integrated_guess(system, discretisation, options, omega, law_dofs, guess, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), guesses if unknown, all > 0
       integer, intent(in) :: law_dofs(:)
       real(wp), allocatable, intent(out) :: guess(:)
@@ -56,12 +60,12 @@ contains
       integer :: i, n_failed, n_tries
       logical :: has_start
 
-      has_start = .not. model%start%is_zero()
-      n_tries = merge(size(perturbations), 1, any(model%tones%is_unknown) .and. .not. has_start)
+      has_start = .not. discretisation%start%is_zero()
+      n_tries = merge(size(perturbations), 1, any(system%tones%is_unknown) .and. .not. has_start)
       best = huge(1.0_wp)
       n_failed = 0
       do i = 1, n_tries
-         call integrate_once(model, omega, law_dofs, perturbations(i), record, error)
+         call integrate_once(system, discretisation, options, omega, law_dofs, perturbations(i), record, error)
          if (allocated(error)) then
             n_failed = n_failed + 1
             if (n_failed == n_tries) return
@@ -69,24 +73,26 @@ contains
             cycle
          end if
          found = omega
-         if (any(model%tones%is_unknown)) then
-            found = model%tones%omega                                 ! only guesses of the user are used
-            call find_tones(record%every_displacement, record%start, record%step, model%harmonics%tuples, model%tones%is_unknown, &
-                            found, share, error)
+         if (any(system%tones%is_unknown)) then
+            found = system%tones%omega                                ! only guesses of the user are used
+            call find_tones(record%every_displacement, record%start, record%step, discretisation%harmonics%tuples, &
+                            system%tones%is_unknown, found, share, error)
             if (allocated(error)) return
-            if (share <= 0.0_wp .or. is_dead(model, record, perturbations(i)*length_of(model), has_start)) cycle
+            if (share <= 0.0_wp .or. is_dead(discretisation, record, perturbations(i)*length_of(system), has_start)) cycle
          end if
          change = change_of(record)
          if (change >= best) cycle
          best = change
-         guess = [coefficients_of(model, record, found), found]
+         guess = [coefficients_of(discretisation, record, found), found]
          if (best <= steady) return
       end do
    end subroutine integrated_guess
 
    !> Integrates through the transient and the record of `&integration`, or through the default number of periods.
-   subroutine integrate_once(model, omega, law_dofs, perturbation, record, error)
-      type(model_t), intent(in) :: model
+   subroutine integrate_once(system, discretisation, options, omega, law_dofs, perturbation, record, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: omega(:)
       integer, intent(in) :: law_dofs(:)
       real(wp), intent(in) :: perturbation                            !! of the length of the laws
@@ -94,58 +100,59 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(integration_config_t) :: config
       type(integration_state_t) :: state
-      type(integration_system_t), target :: system
-      real(wp) :: frequencies(model%harmonics%n_harmonics), period
+      type(integration_system_t), target :: equations
+      real(wp) :: frequencies(discretisation%harmonics%n_harmonics), period
       integer :: i
 
-      frequencies = model%harmonics%frequencies(omega)
-      call model%structure%check_matrices("integration", max_dofs, error)
+      frequencies = discretisation%harmonics%frequencies(omega)
+      call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
-      call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
-      call new_integration_state(state, system%n_dofs, system%laws%n_states)
-      if (.not. model%start%is_zero()) then
-         state%q = sum(real(model%start%values), 2)
-         state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
-      else if (any(model%tones%is_unknown)) then
+      call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
+                                  frequencies, omega)
+      call new_integration_state(state, equations%n_dofs, equations%laws%n_states)
+      if (.not. discretisation%start%is_zero()) then
+         state%q = sum(real(discretisation%start%values), 2)
+         state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
+      else if (any(system%tones%is_unknown)) then
          ! Multiples of the golden ratio are equidistributed, so that no shape is missed
-         state%q = perturbation*length_of(model)*[(scattered(2*i), i=1, system%n_dofs)]
-         state%v = perturbation*length_of(model)*minval(omega, mask=model%tones%is_unknown)* &
-                   [(scattered(2*i + 1), i=1, system%n_dofs)]
+         state%q = perturbation*length_of(system)*[(scattered(2*i), i=1, equations%n_dofs)]
+         state%v = perturbation*length_of(system)*minval(omega, mask=system%tones%is_unknown)* &
+                   [(scattered(2*i + 1), i=1, equations%n_dofs)]
       end if
-      config = model%integration
+      config = options%integration
       config%decimation = huge(1)
       period = two_pi/minval(omega)
       if (config%duration <= 0.0_wp) then
          config%duration = periods_of_record*period
          config%transient = periods_of_transient*period
       end if
-      if (any(model%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), system%length)
-      call integrate_from(system, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
+      if (any(system%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), equations%length)
+      call integrate_from(equations, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
                       law_dofs, state, record, error)
    end subroutine integrate_once
 
    !> Typical length of the laws [m], 1 if they have none.
-   pure real(wp) function length_of(model)
-      type(model_t), intent(in) :: model
+   pure real(wp) function length_of(system)
+      type(system_t), intent(in) :: system
       integer :: i
 
       length_of = 0.0_wp
-      do i = 1, size(model%laws)
-         length_of = max(length_of, model%laws(i)%law%length_scale)
+      do i = 1, size(system%laws)
+         length_of = max(length_of, system%laws(i)%law%length_scale)
       end do
       if (length_of <= 0.0_wp) length_of = 1.0_wp
    end function length_of
 
    !> Whether the motion has decayed relative to its start; false for a motion driven by loads.
-   pure logical function is_dead(model, record, perturbation, has_start)
-      type(model_t), intent(in) :: model
+   pure logical function is_dead(discretisation, record, perturbation, has_start)
+      type(discretisation_t), intent(in) :: discretisation
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: perturbation                            !! [m]
       logical, intent(in) :: has_start
       real(wp) :: begun
 
       begun = perturbation
-      if (has_start) begun = maxval(abs(model%start%values))
+      if (has_start) begun = maxval(abs(discretisation%start%values))
       associate (x => record%every_displacement)
          is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < dead*begun
       end associate
@@ -164,15 +171,15 @@ contains
    end function change_of
 
    !> Coefficients of the record.
-   function coefficients_of(model, record, omega) result(u)
-      type(model_t), intent(in) :: model
+   function coefficients_of(discretisation, record, omega) result(u)
+      type(discretisation_t), intent(in) :: discretisation
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: omega(:)
-      real(wp) :: u(model%harmonics%n_coefficients, size(record%every_displacement, 2))
-      complex(wp) :: c(size(u, 2), model%harmonics%n_harmonics)
+      real(wp) :: u(discretisation%harmonics%n_coefficients, size(record%every_displacement, 2))
+      complex(wp) :: c(size(u, 2), discretisation%harmonics%n_harmonics)
       integer :: k
 
-      associate (set => model%harmonics, x => record%every_displacement)
+      associate (set => discretisation%harmonics, x => record%every_displacement)
          do k = 1, size(x, 2)
             call coefficients_at(x(:, k), record%start, record%step, set%frequencies(omega), c(k, :))
          end do
@@ -182,9 +189,11 @@ contains
 
    !> Integrates, and searches for a common frequency of the motion. If time integration fails, or for a large
    !> structure, whose integration may take longer than the search did, the result is not known.
-   subroutine find_locking(locking, model, omega, law_dofs)
+   subroutine find_locking(locking, system, discretisation, options, omega, law_dofs)
       type(locking_t), intent(out) :: locking
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), as far as known, > 0
       integer, intent(in) :: law_dofs(:)
       type(integration_record_t) :: record
@@ -192,19 +201,20 @@ contains
       real(wp) :: leading
       integer :: part
 
-      if (model%structure%n_dofs > largest_structure) return
-      call integrate_once(model, omega, law_dofs, first_perturbation, record, error)
+      if (system%structure%n_dofs > largest_structure) return
+      call integrate_once(system, discretisation, options, omega, law_dofs, first_perturbation, record, error)
       if (allocated(error)) return
       if (change_of(record) > steady) return
-      if (all(model%tones%is_unknown)) then
+      if (all(system%tones%is_unknown)) then
          call find_leading_line(record, leading, error)
          if (allocated(error) .or. leading <= 0.0_wp) return
       else
-         leading = omega(findloc(model%tones%is_unknown, .false., dim=1))
+         leading = omega(findloc(system%tones%is_unknown, .false., dim=1))
       end if
       do part = 1, highest_part
          locking%base = leading/part
-         locking%is_locked = share_of_multiples(record, locking%base, maxval(abs(model%harmonics%frequencies(omega)))) >= all_power
+         locking%is_locked = share_of_multiples(record, locking%base, &
+                                                maxval(abs(discretisation%harmonics%frequencies(omega)))) >= all_power
          if (locking%is_locked) exit
       end do
       if (locking%is_locked) locking%multiples = max(1, nint(omega/locking%base))

@@ -1,14 +1,16 @@
 !> Time integration of a model as defined by its group `&integration`: record, its coefficients, and the state from
 !> which it can be continued.
 module hb_integration
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: annotate, error_t, fail
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: wp
-   use hb_model, only: model_t
    use hb_modes, only: modes_t, new_modes
+   use hb_options, only: options_t
    use hb_record_tones, only: find_tones
    use hb_structure, only: max_dofs, max_dense
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_domain, only: integration_start, step_of
    use hb_time_stepping, only: assess, integrate_from, integration_assessment_t, integration_record_t
@@ -33,74 +35,82 @@ module hb_integration
 contains
 
    !> Fails if `&integration` is incomplete.
-   subroutine check_integration(model, error)
-      type(model_t), intent(in) :: model
+   subroutine check_integration(system, options, error)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
 
-      if (model%integration%duration <= 0.0_wp) then
+      if (options%integration%duration <= 0.0_wp) then
          call fail(error, "&integration: missing key 'duration', which needs a real number [s]")
-      else if (model%integration%starts > 1 .and. any(model%tones%is_unknown)) then
+      else if (options%integration%starts > 1 .and. any(system%tones%is_unknown)) then
          call fail(error, "&integration starts: motions with an unknown tone differ by its phase, too; give 1")
       end if
    end subroutine check_integration
 
    !> Integrates from rest, from the sum of the `&start` amplitudes, or from the end of an earlier record.
-   subroutine integrate_model(self, model, error, earlier)
+   subroutine integrate_model(self, system, discretisation, options, error, earlier)
       type(integration_t), intent(out), target :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t), intent(in), optional :: earlier      !! end of an earlier record
       real(wp), allocatable :: frequencies(:)
       real(wp) :: step
 
-      call check_integration(model, error)
-      if (.not. allocated(error)) call guess_frequencies(model, self%omega, error)
+      call check_integration(system, options, error)
+      if (.not. allocated(error)) call guess_frequencies(system, self%omega, error)
       if (allocated(error)) return
-      call model%structure%check_matrices("integration", max_dofs, error)
+      call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
-      frequencies = model%harmonics%frequencies(self%omega)
-      call new_integration_system(self%system, model%structure, model%laws, model%loads%whole(), frequencies, self%omega)
+      frequencies = discretisation%harmonics%frequencies(self%omega)
+      call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), &
+                                  frequencies, self%omega)
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
       if (present(earlier)) then
          self%state = earlier
-      else if (model%integration%start == integration_start%given) then
-         self%state%q = sum(real(model%start%values), 2)
-         self%state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
+      else if (options%integration%start == integration_start%given) then
+         self%state%q = sum(real(discretisation%start%values), 2)
+         self%state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
       end if
-      step = step_of(model%integration, self%omega)
-      call integrate_from(self%system, model%integration, step, model%output%dofs, self%state, self%record, error)
-      if (.not. allocated(error)) call read_frequencies(model, self%record, self%omega, self%share, error)
+      step = step_of(options%integration, self%omega)
+      call integrate_from(self%system, options%integration, step, options%output%dofs, self%state, self%record, error)
+      if (.not. allocated(error)) call read_frequencies(system, discretisation, self%record, self%omega, self%share, error)
       if (allocated(error)) return
-      frequencies = model%harmonics%frequencies(self%omega)
-      call assess(self%record, frequencies, model%integration%n_peaks, self%assessment, error)
-      if (model%integration%starts > 1 .and. .not. allocated(error)) call integrate_others(model, frequencies, step, self, error)
+      frequencies = discretisation%harmonics%frequencies(self%omega)
+      call assess(self%record, frequencies, options%integration%n_peaks, self%assessment, error)
+      if (options%integration%starts > 1 .and. .not. allocated(error)) &
+         call integrate_others(system, discretisation, options, frequencies, step, self, error)
    end subroutine integrate_model
 
    !> Integrates from the other starts, as long as from the first one, and distinguishes their motions.
-   subroutine integrate_others(model, frequencies, step, content, error)
-      type(model_t), intent(in) :: model
+   subroutine integrate_others(system, discretisation, options, frequencies, step, content, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
       real(wp), intent(in) :: step                                    !! [s]
       type(integration_t), intent(inout) :: content                 !! with the results of the first start
       type(error_t), allocatable, intent(out) :: error
-      type(integration_assessment_t) :: each(model%integration%starts)
+      type(integration_assessment_t) :: each(options%integration%starts)
       type(integration_record_t) :: record
       type(integration_state_t) :: state
-      type(integration_system_t), target :: system
-      complex(wp) :: c(size(frequencies), size(model%output%dofs), model%integration%starts)
-      integer :: i, kind(model%integration%starts)
-      real(wp) :: size_of_motion, spread(model%integration%starts)
+      type(integration_system_t), target :: equations
+      complex(wp) :: c(size(frequencies), size(options%output%dofs), options%integration%starts)
+      integer :: i, kind(options%integration%starts)
+      real(wp) :: size_of_motion, spread(options%integration%starts)
 
       each(1) = content%assessment
       kind = 1
       do i = 1, size(each)
-         call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, model%tones%omega)
+         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
+                                     frequencies, system%tones%omega)
          if (i == 1) then
-            size_of_motion = maxval(abs(matmul(content%record%every_displacement, system%laws%shape(model%output%dofs, :))))
-            if (size_of_motion <= 0.0_wp) size_of_motion = max(system%length, tiny(1.0_wp))
+            size_of_motion = maxval(abs(matmul(content%record%every_displacement, equations%laws%shape(options%output%dofs, :))))
+            if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))
          else
-            call state_on_sphere(system, model%tones%omega, size_of_motion, i - 1, state)
-            call integrate_from(system, model%integration, step, model%output%dofs, state, record, error)
+            call state_on_sphere(equations, system%tones%omega, size_of_motion, i - 1, state)
+            call integrate_from(equations, options%integration, step, options%output%dofs, state, record, error)
             if (allocated(error)) kind(i) = 0                         ! it diverges from there
             if (kind(i) > 0) call assess(record, frequencies, 0, each(i), error)
          end if
@@ -120,16 +130,16 @@ contains
 
    !> Base frequencies for the time integration: unknown ones without a first guess are those of the linear structure,
    !> the lowest first.
-   subroutine guess_frequencies(model, omega, error)
-      type(model_t), intent(in) :: model
+   subroutine guess_frequencies(system, omega, error)
+      type(system_t), intent(in) :: system
       real(wp), allocatable, intent(out) :: omega(:)                  !! [rad/s], (n_tones), > 0
       type(error_t), allocatable, intent(out) :: error
       type(modes_t) :: modes
       integer :: m, n
 
-      omega = model%tones%omega
+      omega = system%tones%omega
       if (all(omega > 0.0_wp)) return
-      associate (structure => model%structure)
+      associate (structure => system%structure)
          call structure%check_matrices("a search for modes", max_dense, error)
          if (.not. allocated(error)) call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
       end associate
@@ -150,8 +160,9 @@ contains
 
    !> Reads the frequencies of unknown tones from a record. If it has none, guesses are unchanged and the share is
    !> zero.
-   subroutine read_frequencies(model, record, omega, share, error)
-      type(model_t), intent(in) :: model
+   subroutine read_frequencies(system, discretisation, record, omega, share, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(integration_record_t), intent(in) :: record
       real(wp), intent(inout) :: omega(:)                             !! [rad/s], (n_tones)
       real(wp), intent(out) :: share                                  !! of the power of the record that they explain
@@ -159,10 +170,10 @@ contains
       real(wp) :: found(size(omega))
 
       share = 0.0_wp
-      if (.not. any(model%tones%is_unknown) .or. size(record%every_displacement, 1) < min_samples) return
-      found = model%tones%omega                                       ! only guesses of the user are used
-      call find_tones(record%every_displacement, record%start, record%step, model%harmonics%tuples, model%tones%is_unknown, &
-                      found, share, error)
+      if (.not. any(system%tones%is_unknown) .or. size(record%every_displacement, 1) < min_samples) return
+      found = system%tones%omega                                      ! only guesses of the user are used
+      call find_tones(record%every_displacement, record%start, record%step, discretisation%harmonics%tuples, &
+                      system%tones%is_unknown, found, share, error)
       if (share > 0.0_wp) omega = found
    end subroutine read_frequencies
 end module hb_integration

@@ -4,6 +4,7 @@
 module hb_time_integration
    use hb_advice, only: rounded
    use hb_cancellation, only: work_is_over
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrated_floquet, only: integrated_floquet_t
    use hb_integrated_motion, only: find_steady_motion
@@ -11,8 +12,9 @@ module hb_time_integration
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: wp
-   use hb_model, only: callbacks_t, model_t, time_domain_solver_t
+   use hb_options, only: callbacks_t, options_t, time_domain_solver_t
    use hb_outcome, only: outcome, outcome_name
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_domain, only: steady_motion_t
    implicit none
@@ -49,29 +51,33 @@ contains
 
    !> Integrates from as many starts as the model requests, the first one as in `find_steady_motion`. The result is the first
    !> motion of the tones; if there are others, the status is `multiple_attractors`, with their number.
-   subroutine find_from_starts(model, law_dofs, steady, error)
-      type(model_t), intent(in) :: model                              !! all tones given
+   subroutine find_from_starts(system, discretisation, options, law_dofs, steady, error)
+      type(system_t), intent(in) :: system                            !! all tones given
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       integer, intent(in) :: law_dofs(:)
       type(steady_motion_t), intent(out) :: steady
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t) :: start
-      type(integration_system_t) :: system
-      type(steady_motion_t) :: each(model%integration%starts)
+      type(integration_system_t) :: equations
+      type(steady_motion_t) :: each(options%integration%starts)
       complex(wp), allocatable :: c(:, :, :)
-      integer :: i, motion(model%integration%starts)
+      integer :: i, motion(options%integration%starts)
       real(wp) :: size_of_motion
 
-      call find_steady_motion(model, law_dofs, steady, error)
-      if (model%integration%starts == 1 .or. .not. allocated(steady%averages)) return
+      call find_steady_motion(system, discretisation, options, law_dofs, steady, error)
+      if (options%integration%starts == 1 .or. .not. allocated(steady%averages)) return
       if (allocated(error)) return
       each(1) = steady
-      associate (omega => model%tones%omega, frequencies => model%harmonics%frequencies(model%tones%omega))
-         call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
+      associate (omega => system%tones%omega, frequencies => &
+                 discretisation%harmonics%frequencies(system%tones%omega))
+         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
+                                     frequencies, omega)
          size_of_motion = maxval(sum(abs(steady%averages), 1))
-         if (size_of_motion <= 0.0_wp) size_of_motion = max(system%length, tiny(1.0_wp))
+         if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))
          do i = 2, size(each)
-            call state_on_sphere(system, omega, size_of_motion, i - 1, start)
-            call find_steady_motion(model, law_dofs, each(i), error, start)
+            call state_on_sphere(equations, omega, size_of_motion, i - 1, start)
+            call find_steady_motion(system, discretisation, options, law_dofs, each(i), error, start)
             steady%work = steady%work + each(i)%work
             if (work_is_over()) return
             if (allocated(error)) each(i)%status = outcome%pending    ! it diverges from there

@@ -8,6 +8,7 @@
 !> within a limit of work.
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrated_motion, only: fastest_of, find_steady_motion, has_bounds_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
@@ -17,8 +18,10 @@ module hb_verification
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_modes, only: slowest_decay
+   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_structure, only: max_dofs
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_domain, only: integration_config_t, integration_method, steady_motion_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t
@@ -111,12 +114,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(pair_t), target :: pair
 
-      call model%structure%check_matrices("integration", max_dofs, error)
+      call model%system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
-      call begin_pair(pair, model, claim, n_periods)
+      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
       if (claim%is_averaged) then
-         model%integration%tolerance = pair%config%tolerance
-         call verify_integrated(model, pair%system, claim, pair%state, result, error)
+         model%options%integration%tolerance = pair%config%tolerance
+         call verify_integrated(model%system, model%discretisation, model%options, pair%system, claim, pair%state, result, error)
          return
       end if
       do while (result%kind == verdict%not_done)
@@ -127,9 +130,11 @@ contains
    end subroutine verify_motion
 
    !> Sets one state on the motion and one beside it.
-   subroutine begin_pair(self, model, claim, n_periods)
+   subroutine begin_pair(self, system, discretisation, options, claim, n_periods)
       type(pair_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(claim_t), intent(in) :: claim
       integer, intent(in) :: n_periods
       real(wp) :: frequencies(size(claim%tuples, 2)), step, tuples(size(claim%tuples, 1), size(claim%tuples, 2))
@@ -138,21 +143,22 @@ contains
       associate (omega => claim%omega, amplitudes => claim%amplitudes, system => self%system)
          tuples = real(claim%tuples, wp)
          frequencies = matmul(omega, tuples)
-         call new_integration_system(system, model%structure, model%laws, model%loads%whole(), &
-            model%harmonics%frequencies(omega), omega)
-         call choose_length(self%length, model, omega, n_periods)
+         call new_integration_system(system, system%structure, system%laws, discretisation%loads%whole(), &
+            discretisation%harmonics%frequencies(omega), omega)
+         call choose_length(self%length, system, options, omega, n_periods)
          step = self%length%period/self%length%n_samples
          self%scale = sum(abs(amplitudes), dim=1)
-         self%scale = [(maxval(self%scale, mask=model%structure%units == model%structure%units(i)), i=1, size(self%scale))]
+         self%scale = [(maxval(self%scale, mask=system%structure%units == system%structure%units(i)), i=1, &
+                        size(self%scale))]
          where (self%scale <= 0.0_wp) self%scale = max(system%length, nearness)
          self%speed = self%scale*max(leading_of(amplitudes, frequencies), minval(omega))
-         self%config = model%integration
+         self%config = options%integration
          self%config%transient = 0.0_wp
          self%config%decimation = 1
          self%config%tolerance = min(self%config%tolerance, integration_tolerance)
-         if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(model)) then
+         if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(system)) then
             self%config%method = integration_method%runge_kutta_4
-            self%config%substeps = ceiling(max(step*min_steps/self%length%period, step*fastest_of(model)/step_of_mode))
+            self%config%substeps = ceiling(max(step*min_steps/self%length%period, step*fastest_of(system)/step_of_mode))
          end if
          self%config%largest = runaway*maxval(self%scale)
          call new_integration_state(self%state, system%n_dofs, system%laws%n_states)
@@ -160,10 +166,11 @@ contains
          self%other = self%state
          self%other%q = self%other%q + nearness*self%scale*directions(system%n_dofs, 0)
          self%other%v = self%other%v + nearness*self%speed*directions(system%n_dofs, system%n_dofs)
-         call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, model%tones%is_unknown), &
-                                   system%laws%shape, model%structure%units, max(system%length, nearness), &
+         call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, &
+                                                                   system%tones%is_unknown), &
+                                   system%laws%shape, system%structure%units, max(system%length, nearness), &
                                    n_steady(self%length%most, self%length%fewest))
-         self%estimate = model%error_estimate%truncation
+         self%estimate = options%error_estimate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
          self%share = velocity_share(amplitudes, frequencies)
          self%expected = self%estimate
@@ -264,9 +271,11 @@ contains
    !> Verdict on a motion that was integrated: a second time integration, from the motion itself and with its own
    !> tolerance, until it is steady. The part of the motion outside the set is not in its coefficients, so that
    !> coefficients are compared.
-   subroutine verify_integrated(model, system, claim, start, result, error)
-      type(model_t), intent(in) :: model
-      type(integration_system_t), intent(in) :: system
+   subroutine verify_integrated(system, discretisation, options, equations, claim, start, result, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(integration_system_t), intent(in) :: equations
       type(claim_t), intent(in) :: claim
       type(integration_state_t), intent(in) :: start
       type(verdict_t), intent(inout) :: result
@@ -277,24 +286,24 @@ contains
       type(steady_motion_t) :: steady
       integer :: i, k
 
-      call find_steady_motion(model, law_dofs_of(model%laws), steady, error, start)
+      call find_steady_motion(system, discretisation, options, law_dofs_of(system%laws), steady, error, start)
       if (allocated(error)) return
       result%n_periods = steady%n_periods
-      result%duration = steady%n_periods*two_pi/minval(model%tones%omega)
-      result%drift = 0.0_wp*model%tones%omega
+      result%duration = steady%n_periods*two_pi/minval(system%tones%omega)
+      result%drift = 0.0_wp*system%tones%omega
       result%coordinate = ""
       result%is_of_coefficients = .true.
       result%kind = merge(verdict%unstable, verdict%differs, claim%is_unstable)
       if (steady%status == outcome%pending) result%kind = verdict%undecided
       if (steady%status /= outcome%integrated) return
-      associate (amplitudes => transpose(claim%amplitudes), tuples => claim%tuples, n => model%structure%n_dofs, &
-                 shape => cmplx(system%laws%shape, 0.0_wp, wp), units => model%structure%units)
+      associate (amplitudes => transpose(claim%amplitudes), tuples => claim%tuples, n => system%structure%n_dofs, &
+                 shape => cmplx(equations%laws%shape, 0.0_wp, wp), units => system%structure%units)
          allocate (items(n + size(shape, 2), size(amplitudes, 2)), others(n + size(shape, 2), size(amplitudes, 2)))
          items(:n, :) = amplitudes
          items(n + 1:, :) = matmul(transpose(shape), amplitudes)
          others = (0.0_wp, 0.0_wp)
          do i = 1, size(tuples, 2)
-            k = model%harmonics%index_of(tuples(:, i))
+            k = discretisation%harmonics%index_of(tuples(:, i))
             if (k > 0) others(:n, i) = steady%amplitudes(:, k)
          end do
          others(n + 1:, :) = matmul(transpose(shape), others(:n, :))
@@ -302,7 +311,7 @@ contains
          scale(:n) = [(maxval(scale(:n), mask=units == units(i)), i=1, n)]
       end associate
       difference = norm2(abs(others - items), dim=2)/max(scale, tiny(1.0_wp))
-      labels = [character(64) :: model%structure%labels, system%laws%coordinate_labels()]
+      labels = [character(64) :: system%structure%labels, equations%laws%coordinate_labels()]
       i = maxloc(difference, dim=1)
       result%coordinate = trim(labels(i))
       result%difference = difference(i)
@@ -313,16 +322,17 @@ contains
 
    !> Length of the time integration from a motion: at least one that covers all of it, at most one in which the
    !> slowest mode of the linear structure decays, as far as the limit of work permits.
-   subroutine choose_length(self, model, omega, n_periods)
+   subroutine choose_length(self, system, options, omega, n_periods)
       type(length_t), intent(out) :: self
-      type(model_t), intent(in) :: model
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       integer, intent(in) :: n_periods                                !! at most; 0: not given
       real(wp) :: beat, rate
       integer :: i, k
 
       self%period = two_pi/minval(omega)
-      self%n_samples = ceiling(self%period/step_of(model%integration, omega)*(1.0_wp - 1.0e-9_wp))
+      self%n_samples = ceiling(self%period/step_of(options%integration, omega)*(1.0_wp - 1.0e-9_wp))
       beat = minval(omega)
       do i = 1, size(omega)
          do k = 1, i - 1
@@ -331,8 +341,9 @@ contains
       end do
       self%fewest = max(merge(2, 1, size(omega) > 1)*min_periods, min(max_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
       rate = 0.0_wp
-      if (.not. allocated(model%structure%sparse)) &
-         rate = slowest_decay(model%structure%mass, model%structure%damping, model%structure%stiffness)*self%period
+      if (.not. allocated(system%structure%sparse)) &
+         rate = slowest_decay(system%structure%mass, system%structure%damping, &
+                              system%structure%stiffness)*self%period
       self%bound = usual_bound
       if (rate > 0.0_wp) then
          self%decay = ceiling(min(max_decay/rate, real(longest_decay, wp)))

@@ -97,12 +97,12 @@ contains
       shop%document = document
       call read_fresh(shop%model, shop%document, error)
       if (allocated(error)) return
-      if (size(shop%model%laws) == 0 .or. any(shop%model%tones%is_unknown)) return
+      if (size(shop%model%system%laws) == 0 .or. any(shop%model%system%tones%is_unknown)) return
       call run_first(self, shop, error)
       if (.not. allocated(error)) call set_up(shop, error)
       if (.not. allocated(error)) then
          self%n_unknowns = shop%balance%n_unknowns
-         self%n_samples = shop%model%torus%n_total
+         self%n_samples = shop%model%discretisation%torus%n_total
          self%n_channels = shop%balance%n_dofs
          do i = 1, size(kernel_names)
             call measure(self, shop, i, budget, error)
@@ -151,7 +151,7 @@ contains
 
       n = shop%balance%n_unknowns
       allocate (shop%r(n), shop%step(n))
-      associate (grid => shop%model%torus, channels => shop%balance%n_dofs)
+      associate (grid => shop%model%discretisation%torus, channels => shop%balance%n_dofs)
          call new_real_block(shop%samples, grid%n_total, channels, error)
          if (allocated(error)) return
          call new_complex_block(shop%spectrum, (grid%n_samples(1)/2 + 1)*product(grid%n_samples(2:)), channels, error)
@@ -186,13 +186,14 @@ contains
       type(dynamic_stiffness_t) :: stiffness
       logical :: is_odd
 
-      call find_basis(basis, is_odd, model, error)
+      call find_basis(basis, is_odd, model%system, model%discretisation, model%options, error)
       if (allocated(error)) return
-      coordinates = coordinates_of(model)
-      call new_dynamic_stiffness(stiffness, model%structure, coordinates, basis%harmonics%frequencies(model%tones%omega), &
-         model%loads%at(basis%positions), error)
-      if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, model%tones%omega, stiffness, &
-         laws_at(coordinates, model%laws), error)
+      coordinates = coordinates_of(model%system)
+      call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, &
+                                 basis%harmonics%frequencies(model%system%tones%omega), &
+         model%discretisation%loads%at(basis%positions), error)
+      if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, model%system%tones%omega, stiffness, &
+         laws_at(coordinates, model%system%laws), error)
    end subroutine make_balance
 
    !> Solves from the first guess of the model.
@@ -204,8 +205,8 @@ contains
       real(wp) :: linear(size(x))
 
       call balance%linear_solution(linear)
-      x = merge(1.0_wp, 0.0_wp, model%start_from_linear)*linear
-      call solve(balance, model%solver, linear, x, report)
+      x = merge(1.0_wp, 0.0_wp, model%options%start%from_linear)*linear
+      call solve(balance, model%options%solver, linear, x, report)
    end subroutine solve_balance
 
    !> Times kernel i and its yardstick until the budget is used.

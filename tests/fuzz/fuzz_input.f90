@@ -134,23 +134,23 @@ contains
       n_sound = n_sound + 1
       if (modulo(i, every) /= 0 .or. .not. is_small(study%model)) return
       n_solved = n_solved + 1
-      do k = 1, size(study%model%laws)
-         call check_derivatives(study%model%laws(k)%law, check, study%model%tones%n_tones)
+      do k = 1, size(study%model%system%laws)
+         call check_derivatives(study%model%system%laws(k)%law, check, study%model%system%tones%n_tones)
       end do
-      study%model%solver%max_iterations = min(study%model%solver%max_iterations, 2)
-      study%model%solver%homotopy_iterations = min(study%model%solver%homotopy_iterations, 2)
-      study%model%solver%fallback_work = share_of_work*study%model%solver%fallback_work
-      study%model%integration%work_limit = share_of_work*study%model%integration%work_limit
-      study%model%accuracy%max_work = share_of_work*study%model%accuracy%max_work
+      study%model%options%solver%max_iterations = min(study%model%options%solver%max_iterations, 2)
+      study%model%options%solver%homotopy_iterations = min(study%model%options%solver%homotopy_iterations, 2)
+      study%model%options%solver%fallback_work = share_of_work*study%model%options%solver%fallback_work
+      study%model%options%integration%work_limit = share_of_work*study%model%options%integration%work_limit
+      study%model%options%accuracy%max_work = share_of_work*study%model%options%accuracy%max_work
       call solve_motion(study%model, result, error)
    end subroutine try
 
    logical function is_small(model)
       type(model_t), intent(in) :: model
 
-      is_small = model%structure%n_dofs <= largest_structure .and. model%torus%n_total <= largest_samples &
-                 .and. product(real(model%output%samples, wp)) <= largest_samples .and. &
-                 model%harmonics%n_coefficients*size(law_dofs_of(model%laws)) <= largest_unknowns
+      is_small = model%system%structure%n_dofs <= largest_structure .and. model%discretisation%torus%n_total <= largest_samples &
+                 .and. product(real(model%options%output%samples, wp)) <= largest_samples .and. &
+                 model%discretisation%harmonics%n_coefficients*size(law_dofs_of(model%system%laws)) <= largest_unknowns
    end function is_small
 
    subroutine write_text(path, text)

@@ -118,11 +118,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_stiffness_t) :: stiffness
 
-      associate (frequencies => model%harmonics%frequencies(model%tones%omega))
-         call new_dynamic_stiffness(stiffness, model%structure, coordinates_of(model), frequencies, model%loads, error)
+      associate (frequencies => model%discretisation%harmonics%frequencies(model%system%tones%omega))
+         call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), frequencies, &
+                                    model%discretisation%loads, error)
          if (allocated(error)) return
-         call new_balance(balance, model%harmonics, model%torus, model%tones%omega, stiffness, &
-                          laws_at(stiffness%coordinates, model%laws), error)
+         call new_balance(balance, model%discretisation%harmonics, model%discretisation%torus, model%system%tones%omega, &
+                          stiffness, laws_at(stiffness%coordinates, model%system%laws), error)
       end associate
    end subroutine balance_of
 
@@ -135,12 +136,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_stiffness_t) :: stiffness
 
-      associate (frequencies => model%harmonics%frequencies(omega))
-         call new_dynamic_stiffness(stiffness, model%structure, coordinates_of(model), frequencies, model%loads, error, &
-                                 wanted_slopes_t(.true., loads=model%load_slopes))
+      associate (frequencies => model%discretisation%harmonics%frequencies(omega))
+         call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), frequencies, &
+                                    model%discretisation%loads, error, &
+                                 wanted_slopes_t(.true., loads=model%discretisation%load_slopes))
          if (allocated(error)) return
-         call new_balance(balance, model%harmonics, model%torus, omega, stiffness, &
-                          laws_at(stiffness%coordinates, model%laws), error)
+         call new_balance(balance, model%discretisation%harmonics, model%discretisation%torus, omega, stiffness, &
+                          laws_at(stiffness%coordinates, model%system%laws), error)
       end associate
    end subroutine balance_at
 

@@ -1,6 +1,6 @@
 !> Calls of the operating system: file names and locks, the process number, time, terminals.
 !> Source of the interfaces: POSIX.1-2017, hb_files.h.
-module hb_system
+module hb_operating_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
    use hb_error, only: error_t, fail
    implicit none
@@ -320,4 +320,4 @@ contains
       if (index(name, "/") <= 1 .or. path /= name) return
       path = input(:index(input, "/", back=.true.))//name
    end function library_path
-end module hb_system
+end module hb_operating_system

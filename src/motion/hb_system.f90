@@ -1,0 +1,51 @@
+!> The system whose motions are computed: structure, laws, loads and base frequencies. It has no harmonics and no settings.
+module hb_system
+   use hb_bearing, only: bearing_t
+   use hb_kinds, only: wp
+   use hb_law, only: hold_t, law_box_t
+   use hb_load, only: load_t
+   use hb_model_number, only: model_tie_t
+   use hb_normal_mode, only: normal_mode_t
+   use hb_structure, only: structure_t
+   use hb_structure_builder, only: structure_builder_t
+   use hb_tones, only: tones_t
+   implicit none
+   private
+   public :: system_t
+
+   type :: system_t
+      class(structure_builder_t), allocatable :: builder              !! of the structure without bearings
+      type(bearing_t), allocatable :: bearings(:)
+      type(structure_t) :: structure                                  !! with them
+      type(law_box_t), allocatable :: laws(:)
+      integer, allocatable :: law_groups(:)                           !! number of the group of each law
+      type(load_t), allocatable :: loads(:)                           !! as given
+      logical :: has_inertia_loads = .false.                          !! some grow with the frequency
+      type(tones_t) :: tones
+      integer, allocatable :: phase_dofs(:)                           !! of the sines that are zero, by unknown tone; size 0:
+                                                                      !! integral phase conditions
+      type(normal_mode_t) :: normal_mode
+      type(model_tie_t), allocatable :: ties(:)                       !! by which numbers follow others, in their order
+   contains
+      procedure :: has_restitution => system_has_restitution
+   end type system_t
+
+contains
+
+   !> Whether there are walls and all of them have a given restitution, of their own or by default.
+   logical function system_has_restitution(self, default) result(has)
+      class(system_t), intent(in) :: self
+      real(wp), intent(in) :: default                                 !! negative: none
+      type(hold_t) :: hold
+      integer :: i
+
+      has = .false.
+      do i = 1, size(self%laws)
+         if (.not. self%laws(i)%law%is_multiplier) cycle
+         hold = self%laws(i)%law%hold()
+         if (.not. hold%is_wall) cycle
+         has = max(hold%restitution, default) >= 0.0_wp
+         if (.not. has) return
+      end do
+   end function system_has_restitution
+end module hb_system
