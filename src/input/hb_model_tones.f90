@@ -107,7 +107,7 @@ contains
       integer :: i, m
 
       if (size(system%laws) == 0) &
-         call group%problem_as_is(group%location()//": unknown tones need a law; without one nothing "// "determines the amplitude")
+         call group%problem_as_is(group%location()//": unknown tones need a law; without one nothing determines the amplitude")
       do m = 1, system%tones%n_tones
          associate (tuple => [(merge(1, 0, i == m), i=1, system%tones%n_tones)])
             if (system%tones%is_unknown(m) .and. discretisation%harmonics%index_of(tuple) == 0) &

@@ -14,7 +14,7 @@ contains
 
    !> Describes why a motion has not converged, or is less accurate than requested; an empty text for a motion without doubt.
    subroutine describe_doubt(options, motion, text)
-      type(options_t), intent(in) :: options                          !! of the motion
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: motion
       character(:), allocatable, intent(out) :: text
 

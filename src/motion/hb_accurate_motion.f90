@@ -16,10 +16,10 @@ module hb_accurate_motion
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
-   use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
-      estimate_of_wanted, is_rigid, min_goal, level_t, margin, max_failures, put_on_level, trim_set, with_caution
+   use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
+      level_t, margin, max_failures, min_goal, put_on_level, trim_set, with_caution
    use hb_model, only: model_t
-   use hb_motion, only: solve_motion
+   use hb_motion, only: solve_system
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
@@ -30,6 +30,7 @@ module hb_accurate_motion
    use hb_system, only: system_t
    use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: primary_method
+   use hb_tones, only: tones_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none
@@ -47,8 +48,11 @@ module hb_accurate_motion
 
    !> Solves the levels of a point and counts their work.
    type, extends(effort_t) :: level_solver_t
-      type(model_t), pointer :: model => null()
-      type(model_t) :: here                                           ! the same model on the set of a level
+      type(system_t), pointer :: system => null()
+      type(discretisation_t), pointer :: whole => null()              ! has all loads
+      type(options_t), pointer :: options => null()                   ! of the point
+      type(discretisation_t) :: here                                  ! of a level
+      type(options_t) :: level_options
       logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
    contains
       procedure :: prepare => level_solver_prepare
@@ -57,7 +61,9 @@ module hb_accurate_motion
 
    !> A motion whose set and grid are refined: the level solved last, the level it was compared with, the best level.
    type, extends(refinable_t) :: refined_motion_t
-      type(model_t), pointer :: model => null()
+      type(system_t), pointer :: system => null()
+      type(discretisation_t), pointer :: discretisation => null()     ! as given: has all loads
+      type(options_t), pointer :: options => null()
       type(level_solver_t) :: solver                                  ! of all levels of the point
       type(level_t) :: start                                          ! of a neighbour; none if it has no unknowns
       type(level_t) :: top                                            ! solved last; none is solved if it has no unknowns
@@ -102,7 +108,7 @@ contains
 
       call cancellation%enter(model%options%solver%time_limit)
       if (present(start)) attempts%motion%start = start
-      call solve_by_levels(attempts, model)
+      call solve_by_levels(attempts, model%system, model%discretisation, model%options)
       result = attempts%motion%result
       call move_alloc(attempts%made, result%attempts)
       top = attempts%motion%top
@@ -111,14 +117,18 @@ contains
    end subroutine solve_to_tolerance
 
    !> Makes the attempts of a point.
-   recursive subroutine solve_by_levels(self, model)
+   recursive subroutine solve_by_levels(self, system, discretisation, options)
       type(point_attempts_t), intent(inout) :: self
-      type(model_t), intent(in), target :: model
+      type(system_t), intent(in), target :: system
+      type(discretisation_t), intent(in), target :: discretisation
+      type(options_t), intent(in), target :: options
 
-      self%motion%model => model
+      self%motion%system => system
+      self%motion%discretisation => discretisation
+      self%motion%options => options
       self%motion%max_idle = max_idle
       self%motion%max_failures = max_failures
-      call self%motion%solver%prepare(model)
+      call self%motion%solver%prepare(system, discretisation, options)
       call make_attempts(self, stage%point)
    end subroutine solve_by_levels
 
@@ -127,9 +137,9 @@ contains
       class(point_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
 
-      associate (model => self%motion%model, motion => self%motion)
+      associate (motion => self%motion, system => self%motion%system, options => self%motion%options)
          if (rule%technique == technique%integration) then
-            applies = model%options%has_time_domain() .and. integration_applies(self, rule)
+            applies = options%has_time_domain() .and. integration_applies(self, rule)
             return
          end if
          select case (rule%discretisation)
@@ -138,16 +148,15 @@ contains
          case (set_choice%given)
             applies = .not. allocated(motion%top%unknowns)
          case (set_choice%larger, set_choice%smaller)
-            applies = model%options%accuracy%grows_set .and. size(model%system%laws) > 0 .and. &
-               .not. allocated(motion%top%unknowns) .and. &
+            applies = options%accuracy%grows_set .and. size(system%laws) > 0 .and. .not. allocated(motion%top%unknowns) .and. &
                .not. any(motion%result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])
             if (rule%discretisation == set_choice%larger) applies = applies .and. &
-               .not. (motion%solver%is_out_of_work .or. motion%solver%work > model%options%accuracy%max_work)
+               .not. (motion%solver%is_out_of_work .or. motion%solver%work > options%accuracy%max_work)
          case (set_choice%refined)
             applies = allocated(motion%top%unknowns)
          case (set_choice%finer)
-            applies = .not. self%is_finer .and. model%options%accuracy%grows_set .and. .not. work_is_over() .and. &
-                      is_denied(model%system, motion%result)
+            applies = .not. self%is_finer .and. options%accuracy%grows_set .and. .not. work_is_over() .and. &
+                      is_denied(system, motion%result)
          case default
             applies = .false.
          end select
@@ -161,17 +170,17 @@ contains
       class(point_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
 
-      associate (model => self%motion%model, result => self%motion%result)
+      associate (system => self%motion%system, options => self%motion%options, result => self%motion%result)
          if (rule%start == starting_point%motion) then
-            applies = allocated(self%motion%top%unknowns) .and. (model%options%lacks_impacts_of(model%system, result%status) .or. &
+            applies = allocated(self%motion%top%unknowns) .and. (options%lacks_impacts_of(system, result%status) .or. &
                                                                  (result%status == outcome%truncated .and. &
                                                                   result%stability%growth <= 1.0_wp))
          else if (result%status == outcome%pending) then
             applies = .not. allocated(self%motion%start%unknowns)
-            if (applies) applies = integrates_first(model%system, model%options)
+            if (applies) applies = integrates_first(system, options)
          else
             applies = .not. allocated(self%motion%top%unknowns) .and. (is_integrated(result%status) .or. &
-               is_lost(result%status) .and. model%options%solver%fallback .and. model%options%solver%fallback_by_integration)
+               is_lost(result%status) .and. options%solver%fallback .and. options%solver%fallback_by_integration)
          end if
       end associate
    end function integration_applies
@@ -186,12 +195,11 @@ contains
       associate (motion => self%motion)
          if (rule%technique == technique%integration) then
             if (rule%start == starting_point%motion) then
-               call integrate_from_balance(motion%model%system, motion%model%discretisation, motion%model%options, motion%result, &
-                                           motion%top)
+               call integrate_from_balance(motion%system, motion%discretisation, motion%options, motion%result, motion%top)
             else if (motion%result%status == outcome%pending) then
                call integrate_before(motion, attempt%has_succeeded)
             else
-               call integrate_after(motion%model, motion%result, attempt%has_succeeded)
+               call integrate_after(motion%system, motion%discretisation, motion%options, motion%result, attempt%has_succeeded)
             end if
          else
             select case (rule%discretisation)
@@ -246,7 +254,7 @@ contains
    recursive subroutine refine_for_verdict(self, share)
       class(point_attempts_t), intent(inout) :: self
       real(wp), intent(in) :: share                                   !! largest work, relative to that so far
-      type(model_t), target :: sharper
+      type(options_t), target :: sharper
       type(point_attempts_t), allocatable :: finer
       integer :: i
 
@@ -254,16 +262,15 @@ contains
          if (allocated(finer)) deallocate (finer)
          allocate (finer)
          associate (motion => self%motion)
-            if (work_is_over() .or. .not. is_denied(motion%model%system, motion%result)) exit
-            sharper = motion%model
-            sharper%options%may_integrate = .false.
-            sharper%options%accuracy%tolerance = 10.0_wp**(-i)*motion%model%options%accuracy%tolerance
+            if (work_is_over() .or. .not. is_denied(motion%system, motion%result)) exit
+            sharper = motion%options
+            sharper%may_integrate = .false.
+            sharper%accuracy%tolerance = 10.0_wp**(-i)*motion%options%accuracy%tolerance
             finer%is_finer = .true.
             finer%motion%solver = motion%solver
-            sharper%options%accuracy%max_work = min(motion%model%options%accuracy%max_work, &
-                                                    max(min_work_of_verdict, share*motion%solver%work))
+            sharper%accuracy%max_work = min(motion%options%accuracy%max_work, max(min_work_of_verdict, share*motion%solver%work))
             finer%motion%start = motion%top
-            call solve_by_levels(finer, sharper)
+            call solve_by_levels(finer, motion%system, motion%discretisation, sharper)
             motion%solver%effort_t = finer%motion%solver%effort_t
             motion%result%work = finer%motion%solver%work
             if (allocated(finer%motion%error) .or. finer%motion%result%status /= outcome%converged) cycle
@@ -279,24 +286,26 @@ contains
       type(refined_motion_t), intent(inout) :: self
       logical, intent(out) :: is_done
 
-      associate (model => self%model, result => self%result)
-         call integrate_to_tolerance(model, result, is_done)
-         self%top%set = model%discretisation%harmonics
-         self%top%n_samples = model%discretisation%torus%n_samples
-         if (is_done) is_done = result%status /= outcome%truncated .or. model%options%primary_method == primary_method%integration
+      associate (discretisation => self%discretisation, options => self%options, result => self%result)
+         call integrate_to_tolerance(self%system, discretisation, options, result, is_done)
+         self%top%set = discretisation%harmonics
+         self%top%n_samples = discretisation%torus%n_samples
+         if (is_done) is_done = result%status /= outcome%truncated .or. options%primary_method == primary_method%integration
       end associate
    end subroutine integrate_before
 
    !> Integrates after the balance has found nothing, or an integrated motion.
-   subroutine integrate_after(model, result, is_done)
-      type(model_t), intent(in) :: model
+   subroutine integrate_after(system, discretisation, options, result, is_done)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(inout) :: result
       logical, intent(out) :: is_done
       logical :: was_integrated
 
       was_integrated = is_integrated(result%status)
-      call integrate_to_tolerance(model, result, is_done)
-      if (is_done .or. .not. (was_integrated .and. model%options%accuracy%grows_set)) return
+      call integrate_to_tolerance(system, discretisation, options, result, is_done)
+      if (is_done .or. .not. (was_integrated .and. options%accuracy%grows_set)) return
       result%status = outcome%truncated
       result%error_estimate%truncation = 1.0_wp
    end subroutine integrate_after
@@ -312,7 +321,7 @@ contains
    subroutine refine_motion(self)
       class(point_attempts_t), intent(inout) :: self
 
-      associate (motion => self%motion, model => self%motion%model)
+      associate (motion => self%motion, options => self%motion%options)
          call refine(motion)
          if (allocated(motion%error) .or. .not. allocated(motion%top%unknowns) .or. &
              motion%result%status == outcome%interrupted) return
@@ -322,10 +331,9 @@ contains
             motion%result%level_estimate = max(motion%result%level_estimate, motion%best_estimate)
          end if
          call finish(motion)
-         if (model%options%accuracy%grows_set .and. model%options%chain%is_on .and. &
-             motion%result%status == outcome%converged .and. &
-             size(model%options%gradient%by) == 0) &                   ! which is that of the whole set
-            call trim_set(model%discretisation, model%options, motion%top)
+         if (options%accuracy%grows_set .and. options%chain%is_on .and. motion%result%status == outcome%converged .and. &
+             size(options%gradient%by) == 0) &                         ! which is that of the whole set
+            call trim_set(motion%discretisation, options, motion%top)
       end associate
    end subroutine refine_motion
 
@@ -351,7 +359,7 @@ contains
          self%top = self%next
          self%result = trial
       end if
-      self%estimate = missing_in(self%model%options, self%result)
+      self%estimate = missing_in(self%options, self%result)
       call note_level(self%n_levels + 1, size(self%top%unknowns), self%estimate)
    end subroutine refined_motion_solve
 
@@ -363,16 +371,16 @@ contains
       real(wp) :: raw
       real(wp), allocatable :: outputs_raw(:)
 
-      associate (model => self%model, top => self%top, next => self%next)
-         self%difference = distance(top, next, any(model%system%tones%is_unknown))
+      associate (system => self%system, top => self%top, next => self%next)
+         self%difference = distance(top, next, any(system%tones%is_unknown))
          self%is_checked = self%own_estimate < reliable
          raw = estimate_of_motion(trial)
          allocate (outputs_raw, source=estimates_of_outputs(trial))
          if (self%is_checked) &
             trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, self%own_estimate, self%difference))
-         if (is_rigid(model%system)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
-            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, model%system%tones%n_tones)))
-         call calibrate_outputs(model%system, model%options, trial, next%set, self%result, top%set, self%own_outputs)
+         if (is_rigid(system)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
+            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, system%tones%n_tones)))
+         call calibrate_outputs(system, self%options, trial, next%set, self%result, top%set, self%own_outputs)
          if (self%is_checked .and. max(self%estimate, self%difference) < self%best_estimate .and. size(outputs_raw) == 0) then
             self%best = self%result
             self%best_top = top
@@ -388,27 +396,27 @@ contains
       logical, intent(out) :: is_there
       real(wp) :: goal
 
-      associate (accuracy => self%model%options%accuracy, estimate => self%estimate)
+      associate (accuracy => self%options%accuracy, estimate => self%estimate)
          goal = max(min_goal*estimate, margin*accuracy%tolerance)
          if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, min_goal*accuracy%tolerance)
          goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
       end associate
-      call choose_next(self%model, self%result, self%top, goal, self%n_failures, self%next, is_there)
+      call choose_next(self%system, self%discretisation, self%options, self%result, self%top, goal, self%n_failures, self%next)
+      is_there = allocated(self%next%unknowns)
    end subroutine refined_motion_choose
 
    !> An estimate far below the tolerance needs no second level.
    logical function refined_motion_is_accurate(self) result(is_accurate)
       class(refined_motion_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= self%model%options%accuracy%tolerance*merge(margin, minor, self%is_checked)
+      is_accurate = self%estimate <= self%options%accuracy%tolerance*merge(margin, minor, self%is_checked)
    end function refined_motion_is_accurate
 
    logical function refined_motion_is_over(self) result(is_over)
       class(refined_motion_t), intent(inout) :: self
 
-      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. &
-         self%solver%work > self%model%options%accuracy%max_work .or. &
-                self%solver%is_out_of_work .or. self%model%options%lacks_impacts_of(self%model%system, self%result%status)
+      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%options%accuracy%max_work .or. &
+                self%solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status)
    end function refined_motion_is_over
 
    !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
@@ -489,21 +497,21 @@ contains
       type(attempt_t), allocatable, intent(out) :: within(:)
       type(error_t), allocatable :: failure
 
-      associate (model => self%model, top => self%top, result => self%result)
+      associate (system => self%system, discretisation => self%discretisation, options => self%options, top => self%top, &
+                 result => self%result)
          if (rule%discretisation == set_choice%neighbour) then
             top = self%start
          else
-            top%set = model%discretisation%harmonics
-            top%n_samples = model%discretisation%torus%n_samples
+            top%set = discretisation%harmonics
+            top%n_samples = discretisation%torus%n_samples
             if (rule%discretisation /= set_choice%given) &
-               call other_first(model%system, model%discretisation, rule%discretisation, top, self%error)
+               call other_first(system, discretisation, rule%discretisation, top, self%error)
             if (allocated(self%error)) return
-            self%solver%here%options%may_integrate = model%options%may_integrate .and. &
-               (model%options%start%from_integration .or. any(model%system%tones%is_unknown) .or. &
-                .not. model%options%accuracy%grows_set)
+            self%solver%level_options%may_integrate = options%may_integrate .and. &
+               (options%start%from_integration .or. any(system%tones%is_unknown) .or. .not. options%accuracy%grows_set)
          end if
          call self%solver%take(top, .true., result, failure)
-         self%solver%here%options%may_integrate = .false.
+         self%solver%level_options%may_integrate = .false.
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          result%charged = self%solver%charged
          if (allocated(top%unknowns) .or. has_ended(result)) return
@@ -547,23 +555,28 @@ contains
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(system))
    end subroutine other_first
 
-   !> Prepares the levels of a model.
-   subroutine level_solver_prepare(self, model)
+   !> Prepares the levels of a point.
+   subroutine level_solver_prepare(self, system, discretisation, options)
       class(level_solver_t), intent(inout) :: self
-      type(model_t), intent(in), target :: model
+      type(system_t), intent(in), target :: system
+      type(discretisation_t), intent(in), target :: discretisation
+      type(options_t), intent(in), target :: options
 
-      self%model => model
-      self%here = model
-      associate (here => self%here)
-         here%options%primary_method = primary_method%balance
-         here%options%may_integrate = .false.
-         here%options%error_estimate%is_on = .true.
-         here%options%stability%method = stability_method%off
-         here%options%solver%tolerance = solver_tolerance(model%options)
-         here%options%solver%krylov_patience = patience_with_products
-         here%options%solver%fallback_share = 0.0_wp                  ! other sets remain to be tried
-         here%options%error_estimate%improvement_steps = 0
-         if (allocated(here%options%output%samples)) here%options%output%samples = here%options%output%samples(:0)
+      self%system => system
+      self%whole => discretisation
+      self%options => options
+      self%here = discretisation
+      self%level_options = options
+      associate (level_options => self%level_options)
+         level_options%primary_method = primary_method%balance
+         level_options%may_integrate = .false.
+         level_options%error_estimate%is_on = .true.
+         level_options%stability%method = stability_method%off
+         level_options%solver%tolerance = solver_tolerance(options)
+         level_options%solver%krylov_patience = patience_with_products
+         level_options%solver%fallback_share = 0.0_wp                      ! other sets remain to be tried
+         level_options%error_estimate%improvement_steps = 0
+         if (allocated(level_options%output%samples)) level_options%output%samples = level_options%output%samples(:0)
       end associate
    end subroutine level_solver_prepare
 
@@ -579,16 +592,16 @@ contains
       real(wp), allocatable :: first_guess(:), found(:)
 
       call move_alloc(level%unknowns, first_guess)
-      associate (model => self%model, solver => self%here%options%solver)
-         call put_on_level(self%here, model%discretisation, model%options, level, error)
+      associate (options => self%options, solver => self%level_options%solver)
+         call put_on_level(self%here, self%system, self%whole, self%level_options, level, error)
          if (allocated(error)) return
-         solver%fallback = model%options%solver%fallback .and. with_fallback
+         solver%fallback = options%solver%fallback .and. with_fallback
          solver%patience = merge(0, patience, with_fallback)
-         solver%fallback_work = min(model%options%solver%fallback_work, max(0.0_wp, model%options%accuracy%max_work - self%work))
+         solver%fallback_work = min(options%solver%fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
-         call limit%enter(huge(1.0_wp), max(model%options%max_work() - self%charged, &
-                                            merge(model%options%accuracy%max_work, 0.0_wp, with_fallback)))
-         call solve_motion(self%here, result, error, first_guess, found)
+         call limit%enter(huge(1.0_wp), max(options%max_work() - self%charged, &
+                                            merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
+         call solve_system(self%system, self%here, self%level_options, result, error, first_guess, found)
          call limit%leave()
          result%charged = limit%budget%spent
          self%is_out_of_work = limit%verdict == verdict%out_of_work
@@ -597,7 +610,7 @@ contains
          call self%add(result%effort_t)
          solver%preconditioner_level = result%preconditioner_level
          if (allocated(error)) return
-         call with_caution(model%system, result)
+         call with_caution(self%system, result)
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_take
@@ -618,15 +631,13 @@ contains
    subroutine finish(self)
       type(refined_motion_t), intent(inout) :: self
 
-      associate (model => self%model, result => self%result)
+      associate (options => self%options, result => self%result)
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, &
-                                  estimate_of_wanted(result) <= model%options%accuracy%tolerance)
-         if (model%options%stability%method /= stability_method%off .or. size(model%options%output%samples) > 0) &
-            call add_stability(model%system, model%discretisation, model%options, self%top, self%solver%charged, result)
+            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
+         if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0) &
+            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%charged, result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
-            result%message = trim(message_on_outputs(model%options%accuracy, &
-                                                     max(result%output_estimate, result%output_level_estimate)))
+            result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set
          result%n_samples = self%top%n_samples
          result%level_difference = self%difference
@@ -646,26 +657,27 @@ contains
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: work_spent                              !! for the motion
       type(motion_result_t), intent(inout) :: result
-      type(model_t) :: here
+      type(discretisation_t) :: here
+      type(options_t) :: alone                                        !! the motion and its stability, without estimates
+      type(tones_t) :: tones
       type(motion_result_t) :: whole
       type(error_t), allocatable :: error
 
-      here%system = system
-      here%discretisation = discretisation
-      here%options = options
-      here%options%may_integrate = .false.
-      here%options%error_estimate%is_on = .false.
-      here%options%solver%tolerance = solver_tolerance(options)
-      here%options%stability%work_spent = work_spent
-      if (here%options%stability%method == stability_method%auto) here%options%stability%min_periods = few_periods
-      call put_on_level(here, discretisation, options, top, error)
-      if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
+      here = discretisation
+      alone = options
+      alone%may_integrate = .false.
+      alone%error_estimate%is_on = .false.
+      alone%solver%tolerance = solver_tolerance(options)
+      alone%stability%work_spent = work_spent
+      if (alone%stability%method == stability_method%auto) alone%stability%min_periods = few_periods
+      call put_on_level(here, system, discretisation, alone, top, error)
+      if (.not. allocated(error)) call solve_system(system, here, alone, whole, error, top%unknowns)
       if (allocated(error) .or. whole%status /= outcome%converged) return
       if (result%status == outcome%converged) then
          result%stability = whole%stability
-         here%system%tones%omega = result%frequency
-         call compare_with_refined(here%system, here%discretisation, here%options, here%system%tones, result%error_estimate, &
-                                   result%stability)
+         tones = system%tones
+         tones%omega = result%frequency
+         call compare_with_refined(system, here, alone, tones, result%error_estimate, result%stability)
          call allow_for_growth(result, options%accuracy%tolerance)
       end if
       if (.not. allocated(whole%displacement_samples)) return

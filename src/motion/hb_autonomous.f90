@@ -56,8 +56,7 @@ contains
       associate (tones => system%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
-                                 .not. discretisation%start%is_zero_at(basis%positions(h)), h=1, &
-                                    basis%harmonics%n_harmonics)])
+                                 .not. discretisation%start%is_zero_at(basis%positions(h)), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! arbitrary: the base motion does not contain these tones
          call new_base_balance(balance, system, discretisation, basis, coordinates, self%omega, error)

@@ -89,8 +89,7 @@ contains
       type(system_t), intent(in) :: system
       integer :: i
 
-      has_jumping_slopes = has_memory(system%laws) .or. &
-         any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
+      has_jumping_slopes = has_memory(system%laws) .or. any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
    end function has_jumping_slopes
 
    !> Differentiates the position across samples: where kinks move from one to the next without a correction, the slope of

@@ -15,9 +15,7 @@ module hb_curve_sets
    use hb_followed_motion, only: curve_state_t, followed_motion_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
-   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, min_goal, level_t, &
-      margin, max_failures
-   use hb_model, only: model_t
+   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, level_t, margin, max_failures, min_goal
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome
@@ -38,7 +36,7 @@ module hb_curve_sets
    !> A curve that is refined. Its set and grid are those of the motion that is followed.
    type, abstract, extends(refinable_t) :: refined_curve_t
       class(followed_motion_t), pointer :: motion => null()
-      type(model_t) :: model                                          ! in which all tuples of the lowest set are required
+      type(discretisation_t) :: whole                                 ! in which all tuples of the lowest set are required
       type(level_t) :: next
       logical :: is_ended = .false.                                   ! there is no further step
    contains
@@ -83,7 +81,7 @@ contains
       call refined%prepare(self)
       refined%max_failures = max_failures + 1
       if (self%estimate <= ample*self%model%options%accuracy%tolerance) &
-         call shrink(self, refined%model%system, refined%model%discretisation, refined%model%options, error)
+         call shrink(self, self%model%system, refined%whole, self%model%options, error)
       if (allocated(error)) return
       first = self%curve_state_t
       call refine(refined, ending)
@@ -258,10 +256,9 @@ contains
       class(followed_motion_t), intent(inout), target :: motion
 
       self%motion => motion
-      self%model = motion%model
-      self%model%discretisation%loads = &
-         as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%discretisation%loads%n_dofs), 2, &
-                                              self%model%discretisation%loads%n_harmonics)) ! tuples with loads are required
+      self%whole = motion%model%discretisation
+      self%whole%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%whole%loads%n_dofs), 2, &
+                                              self%whole%loads%n_harmonics)) ! tuples with loads are required
       self%max_idle = max_idle
    end subroutine refined_curve_prepare
 
@@ -273,14 +270,17 @@ contains
       real(wp), intent(in) :: least                                   !! of the tolerance: a sufficiently small error
       logical, intent(out) :: is_there
 
-      call choose_next(self%model, result, top_at(self%motion, x), &
-                       max(min_goal*estimate_of(result), least*self%model%options%accuracy%tolerance), 0, self%next, is_there)
+      associate (options => self%motion%model%options)
+         call choose_next(self%motion%model%system, self%whole, options, result, top_at(self%motion, x), &
+                          max(min_goal*estimate_of(result), least*options%accuracy%tolerance), 0, self%next)
+         is_there = allocated(self%next%unknowns)
+      end associate
    end subroutine refined_curve_choose_for
 
    logical function refined_curve_is_accurate(self) result(is_accurate)
       class(refined_curve_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= margin*self%model%options%accuracy%tolerance
+      is_accurate = self%estimate <= margin*self%motion%model%options%accuracy%tolerance
    end function refined_curve_is_accurate
 
    logical function refined_curve_is_over(self) result(is_over)

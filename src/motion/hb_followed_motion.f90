@@ -5,7 +5,7 @@
 module hb_followed_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_autonomous, only: find_energy
-   use hb_basis, only: whole_basis
+   use hb_basis, only: basis_t, whole_basis
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_events, only: find_extremes, find_motion, find_stability
@@ -20,7 +20,7 @@ module hb_followed_motion
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
-   use hb_motion_description, only: describe_motion
+   use hb_motion_description, only: describe_motion, solution_t
    use hb_motion_result, only: motion_result_t
    use hb_newton, only: solve_newton
    use hb_normal_mode, only: amplitude_functionals
@@ -194,7 +194,7 @@ contains
          if (found%system%normal_mode%is_requested) which = [which, tones%n_tones + which]
       end associate
       if (found%options%accuracy%is_on .or. any(level%n_samples /= found%discretisation%torus%n_samples)) then
-         call put_on_level(found, self%model%discretisation, self%model%options, level, error)
+         call put_on_level(found%discretisation, found%system, self%model%discretisation, found%options, level, error)
          if (allocated(error)) return
       end if
       if (found%options%accuracy%is_on) then
@@ -231,7 +231,7 @@ contains
       type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: odd
-      type(model_t) :: reduced
+      type(discretisation_t) :: reduced
       integer :: i
 
       if (allocated(self%odd_problem)) then
@@ -239,19 +239,15 @@ contains
          deallocate (self%odd_problem)
       end if
       if (.not. (self%problem%moves_frequency .and. is_solved_odd(system, discretisation, options)) .or. &
-          has_memory(system%laws) .or. &
-          any(system%tones%is_unknown)) return
+          has_memory(system%laws) .or. any(system%tones%is_unknown)) return
       call new_of_parity(odd, discretisation%harmonics, 1, error)
       if (allocated(error) .or. odd%n_harmonics == discretisation%harmonics%n_harmonics) return
-      reduced%system = system
-      reduced%discretisation = discretisation
-      reduced%options = options
-      call put_on_level(reduced, discretisation, options, level_t(odd, discretisation%torus%n_samples), error)
+      reduced = discretisation
+      call put_on_level(reduced, system, discretisation, options, level_t(odd, discretisation%torus%n_samples), error)
       if (allocated(error)) return
-      reduced%discretisation%torus = half_of_odd(system, discretisation)
+      reduced%torus = half_of_odd(system, discretisation)
       allocate (self%odd_problem)
-      call new_model_problem(self%odd_problem, reduced%system, reduced%discretisation, reduced%options, self%request%moving, &
-                             self%request%start, error)
+      call new_model_problem(self%odd_problem, system, reduced, options, self%request%moving, self%request%start, error)
       associate (n => self%problem%n_unknowns, m => size(self%problem%which))
          self%odd_indices = [discretisation%harmonics%indices_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
       end associate
@@ -649,11 +645,15 @@ contains
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
+      type(basis_t), target :: basis
+      type(solution_t) :: solution
+      real(wp), target :: u(self%problem%harmonics%n_coefficients, self%problem%n_dofs)
       real(wp) :: r(self%problem%n_unknowns)
       integer :: n
       logical :: is_possible
 
       n = self%problem%n_unknowns
+      u = reshape(point%x(:n), shape(u))
       call self%problem%move_to_point(point%x, is_possible)
       associate (balance => self%problem%balance_t, model => self%problem%model)
          call self%problem%residual(point%x(:n), r)
@@ -665,9 +665,12 @@ contains
          result%n_harmonics = model%discretisation%harmonics%n_harmonics
          result%n_unknowns = n
          if (model%options%error_estimate%is_on) call put_across(self, point)
-         call describe_motion(model, whole_basis(model%discretisation%harmonics, model%discretisation%torus), balance, &
-                              reshape(point%x(:n), [model%discretisation%harmonics%n_coefficients, balance%n_dofs]), result, &
-                                 error, curve=self%curve%problem)
+         basis = whole_basis(model%discretisation%harmonics, model%discretisation%torus)
+         solution%basis => basis
+         solution%balance => self%problem%balance_t
+         solution%u => u
+         solution%problem => self%curve%problem
+         call describe_motion(model%system, model%discretisation, model%options, solution, result, error)
       end associate
       if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
       if (allocated(error) .or. .not. self%model%options%accuracy%is_on) return

@@ -93,7 +93,7 @@ contains
          known%model%system = system
          known%model%discretisation = discretisation
          known%model%options = options
-         call put_on_level(known%model, discretisation, options, own, error)
+         call put_on_level(known%model%discretisation, system, discretisation, options, own, error)
          call give_up()
          if (allocated(error)) return
          if (coordinates%n == 0) then
@@ -237,15 +237,15 @@ contains
       type(level_t), intent(in) :: level
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
-      type(model_t) :: before
+      type(discretisation_t) :: before
 
-      before = self%model
-      call put_on_level(self%model, before%discretisation, before%options, level, error)
+      before = self%model%discretisation
+      call put_on_level(self%model%discretisation, self%model%system, before, self%model%options, level, error)
       if (allocated(error)) return
-      self%x = carry(before%discretisation%harmonics, level%set, self%x, size(self%which))
+      self%x = carry(before%harmonics, level%set, self%x, size(self%which))
       self%n = size(self%x) - size(self%which)
       deallocate (self%residual)
-      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%discretisation%harmonics%n_harmonics)
+      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
    end subroutine known_differentiate
 
    !> Differentiates with respect to each of the values; the derivatives are NaN if the tangent is singular.

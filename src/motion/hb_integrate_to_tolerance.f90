@@ -15,7 +15,6 @@ module hb_integrate_to_tolerance
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set
-   use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
    use hb_motion, only: forget_motion, start_from, status_of_ended
@@ -41,8 +40,10 @@ module hb_integrate_to_tolerance
 
    !> A motion found by time integration whose candidates for a set are refined.
    type, extends(refinable_t) :: refined_record_t
-      type(model_t), pointer :: model => null()
-      type(model_t) :: here                                           ! the same model on the candidates tried last
+      type(system_t), pointer :: system => null()
+      type(discretisation_t), pointer :: whole => null()              ! has all loads
+      type(discretisation_t) :: here                                  ! the candidates tried last
+      type(options_t) :: options                                      ! with the aim of the integration
       type(coordinates_t) :: coordinates
       type(harmonics_t) :: candidates
       integer :: order = 1                                            ! of their box
@@ -73,8 +74,7 @@ contains
       integer :: i
 
       integrates_first = options%primary_method == primary_method%integration
-      if (options%primary_method /= primary_method%auto .or. system%tones%n_tones /= 1 .or. &
-          any(system%tones%is_unknown)) return
+      if (options%primary_method /= primary_method%auto .or. system%tones%n_tones /= 1 .or. any(system%tones%is_unknown)) return
       if (.not. is_rigid(system) .or. .not. options%accuracy%grows_set .or. size(options%accuracy%outputs) > 0) return
       if (system%structure%n_dofs > max_dense .or. options%chain%is_on) return
       structure = system%structure
@@ -96,8 +96,10 @@ contains
    end function integrates_first
 
    !> Integrates from rest or the `&start` amplitudes. `is_done` is false if no motion is found.
-   subroutine integrate_to_tolerance(model, result, is_done)
-      type(model_t), intent(in) :: model
+   subroutine integrate_to_tolerance(system, discretisation, options, result, is_done)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(inout) :: result
       logical, intent(out) :: is_done
       type(motion_result_t) :: integrated
@@ -105,10 +107,10 @@ contains
       type(steady_motion_t) :: steady
 
       is_done = .false.
-      if (.not. can_integrate(model%system, model%options)) return
+      if (.not. can_integrate(system, options)) return
       integrated%integration_work = result%integration_work
       integrated%charged = result%charged
-      call integration(model, steady, integrated, found)
+      call integration(system, discretisation, options, steady, integrated, found)
       is_done = work_is_over() .or. steady%status /= outcome%pending
       if (.not. is_done) then
          if (steady%is_out_of_work) result%reason = reason%fallback_work
@@ -117,7 +119,7 @@ contains
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp
       integrated%work = integrated%work + result%work
-      call take_status(model%options, steady, integrated)
+      call take_status(options, steady, integrated)
       if (work_is_over()) integrated%status = status_of_ended()
       result = integrated
    end subroutine integrate_to_tolerance
@@ -134,7 +136,7 @@ contains
       type(level_t), intent(in) :: top                                !! its last level
       type(motion_result_t) :: integrated
       type(level_t) :: found
-      type(model_t) :: from
+      type(discretisation_t) :: from
       type(steady_motion_t) :: steady
       real(wp) :: apart, estimate, estimate_before
       logical :: is_struck, is_there
@@ -145,7 +147,7 @@ contains
       call start_on(system, discretisation, options, top, from, is_there)
       if (.not. is_there) return
       integrated%charged = result%charged
-      call integration(from, steady, integrated, found)
+      call integration(system, from, options, steady, integrated, found)
       result%work = result%work + steady%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (work_is_over()) return                      ! there is a motion even without time left
@@ -212,51 +214,50 @@ contains
          .not. any(system%tones%is_unknown) .and. .not. system%normal_mode%is_requested
    end function can_integrate
 
-   !> Sets the motion of a level as the start of the model, in all degrees of freedom.
+   !> Sets the motion of a level as the start on it, in all degrees of freedom.
    subroutine start_on(system, discretisation, options, level, from, is_there)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
-      type(model_t), intent(out) :: from
+      type(discretisation_t), intent(out) :: from
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
-      type(model_t) :: here
+      type(discretisation_t) :: here
 
-      here%system = system
-      here%discretisation = discretisation
-      here%options = options
-      call put_on_level(here, discretisation, options, level, error)
+      here = discretisation
+      call put_on_level(here, system, discretisation, options, level, error)
       is_there = .not. allocated(error)
-      if (is_there) call start_from(here%system, here%discretisation, here%options, level%unknowns, from, is_there)
+      if (is_there) call start_from(system, here, options, level%unknowns, from, is_there)
    end subroutine start_on
 
    !> Integrates with candidates in a box, then in a box of twice the order if the misfit is too large, and stores the
    !> important tuples of the best one. Lines outside a small box appear as a motion that is not periodic; with
    !> several tones the larger box therefore decides. Without a motion only its description is returned.
-   subroutine integration(model, steady, result, found)
-      type(model_t), intent(in), target :: model
+   subroutine integration(system, discretisation, options, steady, result, found)
+      type(system_t), intent(in), target :: system
+      type(discretisation_t), intent(in), target :: discretisation
+      type(options_t), intent(in) :: options
       type(steady_motion_t), intent(out) :: steady
       type(motion_result_t), intent(inout) :: result
       type(level_t), intent(out) :: found                             !! its set and motion
       type(refined_record_t) :: record
 
-      record%model => model
-      record%here = model
-      record%here%options%integration%aim = sqrt(1.0_wp - share_of_tail**2)*model%options%accuracy%tolerance
-      record%here%options%integration%tolerance = max(model%options%integration%tolerance, &
-                                                      well_solved*record%here%options%integration%aim)
-      record%here%options%error_estimate%truncation = min(model%options%error_estimate%truncation, model%options%accuracy%tolerance)
-      record%coordinates = coordinates_of(model%system)
-      record%capacity = share_of_integrated*model%options%accuracy%max_harmonics
-      record%order = first_order(model%system, model%options, candidates_of_retained*record%capacity)
-      ! two methods may need as much
-      record%budget%limit = min(2.0_wp*model%options%integration%work_limit - result%integration_work, &
-                                2.0_wp*model%options%max_work() - result%charged)
+      record%system => system
+      record%whole => discretisation
+      record%here = discretisation
+      record%options = options
+      record%options%integration%aim = sqrt(1.0_wp - share_of_tail**2)*options%accuracy%tolerance
+      record%options%integration%tolerance = max(options%integration%tolerance, well_solved*record%options%integration%aim)
+      record%options%error_estimate%truncation = min(options%error_estimate%truncation, options%accuracy%tolerance)
+      record%coordinates = coordinates_of(system)
+      record%capacity = share_of_integrated*options%accuracy%max_harmonics
+      record%order = first_order(system, options, candidates_of_retained*record%capacity)
+      record%budget%limit = min(2.0_wp*options%integration%work_limit - result%integration_work, & ! two methods may need as much
+                                2.0_wp*options%max_work() - result%charged)
       record%max_failures = huge(1)
       record%result = result
-      call new_lowest_set(record%candidates, model%system%tones%n_tones, loaded_tuples(model%discretisation), record%error, &
-                          record%order)
+      call new_lowest_set(record%candidates, system%tones%n_tones, loaded_tuples(discretisation), record%error, record%order)
       if (.not. allocated(record%error)) call refine(record)
       steady = record%steady
       steady%work = record%budget%spent
@@ -277,10 +278,10 @@ contains
       type(steady_motion_t) :: steady
 
       is_solved = .false.
-      call put_on_set(self%here, self%model%discretisation, self%candidates)
-      self%here%options%integration%work_limit = 0.5_wp*self%budget%left()
-      call self%model%options%callbacks%time_domain_solver%find_steady_motion(self%here%system, self%here%discretisation, &
-         self%here%options, self%coordinates%dofs, steady, self%error)
+      call put_on_set(self%here, self%whole, self%candidates)
+      self%options%integration%work_limit = 0.5_wp*self%budget%left()
+      call self%options%callbacks%time_domain_solver%find_steady_motion(self%system, self%here, self%options, &
+                                                                        self%coordinates%dofs, steady, self%error)
       call self%budget%spend(steady%work)
       steady%work = self%budget%spent
       if (allocated(self%error)) then
@@ -292,11 +293,10 @@ contains
       if (self%n_found == 0) self%steady = steady
       is_solved = any(steady%status == [outcome%integrated, outcome%multiple_attractors])
       self%is_ended = .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. &
-                             .not. shows_returns(self%model%system, self%model%options))
+                             .not. shows_returns(self%system, self%options))
       if (work_is_over() .or. .not. is_solved) return
       result = self%result
-      call keep_lines(self%here%system, self%here%discretisation, self%here%options, self%coordinates, self%capacity, steady, &
-                      result, found)
+      call keep_lines(self%system, self%here, self%options, self%coordinates, self%capacity, steady, result, found)
       self%n_found = self%n_found + 1
       if (self%n_found == 1 .or. estimate_of(result) < self%estimate) then
          self%steady = steady
@@ -305,7 +305,7 @@ contains
          self%estimate = estimate_of(result)
       end if
       self%result%n_levels = self%n_found
-      self%is_ended = steady%change_by_steps > self%model%options%accuracy%tolerance ! a larger box cannot reduce this
+      self%is_ended = steady%change_by_steps > self%options%accuracy%tolerance ! a larger box cannot reduce this
    end subroutine refined_record_solve
 
    !> Chooses the candidates in a box of twice the order, within the limits of size and work.
@@ -315,18 +315,17 @@ contains
 
       is_there = .false.
       self%order = 2*self%order
-      call new_lowest_set(self%candidates, self%model%system%tones%n_tones, loaded_tuples(self%model%discretisation), self%error, &
-                          self%order)
+      call new_lowest_set(self%candidates, self%system%tones%n_tones, loaded_tuples(self%whole), self%error, self%order)
       if (allocated(self%error)) return
       if (self%candidates%n_harmonics > candidates_of_retained*self%capacity) return
       is_there = self%budget%left() > 0.0_wp
-      if (.not. is_there .and. self%n_found == 0) call leave_open(self%steady, self%here%discretisation%harmonics%n_harmonics)
+      if (.not. is_there .and. self%n_found == 0) call leave_open(self%steady, self%here%harmonics%n_harmonics)
    end subroutine refined_record_choose
 
    logical function refined_record_is_accurate(self) result(is_accurate)
       class(refined_record_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= self%model%options%accuracy%tolerance
+      is_accurate = self%estimate <= self%options%accuracy%tolerance
    end function refined_record_is_accurate
 
    logical function refined_record_is_over(self) result(is_over)
@@ -372,8 +371,8 @@ contains
 
    !> Selects the important candidates, and the motion in them. The estimate includes the others.
    subroutine keep_lines(system, discretisation, options, coordinates, capacity, steady, result, found)
-      type(system_t), intent(in) :: system                            !! on all candidates
-      type(discretisation_t), intent(in) :: discretisation
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation            !! of all candidates
       type(options_t), intent(in) :: options
       type(coordinates_t), intent(in) :: coordinates
       integer, intent(in) :: capacity                                 !! tuples
@@ -381,7 +380,7 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(level_t), intent(out) :: found
       type(error_t), allocatable :: error
-      type(model_t) :: here
+      type(discretisation_t) :: here
       type(steady_motion_t) :: retained
       real(wp) :: carried(discretisation%harmonics%n_harmonics), tail
       logical :: is_retained(discretisation%harmonics%n_harmonics), is_needed(discretisation%harmonics%n_harmonics)
@@ -401,22 +400,20 @@ contains
       tail = norm2(pack(carried, .not. is_retained))
       call new_harmonics(found%set, discretisation%harmonics%tuples(:, positions), error)
       if (allocated(error)) return                                    ! impossible: they are tuples of a set
-      here%system = system
-      here%discretisation = discretisation
-      here%options = options
+      here = discretisation
       call put_on_set(here, discretisation, found%set)
       retained = steady
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)
-      call keep_integrated(here%system, here%discretisation, here%options, coordinates, retained, result)
+      call keep_integrated(system, here, options, coordinates, retained, result)
       result%error_estimate%truncation = hypot(steady%spread, tail)
       found%n_samples = samples_for(found%set%highest, degree_of(system))
-      found%unknowns = guess_from(here%system, here%discretisation, coordinates, retained)
+      found%unknowns = guess_from(system, here, coordinates, retained)
       result%harmonics = found%set
       result%n_samples = found%n_samples
    end subroutine keep_lines
 
-   !> Tuples of the model that have a load or a first guess.
+   !> Tuples that have a load or a first guess.
    pure function loaded_tuples(discretisation) result(tuples)
       type(discretisation_t), intent(in) :: discretisation
       integer, allocatable :: tuples(:, :)

@@ -1,9 +1,9 @@
 !> The result of a point whose motion was found by time integration.
 module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
-   use hb_coordinates, only: coordinates_t
    use hb_floquet, only: stability_of_map
    use hb_kinds, only: wp
    use hb_mean_energy, only: new_mean_energy
@@ -96,8 +96,7 @@ contains
       type(stability_t), intent(out) :: stability
 
       if (allocated(steady%monodromy)) then
-         if (options%stability%method /= stability_method%off) &
-            stability = stability_of_map(steady%monodromy, system%tones%omega(1))
+         if (options%stability%method /= stability_method%off) stability = stability_of_map(steady%monodromy, system%tones%omega(1))
          return
       end if
       if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &

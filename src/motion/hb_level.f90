@@ -10,7 +10,6 @@ module hb_level
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
-   use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: options_t
    use hb_system, only: system_t
@@ -49,53 +48,52 @@ module hb_level
 
 contains
 
-   !> Chooses the next level, with the motion of this one as first guess; there is none if nothing can be changed, the
-   !> limits are reached, or the motion is exact.
-   subroutine choose_next(model, result, top, goal, n_failures, next, is_there)
-      type(model_t), intent(in) :: model
+   !> Chooses the next level, with the motion of this one as first guess; without a motion if nothing can be changed, the
+   !> limits are reached, or the motion is exact: there is no next level then.
+   subroutine choose_next(system, discretisation, options, result, top, goal, n_failures, next)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! for the estimated error
       integer, intent(in) :: n_failures                               !! of levels chosen from this one
       type(level_t), intent(out) :: next
-      logical, intent(out) :: is_there
       type(error_t), allocatable :: error
       real(wp) :: finer
       integer, allocatable :: least(:)
 
-      is_there = .false.
       if (.not. goal > 0.0_wp) return
       next%set = top%set
       next%n_samples = top%n_samples
-      if (model%options%accuracy%grows_set) &
-         call choose_set(model%discretisation, model%options, result, top, goal, n_failures == max_failures - 1 .or. &
+      if (options%accuracy%grows_set) &
+         call choose_set(discretisation, options, result, top, goal, n_failures == max_failures - 1 .or. &
          raised_by(result)*result%error_estimate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
       if (allocated(error)) return
-      if (model%options%accuracy%refines_grid) then
-         least = needed_samples(next%set%highest, degree_of(model%system))
+      if (options%accuracy%refines_grid) then
+         least = needed_samples(next%set%highest, degree_of(system))
          finer = 1.0_wp
-         if (degree_of(model%system) == 0) then
+         if (degree_of(system) == 0) then
             finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
             finer = max(clearly_smaller, min(finer, largest_refinement))*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
-         if (degree_of(model%system) > 0) next%n_samples = least
-         if (has_memory(model%system%laws) .and. .not. any(model%system%tones%is_unknown)) &
-            next%n_samples = samples_along_time(next%n_samples, model%system%tones%omega)
-         do while (product(real(next%n_samples, wp)) > model%options%accuracy%max_samples)
+         if (degree_of(system) > 0) next%n_samples = least
+         if (has_memory(system%laws) .and. .not. any(system%tones%is_unknown)) &
+            next%n_samples = samples_along_time(next%n_samples, system%tones%omega)
+         do while (product(real(next%n_samples, wp)) > options%accuracy%max_samples)
             if (all(next%n_samples <= least)) return
             next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
          end do
       else if (any(next%n_samples < 2*next%set%highest + 1)) then
          return
       end if
-      if (min(next%set%n_harmonics, top%set%n_harmonics) >= model%options%accuracy%max_harmonics .and. &
+      if (min(next%set%n_harmonics, top%set%n_harmonics) >= options%accuracy%max_harmonics .and. &
           result%error_estimate%truncation > result%error_estimate%aliasing) return ! other tuples, but not more
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
-      if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(model%system%tones%is_unknown)) &
+      if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
          call take_errors_out(result, top, next)
-      is_there = .true.
    end subroutine choose_next
 
    !> Removes first-order errors from the start on a level if they are small, whatever the estimate is.
@@ -278,33 +276,32 @@ contains
       if (h > 0 .and. .not. is_needed) is_needed = .not. discretisation%loads%is_zero_at(h)
    end function is_needed_at
 
-   !> Sets the model to the set and the grid of a level.
-   subroutine put_on_level(here, discretisation, options, level, error)
-      type(model_t), intent(inout) :: here
-      type(discretisation_t), intent(in) :: discretisation            !! on a set that has all loads
+   !> Sets a discretisation to the set and the grid of a level.
+   subroutine put_on_level(here, system, whole, options, level, error)
+      type(discretisation_t), intent(inout) :: here
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: whole                     !! has all loads
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
-      logical :: corrects_kinks
 
-      corrects_kinks = discretisation%torus%corrects_kinks
-      call put_on_set(here, discretisation, level%set)
-      call new_torus(here%discretisation%torus, level%n_samples, level%set, error)
+      call put_on_set(here, whole, level%set)
+      call new_torus(here%torus, level%n_samples, level%set, error)
       if (allocated(error)) return
-      here%discretisation%torus%corrects_kinks = corrects_kinks
-      call check_memory(sizes_of(here%system, here%discretisation, here%options), options%memory_limit, error)
+      here%torus%corrects_kinks = whole%torus%corrects_kinks
+      call check_memory(sizes_of(system, here, options), options%memory_limit, error)
    end subroutine put_on_level
 
-   !> Sets the model to another set of harmonics.
-   subroutine put_on_set(here, discretisation, set)
-      type(model_t), intent(inout) :: here
-      type(discretisation_t), intent(in) :: discretisation            !! on a set that has all loads
+   !> Sets a discretisation to another set of harmonics.
+   subroutine put_on_set(here, whole, set)
+      type(discretisation_t), intent(inout) :: here
+      type(discretisation_t), intent(in) :: whole                     !! has all loads
       type(harmonics_t), intent(in) :: set
 
-      here%discretisation%harmonics = set
-      here%discretisation%loads = discretisation%loads%in_set(discretisation%harmonics, set)
-      here%discretisation%load_slopes = discretisation%load_slopes%in_set(discretisation%harmonics, set)
-      here%discretisation%start = discretisation%start%in_set(discretisation%harmonics, set)
+      here%harmonics = set
+      here%loads = whole%loads%in_set(whole%harmonics, set)
+      here%load_slopes = whole%load_slopes%in_set(whole%harmonics, set)
+      here%start = whole%start%in_set(whole%harmonics, set)
    end subroutine put_on_set
 
    !> Coefficients (n_coefficients, coordinates) of the motion of a level.

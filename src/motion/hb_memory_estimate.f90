@@ -7,12 +7,12 @@
 module hb_memory_estimate
    use hb_balance, only: largest_dense_tangent
    use hb_basis, only: basis_t, whole_basis
-   use hb_discretisation, only: discretisation_t
-   use hb_error_estimate, only: finer_samples, wider_orders
    use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
+   use hb_error_estimate, only: finer_samples, wider_orders
    use hb_hysteresis_tangent, only: width
    use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: complex_bytes, gib, real_bytes, wp
@@ -358,8 +358,7 @@ contains
       torus = discretisation%torus
       if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(discretisation%harmonics, 1)
       basis = whole_basis(discretisation%harmonics, torus)
-      if (allocated(discretisation%torus%n_samples) .and. n == size(system%laws) .and. &
-          .not. options%chain%is_on) then
+      if (allocated(discretisation%torus%n_samples) .and. n == size(system%laws) .and. .not. options%chain%is_on) then
          call find_basis(basis, is_odd, system, discretisation, options, error)
          associate (last => basis%torus%n_samples(size(torus%n_samples)))
             if (basis%torus%is_half) last = last/2

@@ -67,8 +67,7 @@ contains
       if (present(n_laws)) last = n_laws
       allocate (wanted(0))
       if (allocated(system%phase_dofs)) wanted = system%phase_dofs
-      if (system%normal_mode%is_requested .and. .not. system%normal_mode%has_energy) &
-         wanted = [wanted, system%normal_mode%dof]
+      if (system%normal_mode%is_requested .and. .not. system%normal_mode%has_energy) wanted = [wanted, system%normal_mode%dof]
       call new_law_coordinates(coordinates, system%structure, system%laws(:last), wanted)
    end function coordinates_of
 
@@ -96,8 +95,7 @@ contains
          end if
       end if
       if (discretisation%loads%n_dofs > 0) then
-         is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, &
-                                     discretisation%loads) == ""
+         is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, discretisation%loads) == ""
       else
          is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus) == ""
       end if

@@ -8,12 +8,12 @@ module hb_motion
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
-   use hb_discretisation, only: discretisation_t
-   use hb_error_estimate, only: error_estimate_t, estimate_linear_error
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: annotate, error_t, fail
+   use hb_error_estimate, only: error_estimate_t, estimate_linear_error
    use hb_integrated_result, only: guess_from, is_lost, keep_integrated
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
@@ -21,7 +21,7 @@ module hb_motion
    use hb_linear_part, only: cached_linear_parts_t, linear_part_t, new_linear_part
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
-   use hb_motion_description, only: describe_motion, keep_motion
+   use hb_motion_description, only: describe_motion, keep_motion, solution_t
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
@@ -34,17 +34,19 @@ module hb_motion
    use hb_time_domain, only: locking_t, may_be_locked, primary_method, steady_motion_t
    implicit none
    private
-   public :: forget_motion, solve_motion, start_from, status_of_ended
+   public :: forget_motion, solve_motion, solve_system, start_from, status_of_ended
 
    !> The attempts to find the motion of a model on its set.
    type, extends(attempts_t) :: motion_attempts_t
-      type(model_t), pointer :: model => null()
+      type(system_t), pointer :: system => null()
+      type(discretisation_t), pointer :: discretisation => null()
+      type(options_t), pointer :: options => null()
       type(motion_result_t), pointer :: result => null()
       type(cached_linear_parts_t), pointer :: parts => null()
       type(basis_t) :: basis                                          ! of the first balance
       logical :: is_odd = .false.                                     ! that basis has odd tuples alone
       logical :: is_struck = .false.                                  ! walls, with a given restitution
-      real(wp), allocatable :: first_guess(:)                         ! as that of `solve_motion`; not allocated: that of the model
+      real(wp), allocatable :: first_guess(:)                         ! as that of `solve_system`; not allocated: that of the model
       real(wp), allocatable :: unknowns(:)                            ! of the solution, likewise
       type(coordinates_t) :: coordinates                              ! of time integration
       type(steady_motion_t) :: steady                                 ! what it has found
@@ -57,10 +59,24 @@ module hb_motion
 
 contains
 
-   !> Solves the model. An `error` is a failure of this point alone, such as a singular interior; a solver that does
-   !> not converge is reported by the status of the result.
+   !> Solves a model, see `solve_system`.
    subroutine solve_motion(model, result, error, guess, unknowns, cached)
       type(model_t), intent(in) :: model
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: guess(:)                      !! as that of `solve_system`
+      real(wp), allocatable, intent(out), optional :: unknowns(:)     !! likewise
+      type(cached_linear_parts_t), intent(inout), optional, target :: cached
+
+      call solve_system(model%system, model%discretisation, model%options, result, error, guess, unknowns, cached)
+   end subroutine solve_motion
+
+   !> Solves a system in a discretisation. An `error` is a failure of this point alone, such as a singular interior; a solver
+   !> that does not converge is reported by the status of the result.
+   subroutine solve_system(system, discretisation, options, result, error, guess, unknowns, cached)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: guess(:)                      !! replaces that of the model: coefficients at the
@@ -70,33 +86,36 @@ contains
       type(cancellation_t), target :: cancellation
       real(wp), allocatable :: found(:)
 
-      call cancellation%enter(model%options%solver%time_limit)
+      call cancellation%enter(options%solver%time_limit)
       if (present(guess)) found = guess
-      call solve_with_cancellation(model, result, error, found, cached)
+      call solve_with_cancellation(system, discretisation, options, result, error, found, cached)
       call cancellation%leave()
       if (allocated(error)) then
          call forget_motion(result)
       else if (present(unknowns)) then
          call move_alloc(found, unknowns)
       end if
-   end subroutine solve_motion
+   end subroutine solve_system
 
    !> Solves the model under a cancellation that has been entered, by the attempts of `hb_attempts`.
-   subroutine solve_with_cancellation(model, result, error, unknowns, cached)
-      type(model_t), intent(in), target :: model
+   subroutine solve_with_cancellation(system, discretisation, options, result, error, unknowns, cached)
+      type(system_t), intent(in), target :: system
+      type(discretisation_t), intent(in), target :: discretisation
+      type(options_t), intent(in), target :: options
       type(motion_result_t), intent(out), target :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess as that of `solve_motion`, if
+      real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess as that of `solve_system`, if
                                                                       !! allocated; on return the solution
       type(cached_linear_parts_t), intent(inout), optional, target :: cached
       type(motion_attempts_t) :: attempts
 
-      attempts%model => model
+      attempts%system => system
+      attempts%discretisation => discretisation
+      attempts%options => options
       attempts%result => result
-      if (present(cached) .and. .not. any(model%system%tones%is_unknown)) attempts%parts => cached ! no slopes, no drives
+      if (present(cached) .and. .not. any(system%tones%is_unknown)) attempts%parts => cached ! no slopes, no drives
       call move_alloc(unknowns, attempts%first_guess)
-      call find_basis(attempts%basis, attempts%is_odd, model%system, model%discretisation, model%options, error, &
-                      attempts%first_guess)
+      call find_basis(attempts%basis, attempts%is_odd, system, discretisation, options, error, attempts%first_guess)
       if (allocated(error)) return
       call make_attempts(attempts, stage%motion)
       if (allocated(attempts%error)) call move_alloc(attempts%error, error)
@@ -110,20 +129,18 @@ contains
       class(motion_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
 
-      associate (model => self%model)
+      associate (system => self%system, options => self%options)
          if (rule%technique == technique%integration) then
-            applies = model%options%has_time_domain() .and. .not. (any(model%system%tones%is_unknown) .or. &
-                                                           model%system%normal_mode%is_requested)
+            applies = options%has_time_domain() .and. .not. (any(system%tones%is_unknown) .or. system%normal_mode%is_requested)
             if (self%result%status == outcome%pending) then
-               applies = applies .and. model%options%primary_method == primary_method%integration .and. &
-                  .not. allocated(self%first_guess)
+               applies = applies .and. options%primary_method == primary_method%integration .and. .not. allocated(self%first_guess)
             else
-               self%is_struck = model%options%lacks_impacts_of(model%system, self%result%status)
-               applies = applies .and. model%options%solver%fallback .and. model%options%solver%fallback_by_integration .and. &
+               self%is_struck = options%lacks_impacts_of(system, self%result%status)
+               applies = applies .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
                          (self%is_struck .or. is_lost(self%result%status))
             end if
             if (.not. applies) return
-            self%coordinates = coordinates_of(model%system)
+            self%coordinates = coordinates_of(system)
             applies = self%coordinates%n > 0
          else
             applies = rule%discretisation /= set_choice%odd .or. self%is_odd
@@ -138,7 +155,7 @@ contains
       type(attempt_t), intent(inout) :: attempt
       type(attempt_t), allocatable, intent(out) :: within(:)
 
-      associate (model => self%model, result => self%result)
+      associate (system => self%system, discretisation => self%discretisation, options => self%options, result => self%result)
          if (rule%technique == technique%integration) then
             if (result%status == outcome%pending) then
                call integrate_first(self, attempt)
@@ -148,18 +165,19 @@ contains
             return
          end if
          if (rule%start == starting_point%integrated) then
-            call balance_from(model%system, model%discretisation, model%options, &
-                              guess_from(model%system, model%discretisation, self%coordinates, self%steady), result, self%unknowns)
+            call balance_from(system, discretisation, options, guess_from(system, discretisation, self%coordinates, self%steady), &
+                              result, self%unknowns)
             attempt%has_succeeded = result%fallback == fallback%integration
             call adopt_integrated(self)
          else
             if (.not. allocated(self%unknowns) .and. allocated(self%first_guess)) self%unknowns = self%first_guess
             if (rule%discretisation == set_choice%odd) then
-               call solve_model(model, self%basis, result, self%error, self%unknowns, self%parts)
+               call solve_model(system, discretisation, options, self%basis, result, self%error, self%unknowns, self%parts)
                result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
                attempt%has_succeeded = result%is_odd
             else
-               call solve_model(model, whole_basis(model%discretisation%harmonics, model%discretisation%torus), result, &
+               call solve_model(system, discretisation, options, &
+                                whole_basis(discretisation%harmonics, discretisation%torus), result, &
                                 self%error, self%unknowns, self%parts)
                attempt%has_succeeded = result%status == outcome%converged
             end if
@@ -182,9 +200,10 @@ contains
       type(attempt_t), intent(inout) :: attempt
       type(error_t), allocatable :: error
 
-      associate (model => self%model, result => self%result, steady => self%steady)
-         call model%options%callbacks%time_domain_solver%find_steady_motion(model%system, model%discretisation, model%options, &
-                                                                            self%coordinates%dofs, steady, error)
+      associate (system => self%system, discretisation => self%discretisation, options => self%options, &
+                 result => self%result, steady => self%steady)
+         call options%callbacks%time_domain_solver%find_steady_motion(system, discretisation, options, self%coordinates%dofs, &
+                                                                      steady, error)
          attempt%has_succeeded = work_is_over() .or. steady%status /= outcome%pending .and. .not. allocated(error)
          attempt%status = merge(steady%status, outcome%failed, attempt%has_succeeded)
          if (.not. attempt%has_succeeded) return
@@ -196,8 +215,7 @@ contains
          result%n_periods = steady%n_repeat
          if (work_is_over()) result%status = status_of_ended()
          if (allocated(steady%message)) result%message = steady%message
-         if (is_solved(result%status)) &
-            call keep_integrated(model%system, model%discretisation, model%options, self%coordinates, steady, result)
+         if (is_solved(result%status)) call keep_integrated(system, discretisation, options, self%coordinates, steady, result)
          attempt%status = result%status
       end associate
    end subroutine integrate_first
@@ -208,16 +226,15 @@ contains
       type(motion_attempts_t), intent(inout) :: self
       type(attempt_t), intent(inout) :: attempt
       type(error_t), allocatable :: error
-      type(model_t), allocatable :: from
+      type(discretisation_t) :: from
       logical :: has_start
 
-      associate (model => self%model, result => self%result, steady => self%steady)
-         allocate (from)
+      associate (system => self%system, discretisation => self%discretisation, options => self%options, &
+                 result => self%result, steady => self%steady)
          has_start = self%is_struck .and. allocated(self%unknowns)
-         if (has_start) call start_from(model%system, model%discretisation, model%options, self%unknowns, from, has_start)
-         if (.not. has_start) from = model
-         call model%options%callbacks%time_domain_solver%find_steady_motion(from%system, from%discretisation, from%options, &
-                                                                            self%coordinates%dofs, steady, error)
+         if (has_start) call start_from(system, discretisation, options, self%unknowns, from, has_start)
+         if (.not. has_start) from = discretisation
+         call options%callbacks%time_domain_solver%find_steady_motion(system, from, options, self%coordinates%dofs, steady, error)
          result%work = result%work + steady%work
          result%integration_work = steady%work
          if (allocated(error)) steady%message = "integration: "//error%message
@@ -233,7 +250,8 @@ contains
    subroutine adopt_integrated(self)
       type(motion_attempts_t), intent(inout) :: self
 
-      associate (model => self%model, result => self%result, steady => self%steady)
+      associate (system => self%system, discretisation => self%discretisation, options => self%options, &
+                 result => self%result, steady => self%steady)
          result%n_motions = steady%n_motions
          if (work_is_over()) then
             result%status = status_of_ended()
@@ -250,40 +268,36 @@ contains
             result%status = steady%status
             result%n_periods = steady%n_repeat
             result%message = steady%message
-            if (is_solved(steady%status)) &
-               call keep_integrated(model%system, model%discretisation, model%options, self%coordinates, steady, result)
+            if (is_solved(steady%status)) call keep_integrated(system, discretisation, options, self%coordinates, steady, result)
          end if
       end associate
    end subroutine adopt_integrated
 
-   !> Sets a motion that solves the balance as the start of the model, in all degrees of freedom.
+   !> Sets a motion that solves the balance as the start, in all degrees of freedom.
    subroutine start_from(system, discretisation, options, unknowns, from, is_there)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      real(wp), intent(in) :: unknowns(:)                             !! of the solution, as the guess of `solve_motion`
-      type(model_t), intent(out) :: from
+      real(wp), intent(in) :: unknowns(:)                             !! of the solution, as the guess of `solve_system`
+      type(discretisation_t), intent(out) :: from                     !! the same one, with this start
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
       type(motion_result_t) :: whole
+      type(options_t) :: alone                                        !! the balance, without what follows from its motion
       integer :: i
 
       is_there = system%structure%n_dofs <= max_dense
       if (.not. is_there) return
-      from%system = system
-      from%discretisation = discretisation
-      from%options = options
-      from%options%may_integrate = .false.
-      from%options%error_estimate%is_on = .false.
-      from%options%stability%method = stability_method%off
-      from%options%output%dofs = [(i, i=1, system%structure%n_dofs)]
-      call solve_motion(from, whole, error, unknowns)
+      alone = options
+      alone%may_integrate = .false.
+      alone%error_estimate%is_on = .false.
+      alone%stability%method = stability_method%off
+      alone%output%dofs = [(i, i=1, system%structure%n_dofs)]
+      call solve_system(system, discretisation, alone, whole, error, unknowns)
       is_there = .not. allocated(error) .and. whole%status == outcome%converged
       if (.not. is_there) return
-      from%options%error_estimate = options%error_estimate
-      from%options%stability = options%stability
-      from%options%output = options%output
-      from%discretisation%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
+      from = discretisation
+      from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
    end subroutine start_from
 
    !> Solves the balance in a few steps from the integrated motion; the result is that of the balance if it converges.
@@ -291,21 +305,20 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      real(wp), intent(in) :: guess(:)                                !! as that of `solve_motion`
+      real(wp), intent(in) :: guess(:)                                !! as that of `solve_system`
       type(motion_result_t), intent(inout) :: result
       real(wp), allocatable, intent(inout) :: unknowns(:)
       type(error_t), allocatable :: error
       type(motion_result_t) :: found
-      type(model_t) :: near
+      type(options_t) :: nearby
       real(wp), allocatable :: solution(:)
 
-      near%system = system
-      near%discretisation = discretisation
-      near%options = options
-      near%options%solver%fallback = .false.
-      near%options%solver%max_iterations = min(options%solver%max_iterations, nearby_steps)
+      nearby = options
+      nearby%solver%fallback = .false.
+      nearby%solver%max_iterations = min(options%solver%max_iterations, nearby_steps)
       solution = guess
-      call solve_model(near, whole_basis(discretisation%harmonics, discretisation%torus), found, error, solution)
+      call solve_model(system, discretisation, nearby, whole_basis(discretisation%harmonics, discretisation%torus), found, error, &
+                       solution)
       if (allocated(error)) return
       call found%add(result%effort_t)
       if (found%status == outcome%converged) then
@@ -341,86 +354,95 @@ contains
    end subroutine forget_motion
 
    !> Solves the model in a basis.
-   subroutine solve_model(model, basis, result, error, unknowns, cached)
-      type(model_t), intent(in) :: model
-      type(basis_t), intent(in) :: basis
+   subroutine solve_model(system, discretisation, options, basis, result, error, unknowns, cached)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(basis_t), intent(in), target :: basis
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess in the whole set, as that of
-                                                                      !! `solve_motion`, if allocated; on return the solution
+                                                                      !! `solve_system`, if allocated; on return the solution
       type(cached_linear_parts_t), pointer, intent(in), optional :: cached
       type(dynamic_stiffness_t) :: stiffness
       type(linear_part_t), allocatable :: linear
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
       type(coordinates_t) :: coordinates
-      real(wp), allocatable :: first_guess(:), guess(:)
+      type(solution_t) :: solution
+      real(wp), allocatable :: guess(:)
       logical :: is_autonomous, keeps
       real(wp) :: started
 
       started = wall_clock()
       call move_alloc(unknowns, guess)
-      coordinates = coordinates_of(model%system)
-      is_autonomous = any(model%system%tones%is_unknown)
-      call find_first_guess(model%system, model%discretisation, model%options, basis, coordinates, guess, start, first_guess, error)
+      coordinates = coordinates_of(system)
+      is_autonomous = any(system%tones%is_unknown)
+      call find_first_guess(system, discretisation, options, basis, coordinates, guess, start, error)
       if (allocated(error)) return
       result%frequency = start%omega
       result%n_harmonics = basis%whole%n_harmonics
       keeps = .false.
       if (present(cached)) keeps = associated(cached) .and. coordinates%n > 0
       if (keeps) then
-         call cached%narrow%take(model%system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                 model%discretisation%loads%at(basis%positions), linear, error)
+         call cached%narrow%take(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                 discretisation%loads%at(basis%positions), linear, error)
       else
-         call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                    model%discretisation%loads%at(basis%positions), error, &
-                                    wanted_slopes_t(is_on=is_autonomous, of_motion=model%system%normal_mode%has_energy, &
-                                                    loads=model%discretisation%load_slopes%at(basis%positions)))
+         call new_dynamic_stiffness(stiffness, system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                    discretisation%loads%at(basis%positions), error, &
+                                    wanted_slopes_t(is_on=is_autonomous, of_motion=system%normal_mode%has_energy, &
+                                                    loads=discretisation%load_slopes%at(basis%positions)))
       end if
       if (allocated(error)) return
       if (coordinates%n == 0) then
          result%setup_seconds = wall_clock() - started
-         call solve_linear_model(model%system, model%discretisation, model%options, basis, stiffness, result)
+         call solve_linear_model(system, discretisation, options, basis, stiffness, result)
          return
       end if
       if (.not. keeps) then
          allocate (linear)
          call new_linear_part(linear, stiffness)
       end if
-      call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, model%system%laws), &
-                       error)
+      call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, system%laws), error)
       if (keeps) balance%cached_wide => cached%wide
       result%setup_seconds = wall_clock() - started
-      if (.not. allocated(error)) call solve_balance(model, basis, start, balance, result, error, first_guess, unknowns)
-      if (model%options%has_time_domain() .and. is_autonomous .and. model%system%tones%n_tones > 1 .and. .not. allocated(error) &
+      if (.not. allocated(error)) then
+         solution%basis => basis
+         solution%balance => balance
+         call move_alloc(guess, unknowns)
+         call solve_balance(system, discretisation, options, solution, start, result, error, unknowns)
+      end if
+      if (options%has_time_domain() .and. is_autonomous .and. system%tones%n_tones > 1 .and. .not. allocated(error) &
           .and. result%status /= outcome%interrupted) &
-         call search_for_locking(model%system, model%discretisation, model%options, start, coordinates%dofs, result)
+         call search_for_locking(system, discretisation, options, start, coordinates%dofs, result)
       if (keeps) call cached%narrow%give_back(balance%stiffness)
       call balance%destroy()
    end subroutine solve_model
 
    !> Finds the start of the search: the tones, and the motion if it is given or by time integration.
-   subroutine find_first_guess(system, discretisation, options, basis, coordinates, guess, start, first_guess, error)
+   subroutine find_first_guess(system, discretisation, options, basis, coordinates, guess, start, error)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
-      real(wp), allocatable, intent(in) :: guess(:)                   !! in the whole set; not allocated: there is none
+      real(wp), allocatable, intent(inout) :: guess(:)                !! on entry in the whole set, on return in the basis; not
+                                                                      !! allocated: there is none
       type(autonomous_start_t), intent(out) :: start
-      real(wp), allocatable, intent(out) :: first_guess(:)            !! in the basis
       type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: given(:)
 
+      call move_alloc(guess, given)
       start%omega = system%tones%omega
       if (any(system%tones%is_unknown)) call find_start(start, system, discretisation, options, basis, coordinates, error)
       if (allocated(error)) return
-      if (allocated(guess)) then
-         call restrict_guess(basis, coordinates%n, guess, first_guess)
+      if (allocated(given)) then
+         call restrict_guess(basis, coordinates%n, given, guess)
       else if (options%start%from_integration .and. coordinates%n > 0) then
-         call integrate_guess(system, discretisation, options, basis, start%omega, coordinates, first_guess, error)
+         call integrate_guess(system, discretisation, options, basis, start%omega, coordinates, guess, error)
       end if
-      if (allocated(error) .or. .not. (any(system%tones%is_unknown) .and. allocated(first_guess))) return
-      start%omega = first_guess(size(first_guess) - size(start%omega) + 1:)
+      if (allocated(error) .or. .not. (any(system%tones%is_unknown) .and. allocated(guess))) return
+      start%omega = guess(size(guess) - size(start%omega) + 1:)
       start%has_motion = .true.
    end subroutine find_first_guess
 
@@ -485,8 +507,7 @@ contains
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
       if (options%error_estimate%is_on .and. result%status == outcome%converged) &
          call estimate_linear_error(result%error_estimate, system%structure, system%tones, &
-                                    basis%harmonics%frequencies(system%tones%omega), &
-                             discretisation%loads%at(basis%positions), c)
+                                    basis%harmonics%frequencies(system%tones%omega), discretisation%loads%at(basis%positions), c)
    end subroutine solve_linear_model
 
    !> Fails for a motion of which a coordinate drifts: no motion with a constant mean value exists.
@@ -501,76 +522,82 @@ contains
       drifting = balance%drifting(u, options%solver%tolerance)
       if (drifting == 0) return
       call fail(error, "degree of freedom '"// &
-                trim(system%structure%labels(balance%stiffness%coordinates%positions(drifting)))// &
-                   "' drifts: it has no static "// &
+                trim(system%structure%labels(balance%stiffness%coordinates%positions(drifting)))//"' drifts: it has no static "// &
                 "stiffness, and the mean force of its laws and loads is not zero, so that no motion has a mean value there; "// &
                 "add a support or make the loads symmetric")
    end subroutine check_drift
 
    !> Solves the balance, and describes the motion found.
-   subroutine solve_balance(model, basis, start, balance, result, error, guess, unknowns)
-      type(model_t), intent(in) :: model
-      type(basis_t), intent(in) :: basis
+   subroutine solve_balance(system, discretisation, options, solution, start, result, error, unknowns)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(solution_t), intent(inout) :: solution                     !! with its basis and its balance
       type(autonomous_start_t), intent(in) :: start
-      type(balance_t), intent(inout), target :: balance
       type(motion_result_t), intent(inout) :: result                  !! with the set-up time so far
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: that of the model
-      real(wp), allocatable, intent(out) :: unknowns(:)               !! in the whole set
+      real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess in the basis, if allocated; on
+                                                                      !! return the solution in the whole set
       type(report_t) :: report
-      type(search_t) :: search
-      real(wp), allocatable :: linear_solution(:, :), u(:, :)
+      type(search_t), target :: search
+      real(wp), allocatable :: guess(:), linear_solution(:, :)
+      real(wp), allocatable, target :: u(:, :)
       real(wp) :: begun, started
       character(:), allocatable :: failure
       logical :: is_stuck
 
       started = wall_clock()
-      allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
-      if (any(model%system%tones%is_unknown)) then
-         call add_start(model%discretisation, basis, balance%stiffness%coordinates, u)
-         if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%base%u
-         begun = wall_clock()
-         call find_motion(model%system, model%discretisation, model%options, start, balance, u, search)
-         report = search%report
-         call keep_tones(model%system, balance, report, result)
-         if (allocated(search%message)) result%message = search%message
-      else
-         allocate (linear_solution, mold=u)
-         call balance%linear_solution(linear_solution)
-         if (model%options%start%from_linear) then
-            u = linear_solution
-            if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
+      call move_alloc(unknowns, guess)
+      associate (basis => solution%basis, balance => solution%balance)
+         allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
+         if (any(system%tones%is_unknown)) then
+            call add_start(discretisation, basis, balance%stiffness%coordinates, u)
+            if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%base%u
+            begun = wall_clock()
+            call find_motion(system, discretisation, options, start, balance, u, search)
+            report = search%report
+            call keep_tones(system, balance, report, result)
+            if (allocated(search%message)) result%message = search%message
+         else
+            allocate (linear_solution, mold=u)
+            call balance%linear_solution(linear_solution)
+            if (options%start%from_linear) then
+               u = linear_solution
+               if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
+            end if
+            call add_start(discretisation, basis, balance%stiffness%coordinates, u)
+            if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
+            ! a known motion is tried first
+            if (allocated(guess) .or. .not. discretisation%start%is_zero()) balance%continues_in_order_first = .false.
+            begun = wall_clock()
+            call solve_unknowns(options, balance, linear_solution, u, report)
+            if (report%status == outcome%converged .and. discretisation%loads%is_zero() .and. &
+                .not. options%callbacks%is_followed) call discard_noise(balance, u, report%residual)
          end if
-         call add_start(model%discretisation, basis, balance%stiffness%coordinates, u)
-         if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
-         ! a known motion is tried first
-         if (allocated(guess) .or. .not. model%discretisation%start%is_zero()) balance%continues_in_order_first = .false.
-         begun = wall_clock()
-         call solve_unknowns(model%options, balance, linear_solution, u, report)
-         if (report%status == outcome%converged .and. model%discretisation%loads%is_zero() .and. &
-             .not. model%options%callbacks%is_followed) call discard_noise(balance, u, report%residual)
-      end if
-      if (report%status == outcome%converged) call check_drift(model%system, model%options, balance, u, error)
-      if (allocated(error)) return
-      if (work_is_over()) report%status = status_of_ended()
-      result%setup_seconds = result%setup_seconds + begun - started
-      result%solver_seconds = wall_clock() - begun
-      if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
-      call keep_report(model%system, model%options, balance, u, report, result, error)
-      if (allocated(error) .or. (report%status == outcome%failed .and. allocated(report%error))) return
-      call describe_motion(model, basis, balance, u, result, error, search)
-      failure = trim(balance%law_set%memory_failure())
-      if (allocated(error) .and. len(failure) > 0) then
-         deallocate (error)
-         if (allocated(unknowns)) deallocate (unknowns)
-         call forget_motion(result)
-         result%status = outcome%failed
-         result%message = failure
-      end if
-      if (verdict_on_work() == verdict%interrupted) then
-         result%status = outcome%interrupted
-         if (allocated(error)) deallocate (error)                     ! of the partial results
-      end if
+         if (report%status == outcome%converged) call check_drift(system, options, balance, u, error)
+         if (allocated(error)) return
+         if (work_is_over()) report%status = status_of_ended()
+         result%setup_seconds = result%setup_seconds + begun - started
+         result%solver_seconds = wall_clock() - begun
+         if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
+         call keep_report(system, options, balance, u, report, result, error)
+         if (allocated(error) .or. (report%status == outcome%failed .and. allocated(report%error))) return
+         solution%u => u
+         if (any(system%tones%is_unknown)) solution%problem => search%phase
+         call describe_motion(system, discretisation, options, solution, result, error)
+         failure = trim(balance%law_set%memory_failure())
+         if (allocated(error) .and. len(failure) > 0) then
+            deallocate (error)
+            if (allocated(unknowns)) deallocate (unknowns)
+            call forget_motion(result)
+            result%status = outcome%failed
+            result%message = failure
+         end if
+         if (verdict_on_work() == verdict%interrupted) then
+            result%status = outcome%interrupted
+            if (allocated(error)) deallocate (error)                     ! of the partial results
+         end if
+      end associate
    end subroutine solve_balance
 
    !> Sets a motion without loads to zero if zero is an exact solution and the residual grows in proportion to the motion:

@@ -5,17 +5,15 @@ module hb_motion_description
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
-   use hb_discretisation, only: discretisation_t
-   use hb_error_estimate, only: error_estimate_t, estimate_error, choose_wider_set, wanted_motions_t
    use hb_clock, only: wall_clock
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
+   use hb_error_estimate, only: choose_wider_set, error_estimate_t, estimate_error, wanted_motions_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
-   use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t
-   use hb_model, only: model_t
    use hb_model_basis, only: asymmetry
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
@@ -30,47 +28,54 @@ module hb_motion_description
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: allow_for_growth, compare_with_refined, describe_motion, keep_motion, request_stability, stability_of
+   public :: allow_for_growth, compare_with_refined, describe_motion, keep_motion, request_stability, solution_t, stability_of
+
+   !> A solution of a balance. It refers to its parts.
+   type :: solution_t
+      type(basis_t), pointer :: basis => null()                       !! of the balance
+      type(balance_t), pointer :: balance => null()
+      real(wp), pointer :: u(:, :) => null()                          !! [m], (n_coefficients, n_dofs)
+      class(bordered_problem_t), pointer :: problem => null()         !! the balance with its other unknowns; null if only
+                                                                      !! coefficients are unknown
+   end type solution_t
 
 contains
 
    !> Adds to a result the quantities that follow from a solution: motion, forces, error estimate, surfaces. The
    !> error estimate decides whether the status `converged` remains.
-   subroutine describe_motion(model, basis, balance, u, result, error, search, curve)
-      type(model_t), intent(in) :: model
-      type(basis_t), intent(in) :: basis                              !! of the balance
-      type(balance_t), intent(inout), target :: balance
-      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+   subroutine describe_motion(system, discretisation, options, solution, result, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(solution_t), intent(in) :: solution
       type(motion_result_t), intent(inout) :: result                  !! with its status, and its stability if known
       type(error_t), allocatable, intent(out) :: error
-      type(search_t), intent(inout), optional :: search               !! of a model with unknown tones
-      class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
       complex(wp), allocatable :: c(:, :)
       real(wp) :: begun
 
-      allocate (c(model%system%structure%n_dofs, basis%harmonics%n_harmonics))
-      call balance%all_dofs(u, c)
-      call keep_motion(model%options, basis, c, result)
-      call keep_forces(basis, balance, u, result, error)
-      if (allocated(error)) return
-      if (model%options%error_estimate%is_on .and. result%status == outcome%converged) then
-         begun = wall_clock()
-         call keep_error_estimate(model%system, model%discretisation, model%options, basis, balance, u, result, error, search, &
-                                  curve)
-         result%error_estimate_seconds = wall_clock() - begun
+      associate (basis => solution%basis, balance => solution%balance, u => solution%u)
+         allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
+         call balance%all_dofs(u, c)
+         call keep_motion(options, basis, c, result)
+         call keep_forces(basis, balance, u, result, error)
          if (allocated(error)) return
-         call keep_outputs(model%options, basis, c, result)
-      end if
-      if (is_solved(result%status)) then
-         if (result%stability%method == stability_method%off) &
-            call stability_of(model%system, model%discretisation, model%options, balance, c, model%options%stability%tolerance, &
-                              result%stability)
-         call compare_with_refined(model%system, model%discretisation, model%options, tones_of(model%system, balance), &
-                                   result%error_estimate, result%stability)
-      end if
-      call allow_for_growth(result, model%options%error_estimate%truncation)
-      if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
-      if (size(model%options%output%samples) > 0) call keep_surfaces(model%system, model%options, basis, balance, u, result, error)
+         if (options%error_estimate%is_on .and. result%status == outcome%converged) then
+            begun = wall_clock()
+            call keep_error_estimate(system, discretisation, options, solution, result, error)
+            result%error_estimate_seconds = wall_clock() - begun
+            if (allocated(error)) return
+            call keep_outputs(options, basis, c, result)
+         end if
+         if (is_solved(result%status)) then
+            if (result%stability%method == stability_method%off) &
+               call stability_of(system, discretisation, options, balance, c, options%stability%tolerance, result%stability)
+            call compare_with_refined(system, discretisation, options, tones_of(system, balance), result%error_estimate, &
+                                      result%stability)
+         end if
+         call allow_for_growth(result, options%error_estimate%truncation)
+         if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
+         if (size(options%output%samples) > 0) call keep_surfaces(system, options, basis, balance, u, result, error)
+      end associate
    end subroutine describe_motion
 
    !> Computes the stability of a motion of the model according to its settings except the tolerance; not that of
@@ -255,39 +260,36 @@ contains
 
    !> Computes the error estimate of a solved point; if it exceeds a threshold, the point receives the corresponding
    !> status.
-   subroutine keep_error_estimate(system, discretisation, options, basis, balance, u, result, error, search, curve)
+   subroutine keep_error_estimate(system, discretisation, options, solution, result, error)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
-      type(balance_t), intent(inout), target :: balance               !! the search refers to it
-      real(wp), intent(in) :: u(:, :)
+      type(solution_t), intent(in) :: solution
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(search_t), intent(inout), optional :: search               !! of a model with unknown tones
-      class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
       type(wanted_motions_t) :: wanted
       integer :: i
 
       wanted%refined = system%structure%n_dofs <= max_dense .and. &   ! for stability
          any([(system%laws(i)%law%n_switches + system%laws(i)%law%n_states > 0, i=1, size(system%laws))])
       if (allocated(options%accuracy%outputs)) wanted%refined = wanted%refined .or. size(options%accuracy%outputs) > 0
-      if (any(system%tones%is_unknown) .and. present(search)) then
-         call estimate_error(result%error_estimate, system%structure, discretisation%loads%at(basis%positions), &
-                             balance, u, wanted, error, search%phase)
+      wanted%improvement_steps = options%error_estimate%improvement_steps
+      if (associated(solution%problem)) then
+         call estimate_error(result%error_estimate, system%structure, &
+                             discretisation%loads%at(solution%basis%positions), solution%balance, solution%u, wanted, error, &
+                             solution%problem)
       else
-         wanted%improvement_steps = options%error_estimate%improvement_steps
-         call estimate_error(result%error_estimate, system%structure, discretisation%loads%at(basis%positions), &
-                             balance, u, wanted, error, curve)
+         call estimate_error(result%error_estimate, system%structure, &
+                             discretisation%loads%at(solution%basis%positions), solution%balance, solution%u, wanted, error)
       end if
       if (allocated(error)) return
-      if (allocated(result%error_estimate%improved)) call keep_improved(basis, result, error)
+      if (allocated(result%error_estimate%improved)) call keep_improved(solution%basis, result, error)
       if (allocated(error)) return
       associate (found => result%error_estimate, limit => options%error_estimate)
-         result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(u)), tiny(1.0_wp)))
+         result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(solution%u)), tiny(1.0_wp)))
          if (result%penetration_share > 1.0_wp) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
-         if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
+         if (any(is_missed(found%frequency_error/solution%balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          if (found%impact > limit%impact .and. .not. system%normal_mode%is_requested) & ! a free motion loses no energy
             result%status = outcome%impact                            ! a larger set does not help
@@ -298,7 +300,7 @@ contains
          if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
          result%is_near_commensurate = system%tones%n_tones > 1 .and. &
-            found%combination_frequency < limit%commensurability*maxval(balance%omega)
+            found%combination_frequency < limit%commensurability*maxval(solution%balance%omega)
       end associate
    end subroutine keep_error_estimate
 

@@ -8,14 +8,15 @@
 module hb_chain_check
    use hb_branch_tracking, only: difference_of, find_branch, finding, smallest_jump, stretch_t, tracking_t
    use hb_cancellation, only: work_is_over
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_level, only: carry, join, level_t, put_on_level, same_set
-   use hb_model, only: model_t
    use hb_model_reader, only: update_model
-   use hb_motion, only: solve_motion
+   use hb_motion, only: solve_system
    use hb_motion_result, only: motion_result_t
+   use hb_options, only: options_t
    use hb_point_source, only: point_source_t
    use hb_stability, only: stability_method
    use hb_thresholds, only: same_motion
@@ -191,7 +192,8 @@ contains
       logical, intent(out) :: is_solved
       type(error_t), allocatable :: error
       type(motion_result_t) :: result
-      type(model_t) :: bare
+      type(discretisation_t) :: discretisation
+      type(options_t) :: bare
       real(wp), allocatable :: guess(:), unknowns(:)
       logical :: is_new
 
@@ -199,18 +201,19 @@ contains
       call self%source%plan%apply_between(self%first, self%last, share, self%source%document)
       call update_model(self%source%model, self%source%document, is_new, error, self%source%available_memory)
       if (allocated(error)) return
-      bare = self%source%model
+      bare = self%source%model%options
+      discretisation = self%source%model%discretisation
       if (self%source%layout%has_own_tuples) &
-         call put_on_level(bare, self%source%model%discretisation, self%source%model%options, self%level, error)
+         call put_on_level(discretisation, self%source%model%system, self%source%model%discretisation, bare, self%level, error)
       if (allocated(error)) return
-      bare%options%may_integrate = .false.
-      bare%options%solver%fallback = .false.
-      bare%options%solver%max_iterations = min(max_iterations, bare%options%solver%max_iterations)
-      bare%options%error_estimate%is_on = .false.
-      bare%options%stability%method = stability_method%off
-      bare%options%output%samples = [integer ::]
+      bare%may_integrate = .false.
+      bare%solver%fallback = .false.
+      bare%solver%max_iterations = min(max_iterations, bare%solver%max_iterations)
+      bare%error_estimate%is_on = .false.
+      bare%stability%method = stability_method%off
+      bare%output%samples = [integer ::]
       guess = [motion, self%frequencies]
-      call solve_motion(bare, result, error, guess, unknowns)
+      call solve_system(self%source%model%system, discretisation, bare, result, error, guess, unknowns)
       self%n_left = self%n_left - 1
       self%work_left = self%work_left - result%work
       self%is_spent = self%n_left == 0 .or. self%work_left <= 0.0_wp .or. work_is_over()

@@ -317,8 +317,7 @@ contains
       end if
       if (is_tones .and. len(error_text) == 0) then
          if (system%tones%is_unknown(max(1, self%parameter%element(1)))) error_text = "this frequency is unknown, not given"
-         if (any(system%tones%is_unknown) .and. self%moving%is_tied) &
-            error_text = "tie = 'ratio' needs tones that are all given"
+         if (any(system%tones%is_unknown) .and. self%moving%is_tied) error_text = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(error_text) > 0) then
          call fail(error, self%location//": parameter '"//shown(self%path)//"': "//error_text)

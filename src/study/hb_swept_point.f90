@@ -97,8 +97,7 @@ contains
 
       allocate (law_dofs, source=law_dofs_of(system%laws))
       is_same = size(options%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
-                .and. size(system%laws) == size(layout%law_labels) &
-                .and. size(options%output%samples) == size(layout%n_samples)
+                .and. size(system%laws) == size(layout%law_labels) .and. size(options%output%samples) == size(layout%n_samples)
       if (is_same) then
          is_same = all(system%structure%labels(options%output%dofs) == layout%dof_labels) .and. &
                    all(system%structure%labels(law_dofs) == layout%law_dof_labels) .and. &

@@ -12,6 +12,7 @@ module hb_impact_curve
    use hb_curve, only: curve_config_t, new_curve
    use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
    use hb_curve_step, only: step
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_followed_motion, only: add_waiting, known_t, largest_load, waiting_t
    use hb_harmonics, only: harmonics_t
@@ -314,7 +315,8 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
-      type(model_t) :: here
+      type(discretisation_t) :: here
+      type(options_t) :: options
       type(steady_motion_t) :: steady
       logical :: is_done
 
@@ -323,20 +325,21 @@ contains
          result%residual = orbit%norm(self%defect(point%x))
          result%n_unknowns = n
          result%status = outcome%failed
-         here = orbit%model
-         coordinates = coordinates_of(here%system)
+         here = orbit%model%discretisation
+         options = orbit%model%options
+         coordinates = coordinates_of(orbit%model%system)
          if (accuracy%is_on) then
             call put_on_set(here, orbit%model%discretisation, self%set)
-            here%options%integration%aim = accuracy%tolerance
+            options%integration%aim = accuracy%tolerance
          end if
-         call orbit%describe(here%discretisation, here%options, coordinates, point%x(:n), steady, is_done)
+         call orbit%describe(here, options, coordinates, point%x(:n), steady, is_done)
          steady%status = outcome%integrated
          if (is_done .and. accuracy%is_on) then
-            call keep_lines(here%system, here%discretisation, here%options, coordinates, &
-                            share_of_integrated*accuracy%max_harmonics, steady, result, self%level)
+            call keep_lines(orbit%model%system, here, options, coordinates, share_of_integrated*accuracy%max_harmonics, steady, &
+                            result, self%level)
             result%status = status_within(self%model%options, steady, result)
          else if (is_done) then
-            call keep_integrated(here%system, here%discretisation, here%options, coordinates, steady, result)
+            call keep_integrated(orbit%model%system, here, options, coordinates, steady, result)
             result%status = steady%status
          end if
          if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out

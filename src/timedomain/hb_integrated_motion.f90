@@ -19,7 +19,6 @@ module hb_integrated_motion
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
    use hb_line_fit, only: line_fit_t, new_line_fit
-   use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
@@ -92,8 +91,7 @@ contains
       integer :: i
       logical :: by_cvode_alone, is_fast
 
-      by_cvode_alone = options%integration%aim <= 0.0_wp .and. &
-         any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
+      by_cvode_alone = options%integration%aim <= 0.0_wp .and. any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
       is_fast = options%integration%method == integration_method%cvode .and. .not. by_cvode_alone
       if (is_fast) is_fast = .not. has_bounds_of(system) .or. &
          work_of_mode*fastest_of(system)*periods_of_first(system, discretisation, options)* &
@@ -142,37 +140,34 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t), intent(in), optional :: start
       type(integration_state_t) :: last, now
-      type(model_t) :: stepped
+      type(options_t) :: stepped
       type(steady_motion_t) :: coarse
       real(wp) :: change
       integer :: i
       logical :: is_aimed
 
       is_aimed = options%integration%aim > 0.0_wp
-      stepped%system = system
-      stepped%discretisation = discretisation
-      stepped%options = options
+      stepped = options
       if (any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])) then
-         stepped%options%integration%method = integration_method%central_differences
-         stepped%options%integration%substeps = &
-            ceiling(steps_of_mode*fastest_of(system)*sample_step(system, discretisation, options))
+         stepped%integration%method = integration_method%central_differences
+         stepped%integration%substeps = ceiling(steps_of_mode*fastest_of(system)*sample_step(system, discretisation, options))
       else
-         stepped%options%integration%method = integration_method%generalized_alpha
-         stepped%options%integration%spectral_radius = 0.0_wp
-         stepped%options%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
+         stepped%integration%method = integration_method%generalized_alpha
+         stepped%integration%spectral_radius = 0.0_wp
+         stepped%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
       end if
-      call follow(stepped%system, stepped%discretisation, stepped%options, law_dofs, steady, last, error, start)
+      call follow(system, discretisation, stepped, law_dofs, steady, last, error, start)
       do i = 1, max_halvings
          if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%integrated)) exit
          coarse = steady
-         stepped%options%integration%substeps = 2*stepped%options%integration%substeps
-         stepped%options%integration%work_limit = max(0.0_wp, budget - coarse%work)
+         stepped%integration%substeps = 2*stepped%integration%substeps
+         stepped%integration%work_limit = max(0.0_wp, budget - coarse%work)
          now = last
-         call follow(stepped%system, stepped%discretisation, stepped%options, law_dofs, steady, last, error, now)
+         call follow(system, discretisation, stepped, law_dofs, steady, last, error, now)
          steady%work = steady%work + coarse%work
          if (allocated(error)) exit
          steady%message = steady%message//merge("; implicit steps", "; fixed steps   ", &
-                                                stepped%options%integration%method == integration_method%generalized_alpha)
+                                                stepped%integration%method == integration_method%generalized_alpha)
          if (steady%status /= outcome%integrated) exit
          if (coarse%status /= outcome%integrated) cycle
          change = maxval(distance_of(steady%averages, coarse%averages, 0.1_wp*allowed_of(options)))
@@ -267,13 +262,11 @@ contains
       logical :: finds_lines, has_forgotten
 
       finds_lines = options%integration%aim > 0.0_wp
-      associate (omega => system%tones%omega, frequencies => &
-                 discretisation%harmonics%frequencies(system%tones%omega))
+      associate (omega => system%tones%omega, frequencies => discretisation%harmonics%frequencies(system%tones%omega))
          coordinates = coordinates_of(system)
          call system%structure%check_matrices("integration", max_dense, error)
          if (allocated(error)) return
-         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     frequencies, omega)
+         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), frequencies, omega)
          if (present(start)) then
             state = start
          else
@@ -324,7 +317,7 @@ contains
                remainder = remainder_of(z, now, record, frequencies)
             end if
             status_before = steady%status
-            call describe_verdict(system, discretisation, options, steady, z, remainder, record, allowed, has_forgotten, &
+            call describe_verdict(discretisation, options, steady, z, remainder, omega*record%step/two_pi, has_forgotten, &
                                   window == max_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
@@ -450,27 +443,26 @@ contains
 
    !> Describes a steady record. The remainder of a fit to candidates consists of lines beyond them: they are faster
    !> than the resolution of returns. The motion is known to that accuracy.
-   subroutine describe_verdict(system, discretisation, options, steady, z, remainder, record, allowed, has_forgotten, is_last)
-      type(system_t), intent(in) :: system
+   subroutine describe_verdict(discretisation, options, steady, z, remainder, turns, has_forgotten, is_last)
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(steady_motion_t), intent(inout) :: steady
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
       real(wp), intent(in) :: remainder(:, :)                         !! remainder of the record without the series, likewise
-      type(integration_record_t), intent(in) :: record
-      real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
+      real(wp), intent(in) :: turns(:)                                !! of the phases from sample to sample, (n_tones)
       logical, intent(in) :: has_forgotten                            !! the transient has decayed, as far as damping determines it
       logical, intent(in) :: is_last                                  !! there is no longer window
-      real(wp) :: left_out
+      real(wp) :: allowed, left_out
       character(:), allocatable :: integrated_for
       integer :: part
       logical :: finds_lines
 
       integrated_for = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone"
+      allowed = allowed_of(options)
       left_out = largest_share(remainder, z)
       steady%left_out = merge(0.0_wp, left_out, options%integration%aim > 0.0_wp) ! for a fit included in the spread
       finds_lines = options%integration%aim > 0.0_wp
-      part = turns_to_repeat(remainder, scale_of(z), system%tones%omega*record%step/two_pi, left_out, allowed)
+      part = turns_to_repeat(remainder, scale_of(z), turns, left_out, allowed)
       steady%status = outcome%pending
       if (part == 1) then
          if (steady%spread <= allowed .or. (finds_lines .and. has_forgotten)) steady%status = outcome%integrated

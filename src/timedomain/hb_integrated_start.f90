@@ -107,8 +107,7 @@ contains
       frequencies = discretisation%harmonics%frequencies(omega)
       call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
-      call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                  frequencies, omega)
+      call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), frequencies, omega)
       call new_integration_state(state, equations%n_dofs, equations%laws%n_states)
       if (.not. discretisation%start%is_zero()) then
          state%q = sum(real(discretisation%start%values), 2)

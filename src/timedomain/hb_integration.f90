@@ -9,7 +9,7 @@ module hb_integration
    use hb_modes, only: modes_t, new_modes
    use hb_options, only: options_t
    use hb_record_tones, only: find_tones
-   use hb_structure, only: max_dofs, max_dense
+   use hb_structure, only: max_dense, max_dofs
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_domain, only: integration_start, step_of
@@ -64,8 +64,7 @@ contains
       call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
       frequencies = discretisation%harmonics%frequencies(self%omega)
-      call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), &
-                                  frequencies, self%omega)
+      call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, self%omega)
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
       if (present(earlier)) then
          self%state = earlier

@@ -69,10 +69,8 @@ contains
       if (options%integration%starts == 1 .or. .not. allocated(steady%averages)) return
       if (allocated(error)) return
       each(1) = steady
-      associate (omega => system%tones%omega, frequencies => &
-                 discretisation%harmonics%frequencies(system%tones%omega))
-         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     frequencies, omega)
+      associate (omega => system%tones%omega, frequencies => discretisation%harmonics%frequencies(system%tones%omega))
+         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), frequencies, omega)
          size_of_motion = maxval(sum(abs(steady%averages), 1))
          if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))
          do i = 2, size(each)

@@ -140,17 +140,16 @@ contains
       real(wp) :: frequencies(size(claim%tuples, 2)), step, tuples(size(claim%tuples, 1), size(claim%tuples, 2))
       integer :: i
 
-      associate (omega => claim%omega, amplitudes => claim%amplitudes, system => self%system)
+      associate (omega => claim%omega, amplitudes => claim%amplitudes, equations => self%system)
          tuples = real(claim%tuples, wp)
          frequencies = matmul(omega, tuples)
-         call new_integration_system(system, system%structure, system%laws, discretisation%loads%whole(), &
-            discretisation%harmonics%frequencies(omega), omega)
+         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
+                                     discretisation%harmonics%frequencies(omega), omega)
          call choose_length(self%length, system, options, omega, n_periods)
          step = self%length%period/self%length%n_samples
          self%scale = sum(abs(amplitudes), dim=1)
-         self%scale = [(maxval(self%scale, mask=system%structure%units == system%structure%units(i)), i=1, &
-                        size(self%scale))]
-         where (self%scale <= 0.0_wp) self%scale = max(system%length, nearness)
+         self%scale = [(maxval(self%scale, mask=system%structure%units == system%structure%units(i)), i=1, size(self%scale))]
+         where (self%scale <= 0.0_wp) self%scale = max(equations%length, nearness)
          self%speed = self%scale*max(leading_of(amplitudes, frequencies), minval(omega))
          self%config = options%integration
          self%config%transient = 0.0_wp
@@ -161,15 +160,14 @@ contains
             self%config%substeps = ceiling(max(step*min_steps/self%length%period, step*fastest_of(system)/step_of_mode))
          end if
          self%config%largest = runaway*maxval(self%scale)
-         call new_integration_state(self%state, system%n_dofs, system%laws%n_states)
-         call place_state(system, amplitudes, frequencies, -periods_of_sliders*self%length%period, step, self%state)
+         call new_integration_state(self%state, equations%n_dofs, equations%laws%n_states)
+         call place_state(equations, amplitudes, frequencies, -periods_of_sliders*self%length%period, step, self%state)
          self%other = self%state
-         self%other%q = self%other%q + nearness*self%scale*directions(system%n_dofs, 0)
-         self%other%v = self%other%v + nearness*self%speed*directions(system%n_dofs, system%n_dofs)
-         call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, &
-                                                                   system%tones%is_unknown), &
-                                   system%laws%shape, system%structure%units, max(system%length, nearness), &
-                                   n_steady(self%length%most, self%length%fewest))
+         self%other%q = self%other%q + nearness*self%scale*directions(equations%n_dofs, 0)
+         self%other%v = self%other%v + nearness*self%speed*directions(equations%n_dofs, equations%n_dofs)
+         call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, system%tones%is_unknown), &
+                                         equations%laws%shape, system%structure%units, max(equations%length, nearness), &
+                                         n_steady(self%length%most, self%length%fewest))
          self%estimate = options%error_estimate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
          self%share = velocity_share(amplitudes, frequencies)
@@ -341,8 +339,7 @@ contains
       end do
       self%fewest = max(merge(2, 1, size(omega) > 1)*min_periods, min(max_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
       rate = 0.0_wp
-      if (.not. allocated(system%structure%sparse)) &
-         rate = slowest_decay(system%structure%mass, system%structure%damping, &
+      if (.not. allocated(system%structure%sparse)) rate = slowest_decay(system%structure%mass, system%structure%damping, &
                               system%structure%stiffness)*self%period
       self%bound = usual_bound
       if (rate > 0.0_wp) then

@@ -380,6 +380,27 @@ def test_what_is_pointed_to_is_a_target(path):
                 wrong = f"{path.relative_to(ROOT)}:{number}: a {holder} may point to the {held}, which is no target"
 
 
+# Copies of a system whose numbers change: on both sides of a value, at the frequencies of a start, along its ties.
+MOVED_SYSTEMS = {("hb_gradient", "there"), ("hb_followed_motion", "found"), ("hb_impact_curve", "whole")}
+WHOLE = re.compile(r"^type\s*\(\s*(?:model_t|system_t)\s*\)(?!.*\bintent\b).*::\s*(\w+)", re.IGNORECASE)
+
+
+@SOURCES
+def test_no_system_is_copied_to_change_a_setting(path):
+    """What solves a motion changes the discretisation or the options of a system, which are values."""
+    if layer_of(path) not in ("balance", "stability", "motion", "timedomain"):
+        return
+    is_in_type = False
+    for number, statement in statements(path):
+        if TYPE.match(statement):
+            is_in_type = True
+        elif re.match(r"end\s*type\b", statement, re.IGNORECASE):
+            is_in_type = False
+        match = WHOLE.match(statement)
+        if match and not is_in_type:
+            assert (path.stem, match.group(1)) in MOVED_SYSTEMS, f"{path.relative_to(ROOT)}:{number}: {statement}"
+
+
 def test_compiler_options_stand_in_one_file():
     """In cmake/Flags.cmake, each for the compiler that knows it: another compiler must not receive an option of gfortran."""
     option = re.compile(r"(?:^|[\s;\"(:])(-(?:std=|f[a-z]|W(?!l,)[a-z]|m[a-z]+=|O[0-9g])[\w=,-]*)")
