@@ -1,10 +1,10 @@
 !> The command line of nhbm.
 module arguments
    use command_table, only: long_name, option_names, options_of, takes_value, verb_names
-   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_progress, only: log_level, log_level_names
+   use hb_similar_word, only: closest_word
    use hb_text, only: join, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private

@@ -7,15 +7,15 @@ module explanation
    use hb_attempts, only: attempt_rules, attempts_text
    use hb_document, only: document_t
    use hb_kinds, only: wp
-   use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text
    use hb_properties, only: properties_t
+   use hb_remedies, only: remedy_of
    use hb_results_record, only: attempts_of, messages_of, numbers_of, record_t
    use hb_solver_types, only: attempt_t, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
    use hb_thresholds, only: well_solved
-   use hb_remedies, only: remedy_of
+   use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use run_texts, only: is_regular_end
    implicit none
    private

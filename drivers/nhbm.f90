@@ -5,10 +5,9 @@ program nhbm
    use arguments, only: argument_list, arguments_t, read_arguments
    use build_description, only: description
    use command_table, only: verb_names, write_completion, write_help, write_manual
-   use console, only: print_error, finish_output, say
+   use console, only: finish_output, print_error, say
    use exit_status, only: bad_input, incomplete, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
-   use hb_similar_word, only: closest_word
    use hb_crash_handler, only: protect_outside_code
    use hb_error, only: error_t, fail
    use hb_hdf5, only: can_end_library
@@ -18,6 +17,7 @@ program nhbm
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, start_workers, stop_mpi, world
    use hb_printable, only: printable
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
+   use hb_similar_word, only: closest_word
    use hb_text, only: join, lower
    use hb_version, only: git_commit, program_version
    use starters, only: starter_names, starter_text
@@ -27,7 +27,7 @@ program nhbm
    use verb_plan, only: run_plan
    use verb_solve, only: run_resume, run_solve
    use verb_verify, only: run_verify
-   use verb_why, only: run_why, print_statuses
+   use verb_why, only: print_statuses, run_why
    implicit none
 
    interface

@@ -13,6 +13,7 @@ module verb_check
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
+   use hb_law_check, only: check_derivatives, derivative_check_t
    use hb_level, only: level_t
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
@@ -26,7 +27,6 @@ module verb_check
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
-   use hb_law_check, only: check_derivatives, derivative_check_t
    use verb_solve, only: load_study
    implicit none
    private

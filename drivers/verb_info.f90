@@ -4,16 +4,15 @@ module verb_info
    use arguments, only: arguments_t
    use console, only: say
    use exit_status, only: incomplete, success
+   use explanation, only: status_lines
    use hb_attempts, only: is_fallback
    use hb_branches, only: jumps_between
    use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use explanation, only: status_lines
    use hb_kinds, only: wp
    use hb_model_tones, only: read_tones
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
-   use next_step, only: run_names_t
    use hb_outcome, only: is_solved, outcome, outcome_text
    use hb_results_record, only: fail_where_damaged, message_of, open_points, read_record, read_units, record_t
    use hb_run_summary, only: count_retained, run_summary_t
@@ -21,6 +20,7 @@ module verb_info
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
    use hb_tones, only: tones_t
+   use next_step, only: run_names_t
    use run_texts, only: curve_lines, found_frequency, max_line, stability_text
    implicit none
    private

@@ -3,10 +3,10 @@ module verb_solve
    use arguments, only: arguments_t
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
+   use explanation, only: status_lines
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
-   use explanation, only: status_lines
    use hb_file_location, only: check_source
    use hb_idle_laws, only: idle_law_text
    use hb_interruption, only: interruption
@@ -14,10 +14,8 @@ module verb_solve
    use hb_memory, only: available_memory
    use hb_model, only: model_t
    use hb_model_warnings, only: commensurate_text, describe_implausible
-   use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
-   use model_warnings, only: free_text, frozen_speed_text, model_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
-   use next_step, only: run_names_t, shell_word
+   use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_outcome, only: outcome
    use hb_progress, only: log_level
    use hb_results_record, only: numbers_of, read_record, record_t
@@ -30,6 +28,8 @@ module verb_solve
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
+   use model_warnings, only: free_text, frozen_speed_text, model_text
+   use next_step, only: run_names_t, shell_word
    use result_location, only: place_result
    use run_texts, only: answers_text, curve_lines, found_frequency, is_regular_end, max_line, stability_text, timing_lines
    use switched_inputs, only: switched_input

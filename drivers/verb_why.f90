@@ -3,17 +3,17 @@
 module verb_why
    use arguments, only: arguments_t
    use console, only: say, say_entry
+   use explanation, only: explain_failures, explain_point
    use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
-   use explanation, only: explain_failures, explain_point
    use hb_mpi, only: comm_t, rank_of, share_error
-   use next_step, only: run_names_t
    use hb_outcome, only: outcome, outcome_names, outcome_text
+   use hb_remedies, only: remedy_of
    use hb_results_record, only: record_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
-   use hb_remedies, only: remedy_of
+   use next_step, only: run_names_t
    use verb_info, only: read_result
    implicit none
    private

@@ -1,10 +1,10 @@
 !> One column of a motion by its name: its values and their shape.
 module hb_column_view
-   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_motion_columns, only: columns_t, find_shared_unit
    use hb_motion_result, only: motion_result_t
+   use hb_similar_word, only: closest_word
    use hb_text, only: join, split, string_t
    implicit none
    private

@@ -16,11 +16,11 @@ module hb_session
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
    use hb_gradient, only: find_gradient
+   use hb_idle_laws, only: idle_laws_t
    use hb_impact_curve, only: new_curve_of
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_idle_laws, only: idle_laws_t
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t

@@ -21,7 +21,6 @@
 !> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are valid for the copy as
 !> well.
 module hb_document
-   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_input_keys, only: kind_of, max_unit
    use hb_kinds, only: wp
@@ -29,6 +28,7 @@ module hb_document
    use hb_properties, only: properties_t
    use hb_property_groups, only: groups_t, new_groups
    use hb_property_values, only: number_value, value_t
+   use hb_similar_word, only: closest_word
    use hb_text, only: is_name, join, lower, max_name, string_t, text_builder_t, to_text
    implicit none
    private

@@ -1,11 +1,11 @@
 !> Paths to parameters of a document, such as law(2)%gap: their parts, and the group that they name.
 module hb_parameter_path
-   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_input_keys, only: kind_of
    use hb_properties, only: properties_t
    use hb_property_groups, only: groups_t
    use hb_property_values, only: max_values
+   use hb_similar_word, only: closest_word
    use hb_text, only: is_name, letters, lower, parse_integer, quote, shown, string_t, to_text
    implicit none
    private

@@ -12,12 +12,12 @@
 !> at once, together with the keys that no reader requested. After a problem the value is the default.
 module hb_properties
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_similar_word, only: closest_word
    use hb_input_keys, only: kind_of, limits_t, rule_t
    use hb_kinds, only: wp
    use hb_property_order, only: any_length, element_at, matrix_text, pick
    use hb_property_record, only: missing_key, record_t, request, value_problem
    use hb_property_values, only: key_t, number_value, value_t
+   use hb_similar_word, only: closest_word
    use hb_text, only: join, lower, quote, shown, string_t, to_text
    implicit none
    private

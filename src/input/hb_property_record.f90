@@ -3,11 +3,11 @@
 !> Readers of values `request` for a key, store the value that is used (given or default) and add problems; `finish`
 !> reports all problems at once, together with the given keys that no reader requested.
 module hb_property_record
-   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_input_keys, only: find_groups, find_rule, kind_of
    use hb_key_rows, only: row_of
    use hb_property_values, only: content_t, element_text
+   use hb_similar_word, only: closest_word
    use hb_text, only: join, lower, max_name, shown, string_t, text_builder_t, to_text
    implicit none
    private

@@ -1,9 +1,9 @@
 !> Named sets of nodes of a structure, and named load vectors, which address many degrees of freedom at once.
 module hb_node_sets
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_similar_word, only: closest_word
    use hb_text, only: join, to_text
    implicit none
    private

@@ -4,13 +4,13 @@
 !> to the matrices there may be parts with frequency-dependent stiffness, which have no equations in time.
 module hb_structure
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_similar_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_frequency_part, only: frequency_part_t
    use hb_kinds, only: gib, wp
    use hb_lapack, only: dpotrf
    use hb_name_table, only: name_table_t
    use hb_node_sets, only: named_vectors_t, node_sets_t
+   use hb_similar_word, only: closest_word
    use hb_sparse, only: sparse_sum, sparse_t
    use hb_text, only: join, parse_integer, to_text
    implicit none

@@ -3,9 +3,9 @@
 !> Every combination of swept values of `&harmonics` is read, but of nested boxes and diamonds only the largest are
 !> created: the time for a sweep over N orders is proportional to N.
 module hb_sweep_harmonics
-   use hb_error_estimate, only: choose_wider_set, wider_orders
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
+   use hb_error_estimate, only: choose_wider_set, wider_orders
    use hb_harmonics, only: harmonics_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: to_text
