@@ -226,6 +226,8 @@ contains
          case ("rotor_radius"); slope(i, :) = secant*self%friction*steepness*self%rotor_speed*tangent
          case ("rotor_speed"); slope(i, :) = secant*self%friction*steepness*self%rotor_radius*tangent
          case ("slip_velocity"); slope(i, :) = -secant*self%friction*steepness*along/self%slip_velocity*tangent
+         case default
+            is_known = .false.
          end select
       end do
    end subroutine annular_clearance_number_slope

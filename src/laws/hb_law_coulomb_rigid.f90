@@ -69,6 +69,8 @@ contains
       select case (number%key)
       case ("limit"); slope = merge(sign(1.0_wp, p + self%augmentation*v), 0.0_wp, abs(p + self%augmentation*v) >= self%limit)
       case ("augmentation"); slope = merge(v, 0.0_wp, abs(p + self%augmentation*v) < self%limit)
+      case default
+         is_known = .false.
       end select
    end subroutine coulomb_rigid_number_slope
 

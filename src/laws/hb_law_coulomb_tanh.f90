@@ -61,6 +61,8 @@ contains
       select case (number%key)
       case ("limit"); slope = tanh(v/self%velocity)
       case ("velocity"); slope = -self%limit*v/self%velocity**2*(1.0_wp - tanh(v/self%velocity)**2)
+      case default
+         is_known = .false.
       end select
    end subroutine coulomb_tanh_number_slope
 end module hb_law_coulomb_tanh

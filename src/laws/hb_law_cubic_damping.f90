@@ -121,6 +121,8 @@ contains
          along = self%n_diameters*(seen(:, 2)*z(:, 1) - seen(:, 1)*z(:, 2))
          slope(:, 1) = self%coefficient*(2.0_wp*along*seen(:, 1) - self%n_diameters*square*z(:, 2))
          slope(:, 2) = self%coefficient*(2.0_wp*along*seen(:, 2) + self%n_diameters*square*z(:, 1))
+      case default
+         is_known = .false.
       end select
    end subroutine cubic_damping_number_slope
 

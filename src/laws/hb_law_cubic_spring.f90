@@ -45,7 +45,6 @@ contains
       if (present(df_dz)) df_dz(:, :, 1) = 3.0_wp*self%stiffness*z**2
    end subroutine cubic_spring_evaluate
 
-   !> k3 z**4/4.
    subroutine cubic_spring_number_slope(self, number, z, v, p, slope, is_known)
       class(cubic_spring_t), intent(in) :: self
       type(number_t), intent(in) :: number
@@ -56,9 +55,12 @@ contains
       is_known = .true.
       select case (number%key)
       case ("stiffness"); slope = z**3
+      case default
+         is_known = .false.
       end select
    end subroutine cubic_spring_number_slope
 
+   !> k3 z**4/4.
    subroutine cubic_spring_potential(self, z, energy, gradient)
       class(cubic_spring_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)

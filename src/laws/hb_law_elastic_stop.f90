@@ -73,6 +73,8 @@ contains
       case ("gap")
          slope = merge(-self%stiffness, 0.0_wp, z > self%gap)
          if (self%two_sided) slope = slope + merge(self%stiffness, 0.0_wp, z < -self%gap)
+      case default
+         is_known = .false.
       end select
    end subroutine elastic_stop_number_slope
 

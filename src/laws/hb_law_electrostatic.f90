@@ -126,6 +126,8 @@ contains
       case ("voltage"); slope(:, 1) = -2.0_wp*self%coefficient*voltage/distance**2
       case ("voltage_cos"); slope(:, 1) = -2.0_wp*self%coefficient*voltage/distance**2*self%cosine
       case ("voltage_sin"); slope(:, 1) = -2.0_wp*self%coefficient*voltage/distance**2*self%sine
+      case default
+         is_known = .false.
       end select
    end subroutine electrostatic_number_slope
 

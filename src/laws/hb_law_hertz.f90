@@ -84,6 +84,9 @@ contains
          slope = k*approach**n
          if (is_known) slope = slope*v
          return
+      case default
+         is_known = .false.
+         return
       end select
       if (self%needs_velocity) slope = slope*(1.0_wp + self%dissipation*v)
    end subroutine hertz_number_slope

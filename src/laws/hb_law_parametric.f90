@@ -119,6 +119,8 @@ contains
       case ("backlash")
          is_known = b > 0.0_wp
          slope = -self%k*merge(sign(1.0_wp, z), 0.0_wp, abs(z) >= b)
+      case default
+         is_known = .false.
       end select
    end subroutine parametric_number_slope
 

@@ -131,6 +131,8 @@ contains
             slope = min(max(z, from), to) - min(max(0.0_wp, from), to)
          case ("force_at_zero")
             slope = 1.0_wp
+         case default
+            is_known = .false.
          end select
       end associate
    end subroutine piecewise_linear_number_slope

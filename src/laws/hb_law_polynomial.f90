@@ -90,6 +90,8 @@ contains
       select case (number%key)
       case ("stiffness"); slope = z**max(1, number%element(1))
       case ("damping"); slope = v**max(1, number%element(1))
+      case default
+         is_known = .false.
       end select
    end subroutine polynomial_number_slope
 

@@ -59,6 +59,8 @@ contains
       is_known = .true.
       select case (number%key)
       case ("coefficient"); slope = abs(v)*v
+      case default
+         is_known = .false.
       end select
    end subroutine quadratic_damping_number_slope
 

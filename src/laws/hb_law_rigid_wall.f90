@@ -103,6 +103,8 @@ contains
          slope = merge(z - g, 0.0_wp, p + eps*(z - g) > 0.0_wp)
          if (self%two_sided) slope = slope + merge(z + g, 0.0_wp, p + eps*(z + g) < 0.0_wp)
       case ("restitution"); slope = 0.0_wp                                       ! only impacts in time depend on it
+      case default
+         is_known = .false.
       end select
    end subroutine rigid_wall_number_slope
 

@@ -107,6 +107,9 @@ contains
             case ("stiffness"); by_number = approach**n
             case ("exponent"); by_number = k*approach**n*log(max(approach, tiny(k)))
             case ("clearance"); by_number = -k*n*approach**(n - 1.0_wp)
+            case default
+               is_known = .false.
+               return
             end select
             do j = 1, 2
                slope(:, j) = slope(:, j) + merge(by_number*direction(:, j), 0.0_wp, approach > 0.0_wp)

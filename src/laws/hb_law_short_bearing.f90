@@ -119,6 +119,8 @@ contains
          case ("length"); slope(i, :) = 3.0_wp*scale/self%length*force
          case ("clearance"); slope(i, :) = -scale/self%clearance*(2.0_wp*force + matmul(by_x, x) + matmul(by_w, w))
          case ("rotor_speed"); slope(i, :) = 0.5_wp*scale*matmul(by_w, [x(2), -x(1)])
+         case default
+            is_known = .false.
          end select
       end do
    end subroutine short_bearing_number_slope

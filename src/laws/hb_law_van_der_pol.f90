@@ -62,6 +62,8 @@ contains
       select case (number%key)
       case ("strength"); slope = -(1.0_wp - (z/self%threshold)**2)*v
       case ("threshold"); slope = -2.0_wp*self%strength*z**2*v/self%threshold**3
+      case default
+         is_known = .false.
       end select
    end subroutine van_der_pol_number_slope
 end module hb_law_van_der_pol

@@ -22,8 +22,9 @@ module hb_curve_plan
    private
    public :: curve_plan_t, keys_of_responses, read_curve_plan
 
-   !> Keys that name responses, each with the kind of located point.
    character(*), parameter :: movable = "&structure, &tones, &load, &law, &bearing or &dynamic_stiffness" !! `moving_groups`
+
+   !> Keys that name responses, each with the kind of located point.
    character(*), parameter :: keys_of_responses(4) = [character(12) :: "peak_of", "minimum_of", "amplitude_of", "resonance_of"]
    integer, parameter :: kinds_of_responses(4) = [curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance]
 
