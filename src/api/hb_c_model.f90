@@ -101,6 +101,7 @@ contains
       call release_handle(model)
    end function end_call_with_text
 
+   !> Whether one of the addresses is NULL.
    logical function any_null(addresses)
       type(c_ptr), intent(in) :: addresses(:)
       integer :: i
@@ -128,12 +129,14 @@ contains
       address_of_text = c_loc(storage)
    end function address_of_text
 
+   !> Address of reals of a model, valid until they are computed again.
    type(c_ptr) function address_of_reals(values) result(address)
       real(wp), allocatable, target, intent(in) :: values(:)
 
       address = c_loc(values)
    end function address_of_reals
 
+   !> Address of integers of a model, likewise.
    type(c_ptr) function address_of_integers(values) result(address)
       integer, allocatable, target, intent(in) :: values(:)
 
