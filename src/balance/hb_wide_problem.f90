@@ -87,11 +87,18 @@ contains
       self%x_scale = self%r_scale
       if (.not. solves_by_products()) return
       allocate (self%krylov)
-      wide%preconditioner_level = max(1, narrow%preconditioner_level)
+      wide%preconditioner_level = first_level(wide%n_unknowns)
       call new_tangent_krylov(self%krylov, wide, vectors_of_steps, max_products)
       self%krylov%patience = patience
 
    contains
+
+      !> Strength of the first preconditioner, by the set alone, so that an estimate does not depend on the path to its motion.
+      pure integer function first_level(n)
+         integer, intent(in) :: n
+
+         first_level = 1 + count(n > [1000, 4000, 16000])
+      end function first_level
 
       !> Whether GMRES finds the steps with the preconditioner of the wide balance: each solution of the narrow problem
       !> would be an iteration too. Rigid laws need its exact tangent.
