@@ -101,10 +101,12 @@ contains
       end function first_level
 
       !> Whether GMRES finds the steps with the preconditioner of the wide balance: each solution of the narrow problem
-      !> would be an iteration too. Rigid laws need its exact tangent.
+      !> would be an iteration too. Rigid laws need its exact tangent, and for polynomials
+      !> few block steps suffice.
       logical function solves_by_products()
          solves_by_products = size(wide%omega) > 1 .and. narrow%n_unknowns > balance%largest_dense .and. &
-            size(self%which) == 0 .and. .not. any([(wide%law_set%laws(i)%law%is_multiplier, i=1, size(wide%law_set%laws))])
+            size(self%which) == 0 .and. .not. any([(wide%law_set%laws(i)%law%is_multiplier, i=1, size(wide%law_set%laws))]) &
+            .and. any([(wide%law_set%laws(i)%law%degree == 0, i=1, size(wide%law_set%laws))])
       end function solves_by_products
 
       !> Adds to the equations of peaks the part outside the retained harmonics.
