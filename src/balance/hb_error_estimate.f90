@@ -373,7 +373,7 @@ contains
       call tangent%solve(problem, alias, is_lost)
       if (is_lost) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
-      call whole%find_two_steps(big, r, has_multipliers(balance), first, second, is_lost)
+      call whole%find_two_steps(big, r, has_multipliers(balance), acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
       self%truncation = hypot(norm2(on_wide(first)), norm2(on_wide(second)))/size_of_motion
       if (norm2(on_wide(second)) < nearer*norm2(on_wide(first))) then

@@ -128,18 +128,19 @@ contains
    !> begins and ends within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam
    !> against a wall, products .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against
    !> order 45 .0031 at order 20), and only the first one is used.
-   subroutine wide_problem_find_two_steps(self, motion, r, is_rigid, first, second, is_lost)
+   subroutine wide_problem_find_two_steps(self, motion, r, is_rigid, acts_rigidly, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: r(:)                                    !! residual of the motion (n_unknowns)
       logical, intent(in) :: is_rigid                                 !! a law is rigid
+      logical, intent(in) :: acts_rigidly                             !! or almost: its impacts are too short for the set
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step was found
       real(wp) :: r_there(size(r))
       integer :: most
       logical :: is_found
 
-      if (allocated(self%krylov)) then
+      if (allocated(self%krylov) .and. .not. acts_rigidly) then
          call find_whole_steps()
          if (is_found .or. is_lost) return
          deallocate (self%krylov)                                     ! the preconditioner is too weak

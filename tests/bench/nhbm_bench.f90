@@ -1,5 +1,5 @@
 !> nhbm-bench: what the points of an input cost, whole and by their kernels. Takes INPUT -o FILE [--overwrite] [--quiet] [--set
-!> PATH=VALUE]... [--repeats N] [--budget SECONDS]; exit status 0: all points converged, 1: some did not, 2: bad input.
+!> PATH=VALUE]... [--repeats N] [--budget SECONDS]; exit status 0: all points converged, 4: some did not, 2: bad input.
 program nhbm_bench
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use bench_points, only: bench_options_t, part, point_cost_t, run_bench
@@ -39,7 +39,7 @@ program nhbm_bench
       status = 2
       write (error_unit, "(a)") "nhbm-bench: "//error%message
    else
-      status = merge(0, 1, all([(costs(i)%result%status == outcome%converged, i=1, size(costs))]))
+      status = merge(0, 4, all([(costs(i)%result%status == outcome%converged, i=1, size(costs))]))
       if (options%level > log_level%quiet) call write_tables()
    end if
    flush (output_unit)

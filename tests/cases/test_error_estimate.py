@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from program import read, run, solve
+from program import NOT_ALL_CONVERGED, read, run, solve
 
 BEAM = """
 &structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 4,
@@ -215,7 +215,7 @@ def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
     model += "&sweep parameter = 'error_estimate%truncation', values = 1e-3, 0.1, 0.1, 0.1, axis = 1 /\n"
     model += "&sweep parameter = 'error_estimate%aliasing', values = 0.1, 1e-6, 0.1, 0.1, axis = 1 /\n"
     model += "&sweep parameter = 'error_estimate%penetration', values = 0.1, 0.1, 1e-3, 0.1, axis = 1 /\n"
-    status, coefficients = read(solve(model, tmp_path, status=1), "status", "coefficients")
+    status, coefficients = read(solve(model, tmp_path, status=NOT_ALL_CONVERGED), "status", "coefficients")
     assert status.tolist() == [TRUNCATED, ALIASED, PENETRATING, CONVERGED]
     assert (coefficients == coefficients[-1]).all()
 
@@ -224,7 +224,7 @@ def test_an_error_above_one_per_cent_is_reported_by_default(tmp_path):
     """The motion against the wall at order 3 has an error of 2 %; it is stored all the same."""
     model = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
     status, coefficients, estimate = read(
-        solve(model, tmp_path, status=1), "status", "coefficients", "truncation_estimate"
+        solve(model, tmp_path, status=NOT_ALL_CONVERGED), "status", "coefficients", "truncation_estimate"
     )
     assert status.tolist() == [TRUNCATED]
     assert 0.01 < estimate[0] < 0.1

@@ -34,6 +34,9 @@ def test_input_gives_what_it_promises(source, tmp_path):
     done = run("solve", with_its_law(source, tmp_path / "law"), cwd=tmp_path, limit=limit)
     result = tmp_path / f"{source.stem}.h5"
     is_answered = expects_only_converged(expectations)
+    if not is_answered:  # the last point of a curve may be a regular end without a motion
+        with Results(result) as results:
+            is_answered = results.curve is not None and has_only_answers(results)
     for switched in tmp_path.glob(f"{source.stem}_*.h5"):  # the motions that leave a curve have files of their own
         with Results(switched) as results:
             is_answered = is_answered and has_only_answers(results)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from program import BAD_INPUT, coefficients_by_tuple, read, run, solve
+from program import BAD_INPUT, NOT_ALL_CONVERGED, coefficients_by_tuple, read, run, solve
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 FREE = (
@@ -73,7 +73,7 @@ def test_integration_goes_to_the_stable_one_of_three_motions(tmp_path):
 def test_what_dies_out_is_no_guess(tmp_path):
     """Damped everywhere: time integration gives no start, and the search from the mode ends as without it."""
     law = "&law type='van_der_pol', dof='x1', strength=0.1 /\n"
-    result = solve(FREE.replace("mass=1", "mass=1, damping=0.2") + law + FROM_INTEGRATION, tmp_path, status=1)
+    result = solve(FREE.replace("mass=1", "mass=1, damping=0.2") + law + FROM_INTEGRATION, tmp_path, status=NOT_ALL_CONVERGED)
     assert read(result, "status") == [11]
 
 
@@ -91,7 +91,7 @@ def test_law_that_the_method_cannot_follow_is_reported(tmp_path):
         "&structure type='matrices', n_dofs=1, mass=0, damping=1, stiffness=1 /\n&tones frequency=1 /\n&harmonics order=3 /\n"
         "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
     )
-    result = solve(text + FROM_INTEGRATION, tmp_path, status=1)
+    result = solve(text + FROM_INTEGRATION, tmp_path, status=NOT_ALL_CONVERGED)
     message = bytes(read(result, "message")[0]).decode()
     assert "first guess from time integration" in message and "generalized_alpha" in message
     solve(text + FROM_INTEGRATION + "&integration method='generalized_alpha' /", tmp_path)

@@ -11,7 +11,7 @@ import pytest
 import xarray
 
 from nhbm_post import integration as post_integration
-from program import BAD_INPUT, checksum_of_row, read, run, solve
+from program import BAD_INPUT, NOT_ALL_CONVERGED, checksum_of_row, read, run, solve
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 
@@ -376,7 +376,7 @@ def test_verify_sees_a_coefficient_that_is_wrong_by_a_thousandth(tmp_path):
     with h5py.File(result, "r+") as file:
         file["coefficients"][0, 0, file["tuple"][:, 0].tolist().index(1), 0] *= 1.001
         file["checksum"][0] = checksum_of_row(file, 0)  # as if it had been found in this way
-    found = verified(result, status=1)
+    found = verified(result, status=NOT_ALL_CONVERGED)
     assert found["integration_verdict"] == [DIFFERS]
     assert 2e-4 < found["integration_first_difference"][0] < 5e-3
 
@@ -385,7 +385,7 @@ def test_verify_knows_an_unstable_motion_from_a_wrong_one(tmp_path):
     """A van der Pol oscillator under a small load: the small motion is a solution, with a growth rate near strength/2."""
     law = "&load dof='x1', tuple=1, cos=0.05 /\n&law type='van_der_pol', dof='x1', strength=0.3 /\n"
     text = FREE.replace("&tones frequency=1", "&tones frequency=2").replace("order=1", "order=9") + law
-    found = verified(solve(text, tmp_path), "--periods", 50, status=1)
+    found = verified(solve(text, tmp_path), "--periods", 50, status=NOT_ALL_CONVERGED)
     assert found["integration_verdict"] == [UNSTABLE]
     assert found["integration_first_difference"][0] < 1e-10
     assert found["integration_growth"][0] == pytest.approx(0.15, rel=0.1)
@@ -469,7 +469,7 @@ DEPARTING = {
 def test_verify_sees_motions_from_which_integration_departs(tmp_path, name):
     expected, text = DEPARTING[name]
     result = solve(text, tmp_path, status=None)
-    found = verified(result, status=1)
+    found = verified(result, status=NOT_ALL_CONVERGED)
     assert found["integration_verdict"] == [expected], found
     names = ("integration_growth", "integration_limit", "integration_duration", "frequency")
     growth, limit, duration, frequency = read(result, *names)
@@ -485,7 +485,7 @@ def test_verify_is_as_long_as_the_slowest_decay_needs_by_default(tmp_path):
     light = "&structure type='matrices', n_dofs=1, mass=1, damping=0.002, stiffness=1 /\n&tones frequency=1.2 /\n"
     text = light + "&harmonics order=7 /\n&load dof='x1', tuple=1, cos=0.1 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"
     result = solve(text, tmp_path)
-    assert verified(result, "--periods", 10, status=1)["integration_verdict"] == [UNDECIDED]
+    assert verified(result, "--periods", 10, status=NOT_ALL_CONVERGED)["integration_verdict"] == [UNDECIDED]
     assert read(result, "integration_duration")[0] == pytest.approx(10 * 2 * np.pi / 1.2)
     assert verified(result)["integration_verdict"] == [AGREES]
     assert np.log(100) / 0.001 < read(result, "integration_duration")[0] < 1.3 * np.log(100) / 0.001
