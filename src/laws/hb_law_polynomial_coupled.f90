@@ -143,7 +143,8 @@ contains
       logical, intent(out) :: is_known
       integer :: i, k
 
-      is_known = .true.
+      is_known = number%key == "coefficients"
+      if (.not. is_known) return
       i = max(1, number%element(1))
       slope = 0.0_wp
       associate (value => slope(:, self%acts_on(i)), n => self%n_coordinates)
