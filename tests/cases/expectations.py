@@ -165,9 +165,14 @@ def expects_only_converged(expectations: list[Expectation]) -> bool:
 
 
 def has_only_answers(results: Results) -> bool:
-    """Whether each point that a curve needed is answered; a curve may end where the amplitude of its unknown tone vanishes."""
-    ends = ("collapsed",) if results.curve is not None else ()
-    return all(results.status_name(point) in (*ANSWERED, *ends) for point in results.used)
+    """Whether each point that a curve needed is answered. Beyond its first point a curve may end where the amplitude of its unknown
+    tone vanishes: the row is `collapsed` and no point of the curve."""
+    kinds = results.curve_kind() if results.curve is not None else None
+
+    def is_end(point: int) -> bool:
+        return point > 0 and kinds is not None and results.status_name(point) == "collapsed" and kinds[point] == "none"
+
+    return all(results.status_name(point) in ANSWERED or is_end(point) for point in results.used)
 
 
 def _wrong_values(expectation: Expectation, results: Results, points: list[int]) -> list[str]:
