@@ -105,7 +105,7 @@ contains
          "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
       if (allocated(error)) return
-      if (number_answered(summary) + n_ends(study%plan, path) + summary%counts(outcome%unused) < summary%n_points) &
+      if (number_answered(summary) + n_ends(study%plan, summary, path) + summary%counts(outcome%unused) < summary%n_points) &
          status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
@@ -118,14 +118,15 @@ contains
    end subroutine run
 
    !> Number of points that are regular ends of curves.
-   integer function n_ends(plan, path)
+   integer function n_ends(plan, summary, path)
       type(sweep_plan_t), intent(in) :: plan
+      type(run_summary_t), intent(in) :: summary
       character(*), intent(in) :: path                                !! of the result file
       integer :: i
       integer, allocatable :: statuses(:)
 
       n_ends = 0
-      if (.not. allocated(plan%curve)) return
+      if (.not. allocated(plan%curve) .or. summary%counts(outcome%collapsed) == 0) return
       statuses = numbers_of(path, "status")
       n_ends = count([(is_regular_end(statuses(i), i, plan), i=1, size(statuses))])
    end function n_ends
