@@ -319,11 +319,12 @@ def _add_checksums(file: h5py.File, axes: _Axes, n: int) -> None:
              and entry.dtype.kind != "O" and ("parameter" not in entry.attrs or "moves_along" in entry.attrs)
              and name not in ("branch", "rank") and not name.startswith("integration_")
              and not name.endswith("_seconds")]  # fmt: skip
+    columns = [file[name][()] for name in names]
     sums = np.zeros(n, dtype=np.uint32)
     for k in range(n):
         value = 0
-        for name in names:
-            value = zlib.crc32(np.ascontiguousarray(file[name][k]).tobytes(), value)
+        for column in columns:
+            value = zlib.crc32(column[k].tobytes(), value)
         sums[k] = value
     attrs = {"units": "1", "long_name": "CRC-32 over the values of the row, as they stand in the file", "of": " ".join(names)}
     axes.put("checksum", xr.DataArray(sums.view(np.int32), dims="point", attrs=attrs))
