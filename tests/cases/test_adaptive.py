@@ -340,6 +340,7 @@ def test_a_stop_with_little_damping_is_known_to_1e_4(tmp_path):
         assert np.hypot(file["truncation_estimate"][0], file["aliasing_estimate"][0]) <= 1e-4
 
 
+@pytest.mark.long
 def test_tones_near_sixteen_to_five_are_within_the_tolerance(tmp_path):
     """16 w1 - 5 w2 is small: the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) with 9e-3
     of the motion."""

@@ -105,6 +105,7 @@ def hardening(k=1.0, d=D, k3=K3):
 HARDENING = [*LINEAR, "spring.stiffness"]
 
 
+@pytest.mark.long
 def test_sweeps_with_jumps_are_fitted_from_afar(sweeps, tmp_path):
     """The folds of the first guess are elsewhere; amplitudes are those of time integration."""
     for data in (sweeps, {name: column for name, column in sweeps.items() if name != "phase"}):

@@ -28,7 +28,8 @@ def of(static=0.0, stiffness=1.0):
 
 
 @pytest.mark.parametrize("text", [of(), of(static=0.1), of() + FRICTION, of() + "&harmonics order = 5 /\n",
-                                  BEAM + "&law type = 'cubic_spring', dof = 'v1', stiffness = 100.0 /\n"])  # fmt: skip
+                                  pytest.param(BEAM + "&law type = 'cubic_spring', dof = 'v1', stiffness = 100.0 /\n",
+                                               marks=pytest.mark.long)])  # fmt: skip
 def test_a_motion_with_an_arbitrary_mean_value_is_found_and_stable(text, tmp_path):
     """Whether the set has a mean value or not, and on the finer grid of the error estimate."""
     path = solve(text, tmp_path)

@@ -149,6 +149,7 @@ def slopes_of_a_peak(model, value, at, step, ends):
     return (np.array(sides[0]) - sides[1]) / (2 * step * at)
 
 
+@pytest.mark.long
 def test_the_position_of_a_peak_does_not_follow_single_samples():
     """Stick begins and ends at samples: differences over many of them, for the rest the coarser grid would be wrong by half."""
     model, ends = damper(), (0.8, 1.1)

@@ -238,6 +238,7 @@ def test_a_curve_passes_the_fold_of_orbits_with_an_impact(tmp_path):
     np.testing.assert_allclose(read(swept, "coefficients")[0], values[0][-1], atol=1e-8)
 
 
+@pytest.mark.long
 def test_a_curve_locates_the_flip_of_shaw_and_holmes(tmp_path):
     more = "&curve parameter='tones%frequency', from=2.5, to=2.8, points=30 /\n&harmonics order=12 /\n"
     found = points_of(curve(tmp_path, more, 0.0, E))
@@ -272,6 +273,7 @@ def test_an_interrupted_curve_goes_on_where_it_was(tmp_path):
         np.testing.assert_allclose(one[1], other[1], rtol=1e-7)
 
 
+@pytest.mark.long
 def test_a_curve_interrupted_at_a_graze_goes_on_to_the_same_bits(tmp_path):
     """At a load of 1.007 the motion without impacts reaches the wall, and the curve turns back to the unstable motion with one."""
     model = MODEL.replace("gap=0.0", f"gap={GAP}").replace("cos=1.0", "cos=0.95")
@@ -332,6 +334,7 @@ def test_a_curve_of_a_mass_at_rest_ends(load, tmp_path):
         assert displacements[:, 0, 0] == pytest.approx(load, abs=1e-8) and abs(displacements[:, 1:]).max() < 1e-8
 
 
+@pytest.mark.long
 def test_a_curve_turns_where_the_wall_is_grazed(tmp_path):
     """The unstable orbits end where the forced motion without an impact just reaches the wall, abs(steady) = gap; from there the
     curve goes on along that motion."""
@@ -420,7 +423,9 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     assert value[place] == pytest.approx(branch, abs=1e-6)
 
 
-@pytest.mark.parametrize("order", ["&harmonics order=9 /\n", ""], ids=["order", "tolerance"])
+@pytest.mark.parametrize(
+    "order", ["&harmonics order=9 /\n", pytest.param("", marks=pytest.mark.long)], ids=["order", "tolerance"]
+)
 def test_unstable_motions_are_left_not_wrong(tmp_path, order):
     """Behind a flip; of a given order the coefficients are compared, and there are no disturbances to speak of."""
     (tmp_path / "case.nml").write_text(

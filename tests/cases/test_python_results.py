@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 import sys
 
@@ -27,6 +28,7 @@ def stop(**groups):
     return model
 
 
+@functools.cache
 def results():
     return {
         "motion": duffing().solve(order=5),

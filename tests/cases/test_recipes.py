@@ -15,8 +15,9 @@ LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
 ALONE = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", ROOT / "docs" / "why" / "beside_pyharm.md"]
 PAGES = [*ALONE, *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
 LONG = {  # pages that take seconds
-    "cheat_sheet", "finite_element_bracket", "finite_elements", "find_folds", "friction_damper", "isola", "optimise_damper",
-    "own_matrices", "peak_over_gap", "period_doubling", "pictures", "small_signal", "time_signal",
+    "calculix", "cheat_sheet", "find_folds", "finite_element_bracket", "finite_elements", "fit_measurement",
+    "friction_damper", "isola", "law_in_python", "normal_mode", "optimise_damper", "other_solution", "own_matrices",
+    "peak_over_gap", "period_doubling", "pictures", "small_signal", "time_signal",
 }  # fmt: skip
 MAX_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}
 
