@@ -216,6 +216,7 @@ def points_of(result):
     return [(KINDS[kind[i]], w[i, 0], *(value[i] for value in values)) for i in np.flatnonzero(status == INTEGRATED)]
 
 
+@pytest.mark.long
 def test_a_curve_passes_the_fold_of_orbits_with_an_impact(tmp_path):
     """Along stable and unstable orbits multipliers are those of the closed form, and so is the fold, where both kinds meet.
     At the graze the curve turns to the motion that does not reach the wall."""

@@ -63,6 +63,7 @@ def test_first_order_deviation_is_that_of_samples(monkeypatch):
     assert float(monte_carlo.main()["value"].std(ddof=1)) == pytest.approx(monte_carlo.first_order(), rel=0.08)
 
 
+@pytest.mark.long
 def test_samples_are_those_of_models_of_their_own(monkeypatch):
     """Peaks of samples on two processes equal those of curves with a tolerance of new models."""
     for name, value in PROCESSES.items():

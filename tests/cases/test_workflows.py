@@ -87,7 +87,7 @@ def test_a_model_of_each_kind(library, tmp_path, kind, number):
     assert len(off) > 5 and max(off) < 1
 
 
-@pytest.mark.parametrize(("law", "number"), [("hertz", 0), ("base", 3)])
+@pytest.mark.parametrize(("law", "number"), [pytest.param("hertz", 0, marks=pytest.mark.long), ("base", 3)])
 def test_a_model_with_a_law_that_came_later(library, tmp_path, law, number):
     case = hold(library, tmp_path, 1, number, random_workflow(1, number, ("frequency",), (law,)), 2)
     off = [point.off for point in case.points if np.isfinite(point.off)]
