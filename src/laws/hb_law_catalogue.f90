@@ -23,6 +23,7 @@ module hb_law_catalogue
    use hb_law_rigid_wall, only: rigid_wall_t
    use hb_law_rolling_bearing, only: rolling_bearing_t
    use hb_law_short_bearing, only: short_bearing_t
+   use hb_law_stribeck, only: stribeck_t
    use hb_law_tabulated, only: tabulated_t
    use hb_law_user, only: user_law_t
    use hb_law_van_der_pol, only: van_der_pol_t
@@ -60,6 +61,7 @@ contains
       case ("rigid_wall"); allocate (rigid_wall_t :: box%law)
       case ("rolling_bearing"); allocate (rolling_bearing_t :: box%law)
       case ("short_bearing"); allocate (short_bearing_t :: box%law)
+      case ("stribeck"); allocate (stribeck_t :: box%law)
       case ("tabulated"); allocate (tabulated_t :: box%law)
       case ("user"); allocate (user_law_t :: box%law)
       case ("van_der_pol"); allocate (van_der_pol_t :: box%law)

@@ -95,6 +95,14 @@ LAWS = {
         "clearance": (4.0, *L),
         "rotor_speed": 0.5,
     },
+    "stribeck": {
+        "dof": "'x1'",
+        "limit": (0.1, *F),
+        "static_limit": (0.15, *F),
+        "stribeck_velocity": (0.4, *L),
+        "velocity": (0.2, *L),
+        "belt_velocity": (0.1, *L),
+    },
     "tabulated": {"dof": "'x1'", "displacements": ((-1.0, 0.0, 1.0), *L), "forces": ((-2.0, 0.0, 0.5), *F)},
     "van_der_pol": {"dof": "'x1'", "strength": (0.1, *STIFFNESS), "threshold": (0.5, *L)},
 }

@@ -60,6 +60,7 @@ contains
             "displacement_exponents=1,2, 3,0, 0,1, 0,0 velocity_exponents=0,0, 0,0, 1,1, 2,1"
       case ("quadratic_damping"); keys = "coefficient=0.6"
       case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."
+      case ("stribeck"); keys = "limit=0.4 static_limit=0.7 stribeck_velocity=0.5 velocity=0.2 belt_velocity=0.3"
       case ("tabulated"); keys = "displacements=-0.6,-0.2,0,0.3,0.5 forces=-1,-0.3,0,0.1,0.9"
       case ("user"); keys = "library='"//user_law_samples//"' name='coupled' parameters=0.7,0.4"
       case ("van_der_pol"); keys = "strength=0.4 threshold=0.8"

@@ -222,6 +222,15 @@ if TYPE_CHECKING:
         second_dofs: Required[Texts]
         second_weights: Reals
 
+    class StribeckLaw(AnyLawKeys, total=False):
+        """Keys of `&law type = 'stribeck'`."""
+
+        limit: Required[float]
+        static_limit: Required[float]
+        stribeck_velocity: Required[float]
+        velocity: Required[float]
+        belt_velocity: float
+
     class TabulatedLaw(AnyLawKeys, total=False):
         """Keys of `&law type = 'tabulated'`."""
 
@@ -400,6 +409,9 @@ class Laws:
 
         @overload
         def law(self, kind: Literal["short_bearing"], dof: Dofs = None, **keys: Unpack[ShortBearingLaw]) -> None: ...
+
+        @overload
+        def law(self, kind: Literal["stribeck"], dof: Dofs = None, **keys: Unpack[StribeckLaw]) -> None: ...
 
         @overload
         def law(self, kind: Literal["tabulated"], dof: Dofs = None, **keys: Unpack[TabulatedLaw]) -> None: ...
