@@ -112,11 +112,16 @@ def sections() -> dict[str, str]:
 
 def from_here(text: str) -> str:
     """Links of docs/user/input.md as they are from the folder of the catalogue."""
-    text = re.sub(r"\]\(#", "](../docs/user/input.md#", text)
-    text = re.sub(r"\]\(\.\./", "](../docs/", text)
-    text = re.sub(r"\]\((?!\.\./|https?:)([\w-]+\.md)", r"](../docs/user/\1", text)
-    return text.replace("](../docs/../", "](../")
 
+    def moved(match: re.Match[str]) -> str:
+        target = match[1]
+        if target.startswith("#"):
+            return f"](../docs/user/input.md{target})"
+        if target.startswith("../../"):
+            return f"](../{target.removeprefix('../../')})"
+        return f"](../docs/{target.removeprefix('../')})" if target.startswith("../") else f"](../docs/user/{target})"
+
+    return re.sub(r"\]\((?!https?:)([^)]+)\)", moved, text)
 
 def examples(kind: str) -> list[Path]:
     """Inputs that have the law, short ones first."""
