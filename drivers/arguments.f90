@@ -24,6 +24,7 @@ module arguments
       integer :: n_workers = 0                                        !! processes that solve points; 0: not given
       integer :: level = log_level%normal                             !! amount of output
       logical :: wants_check = .false.                                !! of info: check the rows for damage
+      logical :: is_json = .false.                                    !! of keys: for programs
       logical :: wants_help = .false.
       logical :: wants_version = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
@@ -144,6 +145,7 @@ contains
       end if
       select case (name)
       case ("--check"); self%wants_check = .true.
+      case ("--json"); self%is_json = .true.
       case ("--help"); self%wants_help = .true.
       case ("--version"); self%wants_version = .true.
       case ("--overwrite"); self%overwrite = .true.

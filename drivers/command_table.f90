@@ -41,7 +41,7 @@ module command_table
 
    character(*), parameter :: all_verbs = "solve resume info why check plan integrate verify"
 
-   type(option_t), parameter :: options(21) = [ &
+   type(option_t), parameter :: options(22) = [ &
       option_t("--output", "-o", "FILE", "solve integrate", &
          "result file; default: name of the input with .h5, in the current folder"), &
       option_t("--overwrite", "", "", "solve integrate", "replace an existing result file"), &
@@ -66,6 +66,7 @@ module command_table
       option_t("--points", "", "N", "plan", "number of points, instead of that of the input"), &
       option_t("--cost-from", "", "FILE", "plan", "time of a point from a result file, for example of a smaller run"), &
       option_t("--cost", "", "SECONDS", "plan", "seconds of a point"), &
+      option_t("--json", "", "", "keys", "the rows as a JSON array of objects"), &
       option_t("--help", "-h", "", all_verbs//" keys new completion version help", "this text"), &
       option_t("--version", "", "", "version", "version and commit")]
 

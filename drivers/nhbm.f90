@@ -11,15 +11,15 @@ program nhbm
    use hb_crash_handler, only: protect_outside_code
    use hb_error, only: error_t, fail
    use hb_hdf5, only: can_end_library
-   use hb_key_rows, only: key_row, n_key_rows
    use hb_kinds, only: wp
    use hb_memory, only: keep_freed_memory
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, start_workers, stop_mpi, world
    use hb_printable, only: printable
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_similar_word, only: closest_word
-   use hb_text, only: join, lower
+   use hb_text, only: join
    use hb_version, only: git_commit, program_version
+   use key_table, only: print_keys
    use starters, only: starter_names, starter_text
    use verb_check, only: run_check
    use verb_info, only: run_info
@@ -122,7 +122,9 @@ contains
          call say("nhbm "//program_version//" ("//git_commit//")")
          call say(description)
       else if (verb == "keys") then
-         if (rank_of(comm) == 0) call print_keys()
+         if (rank_of(comm) > 0) return
+         if (.not. allocated(options%input)) options%input = ""
+         call print_keys(options%input, options%is_json, error)
       else if (verb == "new") then
          if (rank_of(comm) == 0) call print_starter()
       else if (verb == "completion") then
@@ -145,22 +147,6 @@ contains
          if (.not. allocated(error)) call run_known_verb(verb)
       end if
    end subroutine run_verb
-
-   !> Prints the rows of the table of input keys, or those that contain a word.
-   subroutine print_keys()
-      integer :: i
-      logical :: is_reported
-
-      is_reported = .false.
-      do i = 1, n_key_rows()
-         if (allocated(options%input)) then
-            if (index(lower(key_row(i)), lower(options%input)) == 0) cycle
-         end if
-         call say(trim(key_row(i)))
-         is_reported = .true.
-      end do
-      if (.not. is_reported) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")
-   end subroutine print_keys
 
    !> Prints a starter input, or the names of all of them.
    subroutine print_starter()

@@ -4,6 +4,7 @@ row is read, docs/user/input.md has the tables that follow from it, and nothing 
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 import subprocess
@@ -137,6 +138,14 @@ def test_the_program_has_the_table(tmp_path):
     assert run("keys", "Jenkins_2d |", cwd=tmp_path).stdout.splitlines() == [
         row for row in rows if row.startswith("law jenkins_2d |")
     ]
+
+
+def test_the_table_is_there_for_programs(tmp_path):
+    rows = [line.rstrip().split(" | ", 6) for line in (SRC / "input_keys.txt").read_text().splitlines() if line and not line.startswith("#")]
+    names = ("section", "key", "type", "unit", "default", "range", "meaning")
+    assert json.loads(run("keys", "--json", cwd=tmp_path).stdout) == [dict(zip(names, row)) for row in rows]
+    assert {row["section"] for row in json.loads(run("keys", "law hertz", "--json", cwd=tmp_path).stdout)} == {"law hertz"}
+    assert run("keys", "no such word", "--json", cwd=tmp_path).stdout == ""
 
 
 def test_a_key_has_one_row():

@@ -1,7 +1,8 @@
-"""The catalogue of laws of the site: a page for each type, with a sketch by the program."""
+"""The site: its table of contents, and the catalogue of laws with a page for each type and a sketch by the program."""
 
 from __future__ import annotations
 
+import fnmatch
 import importlib.util
 import os
 import re
@@ -25,6 +26,17 @@ def laws():
     sys.modules["law_pages"] = module
     spec.loader.exec_module(module)
     return module
+
+
+def test_pages_of_the_contents_are_those_of_the_site():
+    index = (ROOT / "docs" / "site" / "index.md").read_text()
+    patterns = re.search(r"^include_patterns = \[(.*)\]$", (ROOT / "docs" / "site" / "conf.py").read_text(), re.MULTILINE)[1]
+    patterns = re.findall('"([^"]+)"', patterns)
+    for block in re.findall(r"```\{toctree\}\n(.*?)```", index, re.DOTALL):
+        for name in re.findall(r"^([\w/.-]+)$", block, re.MULTILINE):
+            assert any(fnmatch.fnmatch(f"{name}.md", pattern) for pattern in patterns), name
+            if name.split("/")[0] not in ("gallery", "laws", "reference"):  # which are made
+                assert (ROOT / f"{name}.md").is_file(), name
 
 
 def test_every_law_has_a_page_with_a_sketch(laws, tmp_path):
