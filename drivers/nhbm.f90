@@ -130,7 +130,7 @@ contains
       else if (verb == "completion") then
          if (rank_of(comm) == 0) call tell_completion()
       else if (verb == "") then
-         call fail(error, "no verb is given, such as nhbm solve input.nml; nhbm --help lists all")
+         call fail(error, "missing subcommand, for example nhbm solve input.nml; nhbm --help lists all")
       else if (all(verb_names() /= verb)) then
          closest = trim(closest_word(verb, verb_names()))
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
@@ -159,7 +159,7 @@ contains
       else
          closest = trim(closest_word(options%input, starter_names()))
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
-         call fail(error, "there is no input '"//options%input//"' to begin with;"//closest//" known: "// &
+         call fail(error, "there is no starter input '"//options%input//"';"//closest//" known: "// &
                    join(starter_names(), ", "))
       end if
    end subroutine print_starter

@@ -140,7 +140,7 @@ contains
                      plan%n_fastest(), n, first_gap)
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
-         ", point "//to_text(first_gap - 1)//": 'n_unstable' changes without a located bifurcation"]
+         ", point "//to_text(first_gap - 1)//": stability changes here, but no bifurcation was located"]
       n = count(reasons == reason%points)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
          to_text(plan%n_fastest())//" points: increase 'points' of &curve"]

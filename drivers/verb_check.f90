@@ -227,7 +227,7 @@ contains
       character(:), allocatable :: text
 
       text = ""
-      if (is_chosen) text = " to begin with"
+      if (is_chosen) text = " initially"
    end function on_lowest
 
    !> Lists the lowest natural frequencies of the linear structure; those of a reduced one as far as their error is

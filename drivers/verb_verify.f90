@@ -75,8 +75,8 @@ contains
          if (len(found%coordinate) > 0) text = text//trim(line)
          return
       end if
-      write (line, "(3(a, es7.1), a)") "; difference ", found%first_difference, " of the motion in the first period, ", &
-         found%difference, " in the last ones (limit ", found%limit, ", at "//found%coordinate//"), disturbances"
+      write (line, "(3(a, es7.1), a)") "; deviation ", found%first_difference, " of the motion in the first period, ", &
+         found%difference, " at the end (limit ", found%limit, ", at "//found%coordinate//"), disturbances"
       text = trim(verdict_text(found%kind))//trim(line)
       write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), " 1/s"
       if (abs(found%growth)*found%duration < clear) line = " neither grow nor decay"   ! a shift in time of a free motion
@@ -84,6 +84,6 @@ contains
       if (allocated(found%ended_by)) text = text//", ended by: "//found%ended_by
       if (.not. any(abs(found%drift) > 0.0_wp)) return
       write (line, "(*(es10.2))") pack(found%drift, abs(found%drift) > 0.0_wp)
-      text = text//"; its frequency is off by "//trim(adjustl(line))//" rad/s"
+      text = text//"; frequencies differ by "//trim(adjustl(line))//" rad/s"
    end function words_on
 end module verb_verify

@@ -28,7 +28,7 @@ def test_multipliers_stand_beside_the_unit_circle(tmp_path):
     spots = {c.get_gid(): c.get_offsets() for ax in fig.axes for c in ax.collections if c.get_gid()}
     np.testing.assert_allclose(spots["inside"], [[0.5, 0.5], [0.5, -0.5], [-0.2, 0.0], [0.1, 0.0]])
     np.testing.assert_allclose(spots["outside"], [[-1.5, 0.0], [0.0, 3.0]], atol=1e-12)
-    assert "3 points, 2 unstable" in head_of(fig) and "1 of magnitude above 3 stand at 3" in head_of(fig)
+    assert "3 points, 2 unstable" in head_of(fig) and "1 multipliers above 3 are clipped to 3" in head_of(fig)
     assert "1 point, 0 unstable" in head_of(some)
 
 

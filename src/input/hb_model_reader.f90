@@ -210,7 +210,7 @@ contains
          if (.not. allocated(error) .and. self%discretisation%harmonics%n_harmonics > self%options%accuracy%max_harmonics) then
             group => document%optional_group("accuracy")
             call group%problem("max_harmonics", "must be "//to_text(self%discretisation%harmonics%n_harmonics)// &
-                               " or more, the tuples to begin with")
+                               " or more, the initial tuples")
          end if
       else
          call read_harmonics(self%discretisation%harmonics, document, self%system%tones%n_tones, error, &

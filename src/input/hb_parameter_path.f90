@@ -139,7 +139,7 @@ contains
          text = text//quote(shown(labels(i)%value))
       end do
       if (n == 0) then
-         message = message//" none has one; use their numbers"
+         message = message//" none has a label; refer to them by number"
       else
          message = message//" labels: "//text
       end if

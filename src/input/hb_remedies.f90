@@ -18,8 +18,8 @@ module hb_remedies
       "Remove the cause, then solve the point again (resume with --retry).", &
       "With a given order: double it, or leave it out for a tolerance. With a tolerance, as by default: raise its limits "// &
          "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &error_estimate truncation.", &
-      "With a given order: double the samples, or leave both out for a tolerance; contact and friction need many "// &
-         "more samples than harmonics. With a tolerance, as by default: leave out &sampling, or raise max_work and "// &
+      "With a given order: double the samples, or remove &sampling and &harmonics; contact and friction need "// &
+         "many more samples than harmonics. With a tolerance, as by default: remove &sampling, or raise max_work and "// &
          "max_samples.", &
       "Raise order and samples; hard impacts on a wall need very high orders.", &
       "Solve the model with fewer tones.", &

@@ -125,7 +125,7 @@ def test_verify_says_what_came_of_it(tmp_path):
     text = MASS + "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n&harmonics order = 5 /\n"
     solve(text, tmp_path)
     said = run("verify", "case.h5", cwd=tmp_path).stdout.splitlines()
-    assert re.fullmatch(r"point 0: agrees with time integration; difference .* disturbances decay at .* 1/s; \d+ periods", said[0])
+    assert re.fullmatch(r"point 0: agrees with time integration; deviation .* disturbances decay at .* 1/s; \d+ periods", said[0])
     assert said[-1] == "1 point verified: 1 agrees"
     solve(text.replace("&load", "!").replace("0.2 /", "0.2, unknown = .true. /"), tmp_path, status=None)
     said = run("verify", "case.h5", cwd=tmp_path).stdout.splitlines()

@@ -300,7 +300,7 @@ def _shapes(results: Results, points: list[int], model: Path | None) -> tuple[di
         "nodes": _numbers(structure.points[nodes].ravel()),
         "edges": [index[node] for edge in sorted(edges) for node in edge],
         "at": shapes,
-    }, [f"{len(chosen)} of {len(solved)} points have the shape of the model in this page"] * (len(chosen) < len(solved))
+    }, [f"3-D shapes are included for {len(chosen)} of {len(solved)} points"] * (len(chosen) < len(solved))
 
 
 def _shape(results: Results, structure, point: int, nodes: list[int]) -> dict:

@@ -109,7 +109,7 @@ def path_of(path: Any) -> InputPath:
     if key is None:
         if name != "tones":
             hint = "; did you mean 'tones[0]'?" if name in ("frequency", "omega", "tone") else ""
-            raise ModelError(f"'{path}' names no key{hint or ', as the paths wall.gap and load[1].cos do'}")
+            raise ModelError(f"unknown path '{path}'{hint or ', write wall.gap or load[1].cos'}")
         key, element, number = "frequency", number, None
     index = () if element is None else (int(element) + 1,)
     if number is None and name not in GROUPS:

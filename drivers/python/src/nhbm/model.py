@@ -599,7 +599,7 @@ class Model(Laws):
         -------
         PeakGradient
             The response, the value of the parameter there, and the derivatives of both; those of the value are zero if the
-            maximum is at an end of the range. NaN, with the warning NotConverged, if the curve ends before its range does.
+            maximum is at an end of the range. NaN, with the warning NotConverged, if the curve stops before the end of its range.
 
         Examples
         --------
@@ -627,7 +627,7 @@ class Model(Laws):
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
                  groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
         """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
-        warning, if the curve ends before its range does."""
+        warning, if the curve stops before the end of its range."""
         path = self._resolved(path)
         groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
         if order is not None:
@@ -674,7 +674,7 @@ class Model(Laws):
         xarray.Dataset
             As for `solve`, with the dimension `point`; `curve_kind` names folds, peaks and bifurcations, and
             `dataset.nhbm.events()` lists them. The warning
-            NotConverged is issued if it ends before its range does.
+            NotConverged is issued if the curve stops before the end of its range.
 
         Examples
         --------

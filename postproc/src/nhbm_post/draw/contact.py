@@ -96,7 +96,7 @@ def draw_contact_time(
         upper.pcolormesh(middles, edges, found.status[:, order].T, cmap=colours, norm=norm, rasterized=True)
         upper.set(xlim=(t[0], t[-1]), ylim=(edges[0], edges[-1]), ylabel=of_rows)
         upper.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-        forces = {"normal": found.normal_force, "friction (sizes)": found.friction}
+        forces = {"normal": found.normal_force, "friction (magnitude)": found.friction}
         forces = {name: np.nansum(f, axis=1) for name, f in forces.items() if np.isfinite(f).any()}
         by, force_units = style.unit_scale(max((float(f.max()) for f in forces.values()), default=0.0), "N")
         for (name, force), colour in zip(forces.items(), style.COLOURS):

@@ -56,7 +56,7 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
         if not is_lines:
             drawn.set_edgecolor(INK)
         fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.5)), label=f"{name} [{units}]")
-        head(fig, heading, about, f"drawn {float(f'{scale:.3g}'):g} times as large" if scale else "")
+        head(fig, heading, about, f"displacements scaled by {float(f'{scale:.3g}'):g}" if scale else "")
     return fig
 
 

@@ -53,7 +53,7 @@ def draw_multipliers(results: Results, *, where=None):
         ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
         ax.set(xlabel=r"Real part of $\mu$", ylabel=r"Imaginary part of $\mu$", aspect="equal")
         ax.grid(True)
-        notes = f"{int(is_far.sum())} of magnitude above {_LARGEST:g} stand at {_LARGEST:g}" if is_far.any() else ""
+        notes = f"{int(is_far.sum())} multipliers above {_LARGEST:g} are clipped to {_LARGEST:g}" if is_far.any() else ""
         counts = f"{points.size} point{'s' * (points.size > 1)}, {n_unstable} unstable"
         about = ", ".join(t for t in (results.title, results.where_text(where or {}), counts) if t)
         style.head(fig, "Floquet multipliers", about, notes)
