@@ -6,11 +6,14 @@ import fnmatch
 import importlib.util
 import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+import nhbm
 
 ROOT = Path(__file__).resolve().parents[2]
 os.environ.setdefault("NHBM_LIBRARY", str(Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"))
@@ -61,3 +64,11 @@ def test_sketches_are_the_formulas(laws):
     v, f = laws.forces("stribeck", laws.SKETCHES["stribeck"])
     np.testing.assert_allclose(f, (0.3 + 0.2 * np.exp(-((v / 0.4) ** 2))) * np.tanh(v / 0.05), atol=1e-12)
     assert 0.99 < v.max() < 1.01
+
+
+def test_random_inputs_with_each_law_are_read(laws, tmp_path):
+    """tests/law_inputs.py, which has the numbers of the sketches, for tests/valgrind."""
+    subprocess.run([sys.executable, ROOT / "tests" / "law_inputs.py", tmp_path, "2"], check=True)
+    assert {path.stem.rpartition("_")[0] for path in tmp_path.glob("*.nml")} == set(laws.SKETCHES)
+    for path in tmp_path.glob("*.nml"):
+        nhbm.Session().read(path.read_text())
