@@ -6,7 +6,7 @@ module key_table
    use hb_text, only: lower
    implicit none
    private
-   public :: json_object, print_keys
+   public :: print_keys
 
    character(*), parameter :: separator = " | "
    character(*), parameter :: columns(7) = [character(7) :: "section", "key", "type", "unit", "default", "range", "meaning"]
