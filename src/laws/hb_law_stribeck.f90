@@ -44,8 +44,8 @@ contains
 
       self%needs_velocity = .true.
       self%needs_displacement = .false.
-      self%has_potential = .true.
       self%is_odd = abs(self%belt_velocity) <= 0.0_wp
+      self%has_potential = self%is_odd                                ! a belt does work
    end subroutine stribeck_derive
 
    subroutine stribeck_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
