@@ -120,8 +120,9 @@ def test_unknown_tones_agree_with_dense_newton(source, tmp_path):
         result = tmp_path / f"{method}.h5"
         done = run("solve", source, "--output", result, "--set", f"solver%method='{method}'", cwd=tmp_path)
         assert "converged" in done.stdout, done.stderr
-        found[method] = read(result, "status", "frequency", "truncation_estimate")
-    status, frequencies, truncation = found["newton"]
+        found[method] = read(result, "status", "frequency", "truncation_estimate", "residual")
+    status, frequencies, truncation, _ = found["newton"]
+    residual = max(float(np.max(found[method][3][status == 1], initial=0.0)) for method in found)  # to which each was solved
     assert found["krylov"][0].ravel().tolist() == status.ravel().tolist()
-    np.testing.assert_allclose(found["krylov"][1][status == 1], frequencies[status == 1], rtol=1e-9)
+    np.testing.assert_allclose(found["krylov"][1][status == 1], frequencies[status == 1], rtol=max(1e-9, residual))
     np.testing.assert_allclose(found["krylov"][2][status == 1], truncation[status == 1], rtol=1e-4, atol=1e-12)
