@@ -76,6 +76,9 @@ endif()
 # For generated sources with lines of any length.
 set(HB_LONG_LINES $<$<Fortran_COMPILER_ID:GNU>:-ffree-line-length-none>)
 
-# For sources that call kernels and have none: compiled in half of the time, to the same numbers.
+# For sources that call kernels and have none: compiled in half of the time, to the same numbers. The library is for whole targets, and
+# stands behind hb_flags.
 set(HB_STEERING_FLAGS $<$<AND:$<CONFIG:Release>,$<Fortran_COMPILER_ID:GNU>>:-O1>
    $<$<AND:$<CONFIG:Debug>,$<Fortran_COMPILER_ID:GNU>>:-O0>)
+add_library(hb_steering_flags INTERFACE)
+target_compile_options(hb_steering_flags INTERFACE "$<$<COMPILE_LANGUAGE:Fortran>:${HB_STEERING_FLAGS}>")

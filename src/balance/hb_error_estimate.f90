@@ -88,12 +88,13 @@ contains
                                                                       !! the motion is a point: errors along its last form, and
                                                                       !! along a null vector where another one crosses, do not count
       complex(wp), allocatable :: c(:, :)
-      type(balance_t) :: wide
+      class(balance_t), allocatable :: wide
       type(harmonics_t) :: set
       type(tones_t) :: tones
       type(torus_t) :: grid
 
       self%wanted = wanted
+      allocate (wide)
       call new_tones(tones, balance%omega, error)
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
@@ -129,7 +130,7 @@ contains
       type(balance_t), intent(in) :: balance
       type(harmonics_t), intent(in) :: set
       type(torus_t), intent(in) :: grid
-      type(balance_t), intent(out) :: wide
+      type(balance_t), intent(inout) :: wide                          !! a new one
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_stiffness_t) :: stiffness
       type(linear_part_t), allocatable :: linear
@@ -289,13 +290,14 @@ contains
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       type(error_t), allocatable, intent(out) :: error
-      type(balance_t) :: fine
+      class(balance_t), allocatable :: fine
       type(report_t) :: report
       type(solver_config_t) :: config
       type(linear_part_t), allocatable :: linear
       real(wp), allocatable :: x(:)
       real(wp) :: difference
 
+      allocate (fine)
       allocate (linear, source=balance%stiffness)
       call new_balance(fine, balance%harmonics, wide%law_set%transform%torus, balance%omega, linear, balance%law_set%laws, &
                        error)

@@ -50,9 +50,10 @@ contains
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       type(error_t), allocatable, intent(out) :: error
-      type(balance_t) :: balance
+      class(balance_t), allocatable :: balance
       integer :: h, m
 
+      allocate (balance)
       associate (tones => system%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &

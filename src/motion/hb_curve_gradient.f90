@@ -154,12 +154,13 @@ contains
       type(neighbour_t), intent(out) :: neighbour
       logical, intent(out) :: is_found
       class(event_t), allocatable :: event
-      type(followed_motion_t), target :: there
+      class(followed_motion_t), allocatable, target :: there
       type(error_t), allocatable :: error
       type(movement_t) :: movement
       real(wp), allocatable :: x(:)
 
       is_found = .false.
+      allocate (there)
       there%request = self%curve%request
       there%model = self%curve%model
       there%further = self%curve%further

@@ -91,7 +91,7 @@ module hb_followed_motion
       integer :: n_levels = 1                                         !! of the last step
       type(model_problem_t) :: problem
       type(energy_t) :: energy                                        !! of its motions, for a normal mode with given energy
-      type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, if the equations are odd
+      class(model_problem_t), allocatable :: odd_problem              !! of odd motions alone, if the equations are odd
       integer, allocatable :: odd_indices(:)                          !! positions of its unknowns among those of the problem
       real(wp), allocatable :: weights(:)                             !! typical motion, (unknowns of the balance)
       integer :: branch = 0                                           !! origin of this branch; 0: the start

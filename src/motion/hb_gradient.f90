@@ -254,7 +254,7 @@ contains
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: corrects                       !! first correct the motion by a step of Newton's method
-      type(model_problem_t), target :: here, moved
+      class(model_problem_t), allocatable, target :: here, moved
       type(bordered_problem_t), target :: with_frequencies
       class(problem_t), pointer :: problem
       type(tangent_solver_t) :: tangent
@@ -265,6 +265,7 @@ contains
 
       associate (by => known%model%options%gradient%by, n => known%n)
          gradient = zero_gradient(known%model%system, known%model%options, known%model%discretisation%harmonics)
+         allocate (here, moved)
          call put_on(here, by(1), 1.0_wp)
          if (allocated(error)) return
          problem => here

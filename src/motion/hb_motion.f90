@@ -366,7 +366,7 @@ contains
       type(cached_linear_parts_t), pointer, intent(in), optional :: cached
       type(dynamic_stiffness_t) :: stiffness
       type(linear_part_t), allocatable :: linear
-      type(balance_t), target :: balance
+      class(balance_t), allocatable, target :: balance
       type(autonomous_start_t) :: start
       type(coordinates_t) :: coordinates
       type(solution_t) :: solution
@@ -376,6 +376,7 @@ contains
 
       started = wall_clock()
       call move_alloc(unknowns, guess)
+      allocate (balance)
       coordinates = coordinates_of(system)
       is_autonomous = any(system%tones%is_unknown)
       call find_first_guess(system, discretisation, options, basis, coordinates, guess, start, error)

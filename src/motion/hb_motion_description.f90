@@ -340,7 +340,7 @@ contains
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(balance_t) :: shown
+      class(balance_t), allocatable :: shown
       type(linear_part_t), allocatable :: linear
       type(real_block_t) :: samples
       type(torus_t) :: torus
@@ -350,6 +350,7 @@ contains
       if (allocated(error)) return
       torus%corrects_kinks = .false.                                  ! uncorrected forces
       associate (coordinates => balance%stiffness%coordinates)
+         allocate (shown)
          allocate (linear, source=balance%stiffness)
          call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, system%laws), &
                           error)

@@ -53,7 +53,7 @@ module hb_dynamic_stiffness
       type(amplitudes_t), private :: held_motion             ! y, motion of the interior with the coordinates held fixed
       complex(wp), allocatable, private :: motion_slope(:, :, :, :)   ! dT, dy by frequency and by drive,
                                                              ! (n_interior, n_law + 1, 2, n_harmonics), or not allocated
-      type(condensation_t), allocatable, private :: condensation  ! stored with slopes
+      class(condensation_t), allocatable, private :: condensation  ! stored with slopes
       integer, allocatable :: free_dofs(:)                   !! of the interior, whose mean values nothing determines: they are zero
    contains
       procedure :: move => dynamic_stiffness_move
@@ -101,7 +101,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
       type(wanted_slopes_t) :: wanted
-      type(condensation_t), allocatable :: retained
+      class(condensation_t), allocatable :: retained
       type(condensation_t) :: once                                    ! not `allocatable`: several kB, for each point
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
@@ -160,7 +160,7 @@ contains
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
       real(wp), intent(in) :: drives(:)                               !! [rad**2/s**2], (n_harmonics)
       type(error_t), allocatable, intent(out) :: error
-      type(condensation_t), allocatable :: condensation
+      class(condensation_t), allocatable :: condensation
 
       if (.not. allocated(self%condensation)) then
          call fail(error, "dynamic stiffness: created without slopes, it cannot be evaluated at other frequencies")

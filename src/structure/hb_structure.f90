@@ -33,7 +33,7 @@ module hb_structure
       real(wp), allocatable :: mass(:, :)                    !! [kg], (n_dofs, n_dofs), symmetric
       real(wp), allocatable :: damping(:, :)                 !! [N s/m], (n_dofs, n_dofs)
       real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
-      type(sparse_matrices_t), allocatable :: sparse         !! instead of these three matrices, for many dofs
+      class(sparse_matrices_t), allocatable :: sparse        !! instead of these three matrices, for many dofs
       type(frequency_part_t), allocatable :: parts(:)        !! with frequency-dependent stiffness, in addition to the matrices
       character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`

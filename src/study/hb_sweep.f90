@@ -84,7 +84,7 @@ contains
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
-      type(run_t), target :: run
+      class(run_t), allocatable, target :: run
       type(crash_location_t) :: location
       real(wp) :: started
 
@@ -94,6 +94,7 @@ contains
             "; give the sweep fewer values, or split it into several inputs")
          return
       end if
+      allocate (run)
       call prepare(self, options, comm, run, summary, error)
       if (allocated(error)) return
       call run%source%layout%forget_values()
@@ -328,12 +329,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: failure
       type(neighbour_t) :: neighbour
-      type(swept_curve_t), target :: curve
+      class(swept_curve_t), allocatable, target :: curve
       type(motion_result_t) :: result
       integer :: point
       logical :: is_report_due
 
       if (run%ending%is_due()) return
+      allocate (curve)
       call new_swept_curve(curve, run%source, run%results, first, run%before%is_there, failure, error)
       if (allocated(error) .or. run%ending%verdict == verdict%interrupted) then
          call curve%destroy()
