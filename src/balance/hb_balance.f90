@@ -41,7 +41,7 @@ module hb_balance
    !> Owner of external resources: call `destroy`.
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
-      type(linear_part_t), allocatable :: stiffness
+      class(linear_part_t), allocatable :: stiffness
       type(cached_linear_part_t), pointer :: cached_wide => null()    !! linear part of its error estimate, if that is cached
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
@@ -277,7 +277,7 @@ contains
       type(dynamic_stiffness_t), intent(inout) :: stiffness           !! at the frequencies j.omega of all harmonics
       type(law_box_t), intent(in) :: laws(:)
       type(error_t), allocatable, intent(out) :: error
-      type(linear_part_t), allocatable :: linear
+      class(linear_part_t), allocatable :: linear
 
       allocate (linear)
       call new_linear_part(linear, stiffness)
@@ -291,7 +291,7 @@ contains
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
-      type(linear_part_t), allocatable, intent(inout) :: linear       !! at the frequencies j.omega of all harmonics
+      class(linear_part_t), allocatable, intent(inout) :: linear       !! at the frequencies j.omega of all harmonics
       type(law_box_t), intent(in) :: laws(:)                          !! at least one; on indices of coordinates
       type(error_t), allocatable, intent(out) :: error
       integer :: i

@@ -133,7 +133,7 @@ contains
       type(balance_t), intent(inout) :: wide                          !! a new one
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_stiffness_t) :: stiffness
-      type(linear_part_t), allocatable :: linear
+      class(linear_part_t), allocatable :: linear
       type(amplitudes_t) :: wide_loads
       logical :: of_interior
 
@@ -293,7 +293,7 @@ contains
       class(balance_t), allocatable :: fine
       type(report_t) :: report
       type(solver_config_t) :: config
-      type(linear_part_t), allocatable :: linear
+      class(linear_part_t), allocatable :: linear
       real(wp), allocatable :: x(:)
       real(wp) :: difference
 

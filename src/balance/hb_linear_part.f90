@@ -53,7 +53,7 @@ module hb_linear_part
       type(structure_t), private :: structure                         ! structure of the linear part
       real(wp), allocatable, private :: frequencies(:)                ! [rad/s], (n_harmonics)
       type(amplitudes_t), private :: loads                            ! [N]
-      type(linear_part_t), allocatable, private :: linear             ! not allocated while it is in use
+      class(linear_part_t), allocatable, private :: linear             ! not allocated while it is in use
    contains
       procedure :: take => cached_linear_part_take
       procedure :: give_back => cached_linear_part_give_back
@@ -402,7 +402,7 @@ contains
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
       type(amplitudes_t), intent(in) :: loads                         !! [N]
-      type(linear_part_t), allocatable, intent(out) :: linear
+      class(linear_part_t), allocatable, intent(out) :: linear
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: of_interior                    !! the motion of all degrees of freedom is needed; default
                                                                       !! true
@@ -416,7 +416,6 @@ contains
          if (.not. allocated(error)) call move_alloc(self%linear, linear)
       else
          call move_alloc(self%linear, linear)
-         if (allocated(linear)) linear = linear_part_t()               ! reuse its memory
          call make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
          self%n_condensed = self%n_condensed + size(frequencies)
          if (.not. structure%has_matrices_of(self%structure)) self%structure = structure
@@ -433,7 +432,7 @@ contains
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: frequencies(:)
       type(amplitudes_t), intent(in) :: loads
-      type(linear_part_t), allocatable, intent(inout) :: linear
+      class(linear_part_t), allocatable, intent(inout) :: linear
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in) :: wanted
       type(dynamic_stiffness_t) :: stiffness
@@ -447,7 +446,7 @@ contains
    !> Returns a linear part to the cache.
    subroutine cached_linear_part_give_back(self, linear)
       class(cached_linear_part_t), intent(inout) :: self
-      type(linear_part_t), allocatable, intent(inout) :: linear
+      class(linear_part_t), allocatable, intent(inout) :: linear
 
       call move_alloc(linear, self%linear)
    end subroutine cached_linear_part_give_back

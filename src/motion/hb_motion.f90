@@ -365,7 +365,7 @@ contains
                                                                       !! `solve_system`, if allocated; on return the solution
       type(cached_linear_parts_t), pointer, intent(in), optional :: cached
       type(dynamic_stiffness_t) :: stiffness
-      type(linear_part_t), allocatable :: linear
+      class(linear_part_t), allocatable :: linear
       class(balance_t), allocatable, target :: balance
       type(autonomous_start_t) :: start
       type(coordinates_t) :: coordinates

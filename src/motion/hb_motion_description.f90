@@ -341,7 +341,7 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       class(balance_t), allocatable :: shown
-      type(linear_part_t), allocatable :: linear
+      class(linear_part_t), allocatable :: linear
       type(real_block_t) :: samples
       type(torus_t) :: torus
       type(transform_t) :: transform

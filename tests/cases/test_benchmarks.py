@@ -41,7 +41,7 @@ def benchmarks(*words, new=None):
 
 @pytest.mark.parametrize("seconds, status, expected, text", [
     (0.1, 1, 0, "0 of 2 are slower by more than 1.5, 0 have another result"),
-    (0.4, 1, 1, "1 of 2 are slower by more than 1.5, 0 have another result"),
+    (0.3, 1, 1, "1 of 2 are slower by more than 1.5, 0 have another result"),
     (0.1, 2, 1, "3 converged became 2 converged, 1 truncated"),
 ])  # fmt: skip
 def test_what_is_slower_or_another_is_said(tmp_path, seconds, status, expected, text):

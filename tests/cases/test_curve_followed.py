@@ -204,6 +204,7 @@ def test_torus_behind_a_graze_is_found_and_followed_both_ways(tmp_path):
     np.testing.assert_allclose([radius.min(), radius.max()], [0.1271, 1.1203], rtol=0, atol=1e-3)
 
 
+@pytest.mark.long
 def test_doubled_motions_are_followed_in_a_file_of_their_own(tmp_path):
     """Ueda's oscillator at B = 5: amplitudes by shooting (DOP853 at 3e-14)."""
     text = """

@@ -62,7 +62,7 @@ MODE = """
 """
 
 
-@pytest.mark.parametrize("tolerance", ["1e-3", "1e-4"])
+@pytest.mark.parametrize("tolerance", ["1e-3", pytest.param("1e-4", marks=pytest.mark.long)])
 def test_branch_points_are_found_where_the_set_grows(tolerance, tmp_path):
     """By shooting: the multiplier of the half period passes -1. The set grows close to the second and third energy: these are
     behind on the large set and ahead on the small one."""
@@ -71,9 +71,8 @@ def test_branch_points_are_found_where_the_set_grows(tolerance, tmp_path):
     assert energies == pytest.approx([40.9748, 2730.785, 6684.03], rel=3e-4)
 
 
-@pytest.mark.parametrize(
-    ("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), pytest.param(0.72, "'x1'", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), (0.72, "'x1'")])
 def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
     """The events reported on a wavy peak depend on those reported before."""
     path = solve(ONE_STOP.replace("peak_of = 'x1'", f"peak_of = {responses}"), tmp_path)
@@ -149,6 +148,7 @@ def test_curves_by_tolerance_go_on_bit_by_bit(followed, tmp_path, name, share):
         assert one.tobytes() == other.tobytes(), dataset
 
 
+@pytest.mark.long
 def test_symmetry_and_period_break_by_tolerance_where_shooting_has_it(tmp_path):
     """Ueda's oscillator: the tuples that are zero before the loss of symmetry are in the set at that point. To 1e-6 the flip has an
     error of 1.3e-8, to 1e-7 of less than 2e-9."""

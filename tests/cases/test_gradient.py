@@ -37,6 +37,7 @@ def test_a_harmonic_that_is_not_in_the_set_has_no_derivative():
         damper().gradient("x1 (40)", ["damper.limit"], order=5)
 
 
+@pytest.mark.long
 def test_responses_have_the_derivatives_of_differences():
     model = nhbm.Model(nhbm.Chain(n_masses=2, ends="free", mass=1.0, coupling_stiffness=2.0, ground_stiffness=1.0,
                                   damping_mass=0.1),

@@ -136,6 +136,7 @@ def multipliers(turn, impacts):
     return np.linalg.eigvals(product)
 
 
+@pytest.mark.long
 def test_the_period_doubles_as_shaw_and_holmes_say(tmp_path, monkeypatch):
     """S. W. Shaw and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155: orbits with one impact per period lose their stability at a
     flip, followed by those with two impacts in two periods; multipliers on both sides are those of the maps between impacts."""
@@ -249,7 +250,9 @@ def test_a_curve_locates_the_flip_of_shaw_and_holmes(tmp_path):
     assert [stable for _, _, stable, *_ in found] == [1] * place + [0] + [-1] * (len(found) - place - 1)
 
 
-@pytest.mark.parametrize("parameter", ["law(1)%gap", "law(1)%restitution", "load(1)%cos"])
+@pytest.mark.parametrize(
+    "parameter", ["load(1)%cos", *(pytest.param(f"law(1)%{key}", marks=pytest.mark.long) for key in ("gap", "restitution"))]
+)
 def test_a_curve_moves_what_is_no_frequency(parameter, tmp_path):
     """Its end is the motion that a point has there."""
     start, end = {"law(1)%gap": (2.0, 1.8), "law(1)%restitution": (0.7, 0.6), "load(1)%cos": (1.0, 1.1)}[parameter]
@@ -424,9 +427,8 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     assert value[place] == pytest.approx(branch, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    "order", ["&harmonics order=9 /\n", pytest.param("", marks=pytest.mark.long)], ids=["order", "tolerance"]
-)
+@pytest.mark.long  # 10 s each
+@pytest.mark.parametrize("order", ["&harmonics order=9 /\n", ""], ids=["order", "tolerance"])
 def test_unstable_motions_are_left_not_wrong(tmp_path, order):
     """Behind a flip; of a given order the coefficients are compared, and there are no disturbances to speak of."""
     (tmp_path / "case.nml").write_text(

@@ -29,6 +29,7 @@ def stop(**groups):
 
 
 @functools.cache
+@functools.cache
 def results():
     return {
         "motion": duffing().solve(order=5),
