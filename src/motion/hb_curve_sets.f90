@@ -8,7 +8,6 @@
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: work_is_over
-   use hb_curve_request, only: curve_kind
    use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -20,6 +19,7 @@ module hb_curve_sets
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
+   use hb_point_kinds, only: curve_kind
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_solver_types, only: report_t
    use hb_system, only: system_t

@@ -9,7 +9,7 @@ module hb_followed_motion
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_events, only: find_extremes, find_motion, find_stability
-   use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
+   use hb_curve_request, only: curve_request_t, located_response_t
    use hb_discretisation, only: discretisation_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
@@ -27,6 +27,7 @@ module hb_followed_motion
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
+   use hb_point_kinds, only: curve_kind
    use hb_response_slope, only: find_series_slope
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t

@@ -5,7 +5,7 @@
 module hb_motion_ridge
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_curve_request, only: curve_request_t
    use hb_curve_step, only: largest_change
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -17,6 +17,7 @@ module hb_motion_ridge
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
+   use hb_point_kinds, only: curve_kind
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: next_to_none

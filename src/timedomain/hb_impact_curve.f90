@@ -10,7 +10,7 @@ module hb_impact_curve
    use hb_cancellation, only: verdict, verdict_on_work
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
-   use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
+   use hb_curve_request, only: curve_request_t, located_response_t
    use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -31,6 +31,7 @@ module hb_impact_curve
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_solved, outcome
    use hb_point, only: solve_point
+   use hb_point_kinds, only: curve_kind
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_system, only: system_t
