@@ -360,9 +360,7 @@ contains
          point = point + 1
       end do
       if (allocated(failure)) then
-         result%status = outcome%failed
-         result%reason = reason%error
-         result%message = failure%message
+         call result%set_failure(failure)
          call keep_point(self, run, point, result, group, summary, error)
          point = point + 1
       end if
