@@ -199,7 +199,7 @@ contains
       has_slopes = self%movement%tones .or. any(self%model%system%tones%is_unknown)
       associate (model => self%model)
          if (size(model%system%laws) == 0) then
-            call fail(error, "a curve needs at least one &law; without laws use a &sweep")
+            call fail(error, "a curve needs at least one law")
             return
          end if
          coordinates = coordinates_of(model%system)
