@@ -139,7 +139,7 @@ contains
       of_interior = self%wanted%improvement_steps > 0 .or. keeps_all(self, balance)
       wide_loads = loads%in_set(balance%harmonics, set)
       if (associated(balance%cached_wide)) then
-         call balance%cached_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
+         call balance%cached_wide%borrow(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
                                      linear, error, of_interior)
       else
          call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &

@@ -56,7 +56,7 @@ module hb_accurate_motion
       logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
    contains
       procedure :: prepare => level_solver_prepare
-      procedure :: take => level_solver_take
+      procedure :: solve => level_solver_solve
    end type level_solver_t
 
    !> A motion whose set and grid are refined: the level solved last, the level it was compared with, the best level.
@@ -350,7 +350,7 @@ contains
          self%own_estimate = estimate_of_motion(self%result)
          self%own_outputs = estimates_of_outputs(self%result)
       else
-         call self%solver%take(self%next, self%n_failures == max_failures - 1, trial, failure)
+         call self%solver%solve(self%next, self%n_failures == max_failures - 1, trial, failure)
          is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status) .and. .not. self%solver%is_out_of_work
          self%is_ended = has_ended(trial)
          if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
@@ -510,7 +510,7 @@ contains
             self%solver%level_options%may_integrate = options%may_integrate .and. &
                (options%start%from_integration .or. any(system%tones%is_unknown) .or. .not. options%accuracy%grows_set)
          end if
-         call self%solver%take(top, .true., result, failure)
+         call self%solver%solve(top, .true., result, failure)
          self%solver%level_options%may_integrate = .false.
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          result%charged = self%solver%charged
@@ -582,7 +582,7 @@ contains
 
    !> Solves the model on a level, starting from its motion if it has one. Afterwards the level contains a motion if
    !> the solution succeeded.
-   subroutine level_solver_take(self, level, with_fallback, result, error)
+   subroutine level_solver_solve(self, level, with_fallback, result, error)
       class(level_solver_t), intent(inout) :: self
       type(level_t), intent(inout) :: level
       logical, intent(in) :: with_fallback
@@ -613,7 +613,7 @@ contains
          call with_caution(self%system, result)
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
-   end subroutine level_solver_take
+   end subroutine level_solver_solve
 
    !> Ends a level that its limit of work has interrupted: without a motion, or with one whose error is not known.
    subroutine end_level(result, error, has_motion)

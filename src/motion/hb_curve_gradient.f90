@@ -11,10 +11,10 @@ module hb_curve_gradient
    use hb_error, only: error_t
    use hb_event_location, only: bifurcation_event_t, response_event_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
-   use hb_gradient, only: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
+   use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, keep_slope, zero_gradient
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_level, only: carry, level_t
+   use hb_level, only: level_t, transferred
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number
    use hb_motion_result, only: gradient_t, motion_result_t
@@ -70,7 +70,7 @@ contains
             located%point = point
             call located%differentiate(curve%level, result%gradient, error)
             if (.not. allocated(result%gradient%coefficients)) return
-            call refine(located, problem%model%system, problem%model%options, curve%level, result%gradient)
+            call differentiate_to_tolerance(located, problem%model%system, problem%model%options, curve%level, result%gradient)
             if (has_jumping_slopes(problem%model%system)) call average_position(located, result%gradient)
          else if (curve_kinds(point%kind)%by == located_by%nothing) then  ! at the others there may be none
             unknowns = [point%x(:problem%n_unknowns), problem%omega]
@@ -165,8 +165,8 @@ contains
       if (.not. allocated(error)) call there%put_on(level, error)
       if (.not. allocated(error)) then
          associate (from => self%curve%level%set, n_further => size(there%problem%which))
-            x = carry(from, level%set, self%point%x, n_further)
-            call there%make_curve(x, carry(from, level%set, self%curve%curve%direction, n_further))
+            x = transferred(from, level%set, self%point%x, n_further)
+            call there%make_curve(x, transferred(from, level%set, self%curve%curve%direction, n_further))
          end associate
          call make_event(there, self%point, event)
          call find_zero(there, event, x, is_found)

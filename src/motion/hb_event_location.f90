@@ -7,7 +7,7 @@ module hb_event_location
    use hb_curve_request, only: located_response_t
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
-   use hb_level, only: carry
+   use hb_level, only: transferred
    use hb_point_kinds, only: curve_kind
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, max_multipliers, stability_method, stability_t
    use hb_thresholds, only: agreement, clearly, faint, minor, next_to_none, rounding, sharp
@@ -428,7 +428,7 @@ contains
       associate (curve => self%curve, units => self%curve%units)
          do k = 1, size(self%origins)
             if (k == self%branch .or. self%origins(k)%is_apart) cycle
-            x = carry(self%origins(k)%level%set, self%level%set, self%origins(k)%x, size(self%problem%which))
+            x = transferred(self%origins(k)%level%set, self%level%set, self%origins(k)%x, size(self%problem%which))
             associate (gap => (x - curve%last_x)/units, direction => curve%last_direction/units)
                position = dot_product(gap, direction)/norm2(direction)
                if (position <= 0.0_wp .or. position > curve%last_step) cycle

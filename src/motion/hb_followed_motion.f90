@@ -16,7 +16,7 @@ module hb_followed_motion
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_level, only: carry, estimate_of, level_t, put_on_level, with_caution
+   use hb_level, only: estimate_of, level_t, put_on_level, transferred, with_caution
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
@@ -635,8 +635,8 @@ contains
       class(followed_motion_t), intent(inout) :: self
 
       associate (branch_start => self%branch_start, n => size(self%problem%which))
-         self%start%x = carry(branch_start%level%set, self%level%set, branch_start%x, n)
-         self%start%direction = carry(branch_start%level%set, self%level%set, branch_start%direction, n)
+         self%start%x = transferred(branch_start%level%set, self%level%set, branch_start%x, n)
+         self%start%direction = transferred(branch_start%level%set, self%level%set, branch_start%direction, n)
       end associate
    end subroutine followed_motion_transfer_start
 

@@ -56,7 +56,7 @@ module hb_motion_curve
       procedure :: search_for => motion_curve_search_for
       procedure :: measure => motion_curve_measure
       procedure :: start_branch => motion_curve_start_branch
-      procedure :: go
+      procedure :: make_step
       procedure :: pack => motion_curve_pack
       procedure :: prepare => motion_curve_prepare
       procedure :: report_start => motion_curve_report_start
@@ -488,7 +488,7 @@ contains
          if (self%n_unreliable >= max_unreliable) then
             self%curve%status = outcome%out_of_budget
          else
-            call self%go(error)
+            call self%make_step(error)
          end if
          if (allocated(error)) return
       end if
@@ -539,7 +539,7 @@ contains
 
       is_found = .false.
       do n_steps = 1, nearby_steps
-         call self%go(error)
+         call self%make_step(error)
          if (allocated(error) .or. self%curve%status /= outcome%pending) return
          i = findloc(self%waiting%kind, kind, dim=1)
          is_found = i > 0
@@ -552,7 +552,7 @@ contains
    end subroutine motion_curve_search_for
 
    !> Performs one step, to the tolerance if one is requested.
-   subroutine go(self, error)
+   subroutine make_step(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
 
@@ -563,7 +563,7 @@ contains
       end if
       if (allocated(error) .or. self%curve%status /= outcome%pending .or. work_is_over()) return
       call drop_doubtful(self, error)
-   end subroutine go
+   end subroutine make_step
 
    !> Computes the result of one of the waiting points.
    subroutine report(self, i, result, error)

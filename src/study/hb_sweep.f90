@@ -227,7 +227,7 @@ contains
          number = run%counter%next(cursor%counter, n)
          run%times%n_draws = run%times%n_draws + 1
          run%times%drawing = run%times%drawing + wall_clock() - waited
-         call run%schedule%take(cursor, number, n, first, last)
+         call run%schedule%block_of(cursor, number, n, first, last)
          waited = wall_clock()
          do i = first, last
             call run_unit(self, run, i, cursor%counter, summary, error)
