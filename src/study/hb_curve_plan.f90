@@ -7,8 +7,9 @@ module hb_curve_plan
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_model, only: model_t
+   use hb_model_number, only: moving_groups
    use hb_model_problem, only: moving_value_t
-   use hb_model_reader, only: find_number, moving_groups
+   use hb_model_reader, only: find_number, movable_groups
    use hb_movement, only: movement_t, new_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome
@@ -22,8 +23,6 @@ module hb_curve_plan
    implicit none
    private
    public :: curve_plan_t, read_curve_plan
-
-   character(*), parameter :: movable = "&structure, &tones, &load, &law, &bearing or &dynamic_stiffness" !! `moving_groups`
 
    !> Names of responses.
    type :: names_t
@@ -177,7 +176,7 @@ contains
          call document%resolve(self%over_path, self%over_parameter, error)
          if (.not. allocated(error)) then
             if (.not. any(moving_groups == document%groups%holders(self%over_parameter%i_group)%group%name)) then
-               call fail(error, "a curve follows a number of "//movable)
+               call fail(error, "a curve follows a number of "//trim(movable_groups()))
             else if (document%n_tones_of(self%over_parameter) > 1) then
                call fail(error, "specify the tone that moves, such as '"//trim(lower(self%over_path))//"(1)'")
             end if
@@ -190,7 +189,7 @@ contains
       associate (name => document%groups%holders(self%parameter%i_group)%group%name)
          if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
             call fail(error, self%location//": parameter '"//shown(self%path)// &
-                      "': a curve follows a number of "//movable//", or of &normal_mode; give others to &sweep")
+                      "': a curve follows a number of "//trim(movable_groups())//", or of &normal_mode; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%location//": tie: 'ratio' is for the frequency of a tone")
       end associate
