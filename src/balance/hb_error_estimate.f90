@@ -32,7 +32,7 @@ module hb_error_estimate
    use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
    private
-   public :: error_estimate_t, estimate_error, estimate_linear_error, choose_wider_set, finer_samples, near_commensurate, &
+   public :: choose_wider_set, error_estimate_t, estimate_error, estimate_linear_error, finer_samples, near_commensurate, &
       wanted_motions_t
    public :: wider_orders
 

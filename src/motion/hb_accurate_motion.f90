@@ -513,7 +513,7 @@ contains
          call self%solver%solve(top, .true., result, failure)
          self%solver%level_options%may_integrate = .false.
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
-         result%charged = self%solver%charged
+         result%work_spent = self%solver%work_spent
          if (allocated(top%unknowns) .or. has_ended(result)) return
          if (rule%discretisation == set_choice%neighbour) return  ! its error is none of the point
          if (allocated(failure)) call move_alloc(failure, self%error)
@@ -599,11 +599,11 @@ contains
          solver%patience = merge(0, patience, with_fallback)
          solver%fallback_work = min(options%solver%fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
-         call limit%enter(huge(1.0_wp), max(options%max_work() - self%charged, &
+         call limit%enter(huge(1.0_wp), max(options%max_work() - self%work_spent, &
                                             merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
          call solve_system(self%system, self%here, self%level_options, result, error, first_guess, found)
          call limit%leave()
-         result%charged = limit%budget%spent
+         result%work_spent = limit%budget%spent
          self%is_out_of_work = limit%verdict == verdict%out_of_work
          if (self%is_out_of_work) call end_level(result, error, allocated(found))
          result%n_levels = 1
@@ -635,7 +635,7 @@ contains
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
             result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0) &
-            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%charged, result)
+            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%work_spent, result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set

@@ -45,7 +45,7 @@ module hb_motion_result
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
       real(wp) :: work = 0.0_wp                         !! of the solver and of time integration, see hb_solver_types
-      real(wp) :: charged = 0.0_wp                      !! of levels, everything included, see hb_cancellation
+      real(wp) :: work_spent = 0.0_wp                   !! of levels, everything included, see hb_cancellation
       integer :: n_levels = 0 !! sets solved until the tolerance was satisfied, hb_accurate_motion; 0: a given one
       integer :: fallback = 0                           !! methods that the solver needed, hb_solver_types
       real(wp) :: setup_seconds = 0.0_wp                !! wall time of dynamic stiffness, plans, first guess
@@ -112,7 +112,7 @@ contains
       self%iterations = self%iterations + other%iterations
       self%evaluations = self%evaluations + other%evaluations
       self%work = self%work + other%work
-      self%charged = self%charged + other%charged
+      self%work_spent = self%work_spent + other%work_spent
       self%n_levels = self%n_levels + other%n_levels
       self%fallback = max(self%fallback, other%fallback)
       self%setup_seconds = self%setup_seconds + other%setup_seconds

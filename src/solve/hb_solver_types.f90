@@ -6,7 +6,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_rule_t, attempt_t, set_choice, fallback, fallback_names, fallback_texts, largest_affordable, method
+   public :: attempt_rule_t, attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, set_choice
    public :: report_t, share_of_solver, solver_config_t, stage, starting_point, technique, unit_of_work
 
    type :: method_t

@@ -21,7 +21,7 @@ module hb_monodromy
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
-   public :: min_instants, find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   public :: find_monodromy, find_transfer, min_instants, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
 
    integer, parameter :: min_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
