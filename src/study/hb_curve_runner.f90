@@ -75,6 +75,7 @@ contains
       self%has_begun = .true.
    end subroutine curve_runner_continue_from
 
+   !> Whether there is a curve that may have points.
    pure logical function curve_runner_is_prepared(self) result(is_prepared)
       class(curve_runner_t), intent(in) :: self
 
