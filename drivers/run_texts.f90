@@ -1,10 +1,11 @@
 !> Texts of the command about a run: its points, the time of its ranks, and the located points of its curves.
 module run_texts
-   use hb_curve_request, only: curve_kind, curve_kind_names, curve_request_t
+   use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text, reason
+   use hb_point_kinds, only: curve_kind, curve_kind_names, curve_kinds
    use hb_results_layout, only: rank_times_t, times_of_row
    use hb_results_record, only: message_of
    use hb_run_summary, only: has_answer, number_answered, run_summary_t
@@ -196,9 +197,6 @@ contains
       integer, intent(out) :: n_gaps
       integer, intent(out) :: first                                   !! point at the end of the first such step; 0: none
       integer, parameter :: steps(2) = [curve_kind%regular, curve_kind%start]
-      integer, parameter :: reasons(6) = [curve_kind%fold, curve_kind%branch, curve_kind%period_doubling, &
-                                          curve_kind%neimark_sacker, curve_kind%symmetry_breaking, &
-                                          curve_kind%grazing]
       integer, allocatable :: along(:), at(:), rows(:)
       integer :: b, i, k, last, row
 
@@ -217,7 +215,7 @@ contains
                if (last > 0) then
                   associate (near => kind(along(at(max(1, last - 1)):at(min(size(at), k + 1)))))
                      if (n_unstable(along(at(last))) /= n_unstable(along(at(k))) .and. &
-                         .not. any([(any(reasons == near(i)), i=1, size(near))])) then
+                         .not. any(curve_kinds(near)%is_bifurcation .or. near == curve_kind%grazing)) then
                         n_gaps = n_gaps + 1
                         if (first == 0) first = along(at(k))
                      end if

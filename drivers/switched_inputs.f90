@@ -5,8 +5,6 @@
 !> its origin: an ordinary input, whose run has its own result file. At a graze multipliers jump, and the motion there
 !> does not determine the other motions: these are found by time integration, slightly beyond the graze.
 module switched_inputs
-   use hb_curve_plan, only: keys_of_responses
-   use hb_curve_request, only: curve_kind
    use hb_curve_table, only: leaving_t
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
@@ -14,6 +12,7 @@ module switched_inputs
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
+   use hb_point_kinds, only: curve_kind, response_keys
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
    use hb_study, only: study_t
@@ -77,9 +76,9 @@ contains
       call add_samples_and_tuples(document, is_torus, overrides)
       if (is_torus .and. index(plan%curve%path, "(") == 0 .and. index(plan%curve%path, "tones%") == 1) &
          call add(overrides, "curve%parameter", quote(plan%curve%path//"(1)"))
-      do k = 1, size(keys_of_responses)
+      do k = 1, size(response_keys)
          associate (names => plan%curve%responses_of(k)%names)
-            if (size(names) > 0) call add(overrides, "curve%"//trim(keys_of_responses(k)), responses_text(names, is_torus))
+            if (size(names) > 0) call add(overrides, "curve%"//trim(response_keys(k)), responses_text(names, is_torus))
          end associate
       end do
       if (from%kind == curve_kind%grazing) then

@@ -4,7 +4,6 @@ module verb_solve
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
    use explanation, only: status_lines
-   use hb_curve_request, only: curve_kind
    use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
    use hb_file_location, only: check_source
@@ -17,6 +16,7 @@ module verb_solve
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_outcome, only: outcome
+   use hb_point_kinds, only: curve_kind
    use hb_progress, only: log_level
    use hb_results_record, only: numbers_of, read_record, record_t
    use hb_run_summary, only: number_answered, number_solved, run_summary_t

@@ -94,24 +94,6 @@ def test_line_styles_have_one_meaning(tmp_path):
     assert {line.get_linestyle() for line in curves} == {"-"} and len({line.get_color() for line in curves}) == 3
 
 
-def test_marks_are_those_of_the_python_package_and_of_the_page():
-    import re
-    from importlib.resources import files
-
-    from nhbm.pictures import _MARKS
-
-    from nhbm_post.draw.response import _SPECIAL, _WORDS
-
-    ours = {kind: (_WORDS.get(kind, (kind,))[0], look["marker"]) for kind, look in _SPECIAL.items()}
-    assert _MARKS == ours
-    page = files("nhbm_post").joinpath("page.html").read_text(encoding="utf-8")
-    shapes = {"o": "circle", "^": "up", "v": "down", "D": "diamond", "s": "square", "h": "hexagon", "p": "pentagon",
-              "<": "left", ">": "right", "8": "octagon"}  # fmt: skip
-    events = re.search(r"const EVENTS = \{(.*?)\};", page, re.DOTALL)[1]
-    on_page = {kind: (words, shape) for kind, shape, words in re.findall(r'(\w+): \["(\w+)", "([^"]+)"\]', events)}
-    assert on_page == {kind: (words, shapes[marker]) for kind, (words, marker) in ours.items()}
-
-
 def test_paper_has_its_width_and_no_heading(tmp_path):
     path = response(tmp_path / "a.h5")
     with Results(path) as results, appearance(is_paper=True):

@@ -10,12 +10,22 @@ from nhbm_post.cli import main
 from nhbm_post.draw import draw_response
 from nhbm_post.draw.jumps import jumps_at_folds
 from nhbm_post.measure import Measure
+from nhbm_post.page import page_data
 from nhbm_post.report import info
 
 KINDS = (
     "none regular start fold peak value end branch period_doubling neimark_sacker symmetry_breaking grazing minimum amplitude "
     "resonance"
 )
+DESCRIPTION = {
+    "flag_meanings": KINDS,
+    "flag_labels": "none, regular, start, fold, peak, value, end, branch point, period doubling, Neimark-Sacker point, "
+    "change of stability, grazing point, minimum, given amplitude, phase resonance",
+    "flag_plurals": "none, regular, start, folds, peaks, value, end, branch points, period doublings, Neimark-Sacker points, "
+    "changes of stability, grazing points, minima, given amplitudes, phase resonances",
+    "flag_marks": "none none none circle up none none diamond square hexagon pentagon down left right octagon",
+    "bifurcations": "fold branch period_doubling neimark_sacker symmetry_breaking",
+}
 START, REGULAR, FOLD, PEAK, END = 2, 1, 3, 4, 6
 CONVERGED, UNUSED = 1, 17
 # An S: up to the fold at 3, back to that at 2, up again. Two rows are not used.
@@ -39,7 +49,7 @@ def curve_file(path, n_curves=1, stability=STABLE, value=VALUE, length=None):
     with h5py.File(path, "r+") as file:
         file["tones_frequency"].attrs["moves_along"] = "curve"
         file["curve_kind"] = np.tile(np.asarray(KIND, np.int32), n_curves)
-        file["curve_kind"].attrs["flag_meanings"] = KINDS
+        file["curve_kind"].attrs.update(DESCRIPTION)
         file["curve_length"] = np.tile(np.arange(n) * 1.0 if length is None else length, n_curves)
         if stability is not None:
             file["is_stable"] = np.tile(np.asarray(stability, np.int32), n_curves)
@@ -151,12 +161,27 @@ def test_arrows_lead_from_folds_to_where_a_sweep_jumps(tmp_path):
         assert arrows(draw_response(results, measure=Measure("harmonic", (1,))))[0] == ((3.0, 3.0), (3.0, 2.0))
 
 
+def test_a_kind_that_only_the_file_describes_is_drawn(tmp_path):
+    """A new event of the program needs no change of the pictures: names and marks are attributes of the column."""
+    path = curve_file(tmp_path / "new.h5")
+    with h5py.File(path, "r+") as file:
+        column = file["curve_kind"]
+        column[3] = 15
+        more = {"flag_meanings": " cusp", "flag_labels": ", cusp", "flag_plurals": ", cusps", "flag_marks": " pentagon"}
+        column.attrs.update({name: column.attrs[name] + text for name, text in more.items()})
+    with Results(path) as results:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)))
+        data = page_data(results)[0]
+    assert [line.get_marker() for line in lines(fig, "cusp")] == ["p"] and "1 cusp" in legend_of(fig)
+    assert data["events"]["cusp"] == ["pentagon", "cusp", "cusps"] and "cusp" in data["points"]["kind"]
+
+
 def test_a_fold_beside_a_graze_has_its_jump():
     """The response of a stop turns back where it first touches: fold, graze and what is known lie in a row."""
     x = np.array([1.0, 2.0, 3.0, 2.5, 2.0, 2.01, 2.5, 3.5])
     y = np.array([3.0, 4.0, 6.0, 4.0, 2.1, 2.0, 1.0, 0.5])
     kind = np.array(["start", "regular", "fold", "regular", "fold", "grazing", "regular", "end"])
-    found = jumps_at_folds(x, y, kind, np.array([1, 1, 0, -1, 0, 0, 1, 1]))
+    found = jumps_at_folds(x, y, kind, np.array([1, 1, 0, -1, 0, 0, 1, 1]), ["fold"])
     assert found == [(3.0, 6.0, 0.75), (2.0, 2.1, 4.0)]
 
 

@@ -18,7 +18,7 @@ module hb_c_model
    !> struct nhbm_model: a session with the texts passed to C.
    type :: handle_t
       type(session_t) :: session
-      character(c_char), allocatable :: text(:), unit(:), axes(:), long_name(:), dof_units(:), flags(:)
+      character(c_char), allocatable :: text(:), unit(:), axes(:), long_name(:), dof_units(:), flags(:), attributes(:)
       real(wp), allocatable :: frequencies(:)
    end type handle_t
 

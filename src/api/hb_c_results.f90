@@ -28,6 +28,7 @@ module hb_c_results
       type(c_ptr) :: long_name
       type(c_ptr) :: dof_units
       type(c_ptr) :: flag_meanings
+      type(c_ptr) :: attributes
       integer(c_int) :: lowest_flag
       integer(c_int) :: kind
    end type c_description_t
@@ -223,6 +224,7 @@ contains
       description%long_name = c_loc(empty_text)
       description%dof_units = c_loc(empty_text)
       description%flag_meanings = c_loc(empty_text)
+      description%attributes = c_loc(empty_text)
       description%lowest_flag = 0_c_int
       description%kind = int(column_kind%unknown, c_int)
    end subroutine clear_description
@@ -238,12 +240,13 @@ contains
          description%long_name = address_of_text(found%long_name, handle%long_name)
          description%dof_units = address_of_text(found%dof_units, handle%dof_units)
          description%flag_meanings = address_of_text(found%flags, handle%flags)
+         description%attributes = address_of_text(found%attributes, handle%attributes)
          description%lowest_flag = int(found%lowest_flag, c_int)
          description%kind = int(found%kind_of_values, c_int)
       end associate
       status = c_status%success
       if (c_associated(description%long_name) .and. c_associated(description%dof_units) .and. &
-          c_associated(description%flag_meanings)) return
+          c_associated(description%flag_meanings) .and. c_associated(description%attributes)) return
       call clear_description(address)
       call set_last_error("nhbm_describe_column: memory is insufficient")
       status = c_status%out_of_memory

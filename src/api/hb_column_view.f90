@@ -21,6 +21,7 @@ module hb_column_view
    type, extends(columns_t) :: column_view_t
       character(:), allocatable :: name                               !! requested; empty: all names are listed
       logical :: is_found
+      logical, private :: is_last                                     ! it was visited last
       integer :: kind
       real(wp), allocatable :: reals(:)
       integer, allocatable :: integers(:)
@@ -30,6 +31,7 @@ module hb_column_view
       character(:), allocatable :: dof_units                          !! of each degree of freedom along it, separated by blanks
       character(:), allocatable :: flags                              !! names of its values, from `lowest_flag`, likewise
       integer :: lowest_flag
+      character(:), allocatable :: attributes                         !! further ones, each "name = text" and a newline
       integer :: kind_of_values                                       !! also of values that are not known
       ! For columns along degrees of freedom: the units of these by the name of the axis
       character(16), allocatable :: units_of_dof(:), units_of_law_dof(:), units_of_state_dof(:)
@@ -39,6 +41,7 @@ module hb_column_view
       procedure :: find => column_view_find
       procedure :: refuse_unknown => column_view_refuse_unknown
       procedure :: integer => column_view_integer
+      procedure :: attribute => column_view_attribute
       procedure :: real => column_view_real
       procedure :: text => column_view_text
    end type column_view_t
@@ -53,6 +56,7 @@ contains
       self%name = name
       self%names = ""
       self%is_found = .false.
+      self%is_last = .false.
       self%is_there = .true.
       self%is_known = .true.
       self%kind = column_kind%unknown
@@ -63,6 +67,8 @@ contains
       self%dof_units = ""
       self%flags = ""
       self%lowest_flag = 0
+      self%attributes = ""
+      self%describes = .true.
       self%kind_of_values = column_kind%real
    end subroutine column_view_begin
 
@@ -113,6 +119,7 @@ contains
       if (len(self%names) > 0) self%names = self%names//" "
       self%names = self%names//name
       is_requested = name == self%name
+      self%is_last = is_requested
       if (.not. is_requested) return
       self%is_found = .true.
       self%axes = axes
@@ -128,6 +135,14 @@ contains
       call find_shared_unit(units, dof_units, self%units, list)
       if (allocated(list)) self%dof_units = list
    end function is_requested
+
+   !> An attribute of the column that was visited last.
+   subroutine column_view_attribute(self, name, text)
+      class(column_view_t), intent(inout) :: self
+      character(*), intent(in) :: name, text
+
+      if (self%is_last) self%attributes = self%attributes//name//" = "//text//new_line("a")
+   end subroutine column_view_attribute
 
    subroutine column_view_integer(self, name, units, axes, long_name, values, flags, lowest)
       class(column_view_t), intent(inout) :: self

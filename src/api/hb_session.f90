@@ -11,13 +11,12 @@ module hb_session
    use hb_clock, only: wall_clock
    use hb_column_view, only: column_view_t
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
-   use hb_curve_request, only: curve_request_t, usual_points
+   use hb_curve_request, only: usual_points
+   use hb_curve_runner, only: curve_runner_t
    use hb_document, only: document_t, new_document, parameter_t
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
-   use hb_gradient, only: find_gradient
    use hb_idle_laws, only: idle_laws_t
-   use hb_impact_curve, only: new_curve_of
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -29,7 +28,6 @@ module hb_session
    use hb_model_reader, only: group_names, read_model, update_model
    use hb_model_tones, only: read_tones
    use hb_model_warnings, only: describe_warnings
-   use hb_motion_curve, only: motion_curve_t
    use hb_motion_doubt, only: describe_doubt
    use hb_motion_result, only: motion_result_t
    use hb_movement, only: follow_frequencies
@@ -37,9 +35,9 @@ module hb_session
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
    use hb_options, only: callbacks_t
-   use hb_outcome, only: is_solved, outcome, reason
+   use hb_outcome, only: is_solved, outcome
    use hb_parameter_path, only: identifier
-   use hb_point, only: solve_point
+   use hb_point_runner, only: run_model
    use hb_properties, only: properties_t
    use hb_record_columns, only: record_columns, verdict_columns
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
@@ -107,9 +105,7 @@ module hb_session
       type(neighbour_t), private :: neighbour
       type(cached_linear_parts_t), private :: cached
       type(curve_plan_t), private :: plan
-      type(curve_request_t), private :: request
-      class(motion_curve_t), allocatable, private :: curve
-      logical, private :: has_begun = .false.                         ! the curve
+      type(curve_runner_t), private :: runner                         ! of the curve
       logical, private :: has_verdict = .false.
       logical, private :: is_present = .false.                        ! the motion was computed with the present values
       integer, private :: n_sharing = -1                              ! `n_points` for which the callbacks were set
@@ -437,8 +433,7 @@ contains
       logical, intent(in) :: is_warm
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: failure
-      type(level_t) :: before, level
-      real(wp), allocatable :: start(:)
+      type(level_t) :: level
       real(wp) :: started
       real(wp), parameter :: here = 0.0_wp                            ! neighbours are not distinguished by a value
 
@@ -451,24 +446,12 @@ contains
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
       self%model%options%chain%is_on = is_warm
-      call begin_work(self, self%model%options%solver%time_limit)
-      if (self%model%options%accuracy%is_on) then
-         call self%neighbour%predict_level(here, self%model%options, before)
-      else if (is_warm) then
-         call self%neighbour%predict(here, self%model%discretisation%harmonics, .false., start)
-      end if
-      call solve_point(self%model, self%result, failure, level, before, start, self%cached)
-      if (.not. allocated(failure)) &
-         call find_gradient(self%model%system, self%model%discretisation, self%model%options, level, level%unknowns, self%result)
+      call begin_work(self)
+      call self%cancellation%enter(self%model%options%solver%time_limit)
+      call run_model(self%model, here, self%neighbour, self%cached, self%result, level, failure)
       call self%cancellation%leave()
-      call self%neighbour%forget()
-      if (allocated(failure)) then
-         self%result%status = outcome%failed
-         self%result%reason = reason%error
-         self%result%message = failure%message
-      else if (allocated(level%unknowns)) then
-         call self%neighbour%keep(here, level)
-      end if
+      call self%neighbour%forget()                                    ! the last motion alone is a neighbour
+      if (.not. allocated(failure) .and. allocated(level%unknowns)) call self%neighbour%keep(here, level)
       if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted
       self%result%solve_seconds = wall_clock() - started
       call complete_result(self)
@@ -494,40 +477,26 @@ contains
       call self%plan%set(self%document, self%plan%start)
       call share_time(self, min(self%plan%n_points, usual_points))
       call self%update(error)
-      if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%request, error)
+      if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%runner%request, error)
       if (allocated(error)) return
       self%result = motion_result_t()
-      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
+      self%runner%model = self%model
+      call self%runner%prepare()
       self%has_curve = .true.
-      self%has_begun = .false.
    end subroutine session_curve_begin
 
    !> Makes the next point of the curve the result; `has_curve` is false if it was the last. An error ends the curve.
    subroutine session_curve_next(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: limit
 
       if (.not. self%has_curve) then
          call fail(error, "the curve has no further point")
          return
       end if
-      limit = self%model%options%solver%time_limit
-      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
-      call begin_work(self, limit)
-      if (self%has_begun) then
-         call self%curve%next(self%result, error)
-      else
-         call self%curve%begin(self%model, self%request, self%result, error)
-      end if
-      call self%cancellation%leave()
-      self%has_begun = .true.
-      self%has_curve = .not. (allocated(error) .or. self%curve%is_done)
-      if (self%cancellation%verdict == verdict%interrupted) then
-         self%result%status = outcome%interrupted
-         self%has_curve = .false.
-         if (allocated(error)) deallocate (error)
-      end if
+      call begin_work(self)
+      call self%runner%next(self%cancellation, self%result, error)
+      self%has_curve = .not. (self%runner%is_done .or. self%result%status == outcome%interrupted)
       call complete_result(self)
    end subroutine session_curve_next
 
@@ -544,7 +513,8 @@ contains
          call fail(error, "&integration: continue: result files are not read here")
       if (allocated(error)) return
       allocate (self%record)
-      call begin_work(self, huge(1.0_wp))
+      call begin_work(self)
+      call self%cancellation%enter(huge(1.0_wp))
       call integrate_model(self%record, self%model%system, self%model%discretisation, self%model%options, error)
       call self%cancellation%leave()
       if (allocated(error)) deallocate (self%record)
@@ -618,7 +588,8 @@ contains
       claim%is_unstable = motion%stability%n_unstable > 0
       claim%is_averaged = any(motion%status == [outcome%integrated, outcome%multiple_attractors]) &
          .and. .not. model%options%accuracy%grows_set
-      call begin_work(self, huge(1.0_wp))
+      call begin_work(self)
+      call self%cancellation%enter(huge(1.0_wp))
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
@@ -636,7 +607,7 @@ contains
    logical function session_has_begun_curve(self) result(has_begun)
       class(session_t), intent(in) :: self
 
-      has_begun = allocated(self%curve)
+      has_begun = self%runner%is_prepared()
    end function session_has_begun_curve
 
    !> Whether there are results of `integrate` or `verify`.
@@ -734,15 +705,13 @@ contains
       self%n_sharing = n_points
    end subroutine share_time
 
-   !> Enters the cancellation. An earlier end does not affect it.
-   subroutine begin_work(self, time_limit)
-      class(session_t), intent(inout), target :: self
-      real(wp), intent(in) :: time_limit                              !! processor time [s], huge() for no limit
+   !> Begins work that the program can end. An earlier end does not affect it.
+   subroutine begin_work(self)
+      class(session_t), intent(inout) :: self
 
       self%cancellation%verdict = verdict%go_on
       self%cancellation%progress = progress_t()
       self%cancellation%began = wall_clock()
-      call self%cancellation%enter(time_limit)
    end subroutine begin_work
 
    !> Fails if there is no input.
@@ -793,10 +762,7 @@ contains
    subroutine end_curve(self)
       class(session_t), intent(inout) :: self
 
-      if (allocated(self%curve)) then
-         call self%curve%destroy()
-         deallocate (self%curve)
-      end if
+      call self%runner%destroy()
       self%has_curve = .false.
    end subroutine end_curve
 

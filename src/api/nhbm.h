@@ -319,6 +319,7 @@ typedef struct nhbm_column_description {
    const char *dof_units;     /* for columns along degrees of freedom: the unit at each, separated by blanks; else empty. If they
                                * differ, `unit` of the column is "see dof_units" */
    const char *flag_meanings; /* names of the values lowest_flag, lowest_flag + 1, ..., separated by blanks; empty: numbers */
+   const char *attributes;    /* further attributes, one per line: "name = text" */
    int lowest_flag;
    int kind;                  /* of its values, also if they are not known: NHBM_REAL or NHBM_INTEGER */
 } nhbm_column_description;

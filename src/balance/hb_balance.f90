@@ -13,7 +13,7 @@
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_factors, only: block_factors_t
-   use hb_cancellation, only: charge_work
+   use hb_cancellation, only: spend_work
    use hb_dense_tangent, only: dense_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
@@ -388,7 +388,7 @@ contains
    end subroutine balance_replace_laws
 
    !> Work of a residual and a tangent (see `unit_of_work`): transforms and laws by samples, laws with memory by steps
-   !> for each unknown, factors by multiplications. `work_of_pass` is charged for each residual and product.
+   !> for each unknown, factors by multiplications. `work_of_pass` is spent on each residual and product.
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
@@ -417,7 +417,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: r(:)
 
-      call charge_work(self%work_of_pass)
+      call spend_work(self%work_of_pass)
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
 
@@ -489,7 +489,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: product(:)
 
-      call charge_work(self%work_of_pass)
+      call spend_work(self%work_of_pass)
       call apply_tangent_to(self, x, product)
    end subroutine balance_apply_tangent
 
@@ -513,7 +513,7 @@ contains
       real(wp), intent(out), contiguous :: jacobian(:, :)
 
       call balance_tangent_of(self, x, jacobian)
-      call charge_work(self%tangent_work)
+      call spend_work(self%tangent_work)
    end subroutine balance_tangent
 
    subroutine balance_tangent_of(self, u, jacobian)

@@ -10,7 +10,7 @@ contains
    module procedure balance_update_preconditioner
       integer :: i
 
-      call charge_work(self%preconditioner_work*8.0_wp**level)
+      call spend_work(self%preconditioner_work*8.0_wp**level)
       associate (n => self%harmonics%n_coefficients)
          call self%preconditioner%update(self%stiffness, self%law_set, self%frequencies, &
                                          [(self%r_scale(1 + (i - 1)*n)/self%x_scale(1 + (i - 1)*n), i=1, self%n_dofs)], &
@@ -20,7 +20,7 @@ contains
 
    module procedure balance_precondition
 
-      call charge_work(self%preconditioner%work_of_solution())
+      call spend_work(self%preconditioner%work_of_solution())
       call self%preconditioner%apply(self%harmonics, r, step)
    end procedure balance_precondition
 

@@ -32,7 +32,7 @@ module hb_error_estimate
    use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
    private
-   public :: error_estimate_t, estimate_error, estimate_linear_error, choose_wider_set, finer_samples, near_commensurate, &
+   public :: choose_wider_set, error_estimate_t, estimate_error, estimate_linear_error, finer_samples, near_commensurate, &
       wanted_motions_t
    public :: wider_orders
 
@@ -140,7 +140,7 @@ contains
       of_interior = self%wanted%improvement_steps > 0 .or. keeps_all(self, balance)
       wide_loads = loads%in_set(balance%harmonics, set)
       if (associated(balance%cached_wide)) then
-         call balance%cached_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
+         call balance%cached_wide%borrow(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
                                      linear, error, of_interior)
       else
          call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &

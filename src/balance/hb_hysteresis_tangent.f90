@@ -157,7 +157,7 @@ contains
             end do
          end do
          if (round /= memory%levelled_at) cycle
-         call memory%level()
+         call memory%average_first_slice()
          self%first_slice = spread(sum(self%first_slice, dim=4)/characteristic%n_slice, 4, characteristic%n_slice)
       end do
    end subroutine take_rounds

@@ -55,7 +55,7 @@ module hb_linear_part
       type(amplitudes_t), private :: loads                            ! [N]
       class(linear_part_t), allocatable, private :: linear             ! not allocated while it is in use
    contains
-      procedure :: take => cached_linear_part_take
+      procedure :: borrow => cached_linear_part_borrow
       procedure :: give_back => cached_linear_part_give_back
    end type cached_linear_part_t
 
@@ -396,7 +396,7 @@ contains
 
    !> Moves the linear part of a structure, without slopes and drives, to the caller until it is given back. Fails as
    !> `new_dynamic_stiffness` does.
-   subroutine cached_linear_part_take(self, structure, coordinates, frequencies, loads, linear, error, of_interior)
+   subroutine cached_linear_part_borrow(self, structure, coordinates, frequencies, loads, linear, error, of_interior)
       class(cached_linear_part_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
@@ -424,7 +424,7 @@ contains
       if (allocated(error)) return
       self%loads = loads
       linear%support_share = 0.0_wp
-   end subroutine cached_linear_part_take
+   end subroutine cached_linear_part_borrow
 
    !> Creates a linear part.
    subroutine make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)

@@ -78,7 +78,7 @@ contains
          self%reached = goal
          self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= rounding)
          if (any(self%damping(point) < -rounding)) then
-            call follow(self, point, is_found)
+            call remove_damping(self, point, is_found)
             return
          end if
          goal = exp(longest_growth)*goal
@@ -88,7 +88,7 @@ contains
    end subroutine follow_flow
 
    !> Lets the amplitudes follow the artificial damping until that nearly vanishes, then tries the motion without it.
-   subroutine follow(self, now, is_found)
+   subroutine remove_damping(self, now, is_found)
       type(search_t), intent(inout) :: self
       type(path_point_t), intent(inout) :: now
       logical, intent(out) :: is_found
@@ -142,7 +142,7 @@ contains
       self%report%status = outcome%stalled
       self%message = "continuation to the motion failed at amplitude "//to_text(maxval(now%amplitude))//" and damping xi/omega "// &
                      to_text(maxval(abs(self%damping(now))))
-   end subroutine follow
+   end subroutine remove_damping
 
    !> Solves at other amplitudes from the point `last`, with smaller steps if the whole one fails. `now` is the last
    !> point.

@@ -76,7 +76,7 @@ contains
          end if
          if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
          if (round == sliders%levelled_at) then
-            call sliders%level()
+            call sliders%average_first_slice()
             self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
          end if
       end do

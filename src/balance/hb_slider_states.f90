@@ -52,7 +52,7 @@ module hb_slider_states
       procedure :: load_from_rest => slider_states_load_from_rest
       procedure :: go_round => slider_states_go_round
       procedure :: find_closing => slider_states_find_closing
-      procedure :: level => slider_states_level
+      procedure :: average_first_slice => slider_states_average_first_slice
       procedure :: go_clamped_round => slider_states_go_clamped_round
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
       procedure :: mean_slope => slider_states_mean_slope
@@ -115,7 +115,7 @@ contains
          end if
          if (self%full_stick .and. characteristic%n_slice > 1 .and. self%rounds >= many_rounds .and. self%levelled_at == 0) then
             self%levelled_at = self%rounds
-            call self%level()
+            call self%average_first_slice()
          end if
       end do
    end subroutine slider_states_integration
@@ -216,11 +216,11 @@ contains
 
    !> Puts the sliders of the first slice to their mean, after a round in which all of them stuck. It sticks as well: the
    !> positions at which a slider sticks are a convex set.
-   subroutine slider_states_level(self)
+   subroutine slider_states_average_first_slice(self)
       class(slider_states_t), intent(inout) :: self
 
       self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
-   end subroutine slider_states_level
+   end subroutine slider_states_average_first_slice
 
    !> Computes `low` and `high` of all steps.
    subroutine find_clamps(self, law)

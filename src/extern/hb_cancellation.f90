@@ -1,6 +1,6 @@
 !> Cancellation: ends long work early, and receives reports of its progress.
 !>
-!> A cancellation token limits the processor time of a point, and the work that is charged to it, by operation counts. Types
+!> A cancellation token limits the processor time of a point, and the work that is spent, by operation counts. Types
 !> that extend it end a point for other reasons, such as a signal (`wants_end`), or show progress (`note_level`,
 !> `note_progress`). A decision to end holds until the next point begins, so that all work in progress ends soon; the
 !> decision to end the run is final.
@@ -13,13 +13,13 @@ module hb_cancellation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: cancellation_t, charge_work, note_level, note_progress, verdict, verdict_on_work, work_is_over
+   public :: cancellation_t, note_level, note_progress, spend_work, verdict, verdict_on_work, work_is_over
 
    type :: verdict_t
       integer :: go_on = 0
       integer :: timed_out = 1                                        !! the point has used its time
       integer :: interrupted = 2                                      !! the run ends; the point must be solved again
-      integer :: out_of_work = 3                                      !! more work was charged than permitted
+      integer :: out_of_work = 3                                      !! more work was spent than permitted
    end type verdict_t
    type(verdict_t), parameter :: verdict = verdict_t()
 
@@ -29,14 +29,14 @@ module hb_cancellation
 
    type :: cancellation_t
       integer :: verdict = verdict%go_on
-      type(budget_t) :: budget                                        !! of the work that is charged, see hb_solver_types
+      type(budget_t) :: budget                                        !! of the work that is spent, see hb_solver_types
       real(wp), private :: cpu_end = huge(1.0_wp)                     ! processor time at which the point has to end [s]
       integer, private :: n_entered = 0
       type(slot_t), private :: slot                                   ! the pointer of the thread
       type(c_ptr), private :: outer = c_null_ptr                      ! the cancellation within which this one was entered
    contains
       procedure :: begin => cancellation_begin
-      procedure :: charge => cancellation_charge
+      procedure :: spend => cancellation_spend
       procedure :: enter => cancellation_enter
       procedure :: is_over => cancellation_is_over
       procedure :: leave => cancellation_leave
@@ -63,7 +63,7 @@ contains
    subroutine cancellation_begin(self, time_limit, work_limit)
       class(cancellation_t), intent(inout) :: self
       real(wp), intent(in) :: time_limit                              !! processor time [s], huge() for no limit
-      real(wp), intent(in), optional :: work_limit                    !! of the work that is charged; default none
+      real(wp), intent(in), optional :: work_limit                    !! of the work that is spent; default none
       real(wp) :: now
 
       if (self%verdict /= verdict%interrupted) self%verdict = verdict%go_on
@@ -102,7 +102,7 @@ contains
    end subroutine cancellation_leave
 
    !> Adds work to this cancellation and to those around it.
-   recursive subroutine cancellation_charge(self, work)
+   recursive subroutine cancellation_spend(self, work)
       class(cancellation_t), intent(inout) :: self
       real(wp), intent(in) :: work
       type(slot_t), pointer :: outer
@@ -110,8 +110,8 @@ contains
       call self%budget%spend(work)
       if (.not. c_associated(self%outer)) return
       call c_f_pointer(self%outer, outer)
-      call outer%cancellation%charge(work)
-   end subroutine cancellation_charge
+      call outer%cancellation%spend(work)
+   end subroutine cancellation_spend
 
    !> Whether the point must end; `verdict` then gives the reason.
    recursive logical function cancellation_is_over(self) result(is_over)
@@ -171,7 +171,7 @@ contains
    end function work_is_over
 
    !> Charges work to the current cancellation of this thread.
-   subroutine charge_work(work)
+   subroutine spend_work(work)
       real(wp), intent(in) :: work                                    !! see hb_solver_types%unit_of_work
       type(c_ptr) :: current
       type(slot_t), pointer :: slot
@@ -179,8 +179,8 @@ contains
       current = hb_current_cancellation()
       if (.not. c_associated(current)) return
       call c_f_pointer(current, slot)
-      call slot%cancellation%charge(work)
-   end subroutine charge_work
+      call slot%cancellation%spend(work)
+   end subroutine spend_work
 
    !> Reports a solved level of adaptive refinement to the current cancellation of this thread.
    subroutine note_level(level, n_unknowns, estimate)

@@ -168,16 +168,16 @@ contains
       do i = 1, size(parts)
          associate (part => parts(i)%value)
             middle = index(part, " to ")
-            call take(part, ">= ", limits%minimum)
-            call take(part, "> ", limits%above)
-            call take(part, "<= ", limits%maximum)
-            if (middle > 0) call take(part(:middle - 1), "", limits%minimum)
-            if (middle > 0) call take(part(middle + 4:), "", limits%maximum)
+            call read_limit(part, ">= ", limits%minimum)
+            call read_limit(part, "> ", limits%above)
+            call read_limit(part, "<= ", limits%maximum)
+            if (middle > 0) call read_limit(part(:middle - 1), "", limits%minimum)
+            if (middle > 0) call read_limit(part(middle + 4:), "", limits%maximum)
          end associate
       end do
    end subroutine read_limits
 
-   pure subroutine take(text, mark, limit)
+   pure subroutine read_limit(text, mark, limit)
       character(*), intent(in) :: text, mark
       real(wp), intent(inout) :: limit
       real(wp) :: number
@@ -186,5 +186,5 @@ contains
       if (index(text, mark) /= 1) return
       call parse_real(text(len(mark) + 1:), number, is_number)
       if (is_number) limit = number
-   end subroutine take
+   end subroutine read_limit
 end module hb_input_keys

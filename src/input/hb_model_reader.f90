@@ -13,7 +13,7 @@ module hb_model_reader
    use hb_model, only: model_t
    use hb_model_laws, only: read_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
-   use hb_model_number, only: has_number, model_number_t, model_tie_t
+   use hb_model_number, only: has_number, model_number_t, model_tie_t, moving_groups, numbered_groups
    use hb_model_numbers, only: find_model_number, set_model_numbers
    use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
@@ -30,21 +30,12 @@ module hb_model_reader
    use hb_truncation_reader, only: read_harmonics, read_lowest_set
    implicit none
    private
-   public :: find_number, group_names, moving_groups, read_model, update_model
+   public :: find_number, group_names, movable_groups, read_model, update_model
 
    !> All groups that an input file may contain.
    character(17), parameter :: group_names(19) = [character(17) :: &
       "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", &
       "normal_mode", "solver", "error_estimate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
-
-   !> Groups whose real numbers may move: they change the motion; the others control the search, and `&start` selects
-   !> a motion.
-   character(17), parameter :: moving_groups(6) = [character(17) :: &
-      "structure", "bearing", "dynamic_stiffness", "tones", "load", "law"]
-
-   !> The objects of a model that have numbers, in the order of `has_number`, by their groups.
-   character(17), parameter :: groups_of_numbers(8) = [character(17) :: &
-      "structure", "bearing", "dynamic_stiffness", "tones", "load", "start", "law", "normal_mode"]
 
    real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
                                                                       ! of the solver's fallbacks; two methods share
@@ -146,6 +137,18 @@ contains
       end if
    end subroutine find_number
 
+   !> The groups whose numbers may move, for messages.
+   pure function movable_groups() result(text)
+      character(160) :: text
+      integer :: i
+
+      text = "&"//moving_groups(1)
+      do i = 2, size(moving_groups)
+         if (i < size(moving_groups)) text = trim(text)//", &"//moving_groups(i)
+         if (i == size(moving_groups)) text = trim(text)//" or &"//moving_groups(i)
+      end do
+   end function movable_groups
+
    !> The same without its name, for every point of a sweep.
    subroutine locate_number(document, parameter, number)
       type(document_t), intent(in) :: document
@@ -155,7 +158,7 @@ contains
 
       associate (group => document%groups%holders(parameter%i_group)%group)
          call group%find_limits(trim(parameter%key), parameter%element, is_number, number%minimum, number%maximum, number%above)
-         if (is_number) number%object = findloc(groups_of_numbers == group%name, .true., dim=1)
+         if (is_number) number%object = findloc(numbered_groups%name == group%name, .true., dim=1)
          number%i = group%number
       end associate
       if (number%object == has_number%tones) then                     ! only an unknown tone may have the frequency 0
@@ -456,7 +459,7 @@ contains
       if (allocated(error)) then
          problem = error%message
       else if (.not. any(document%groups%holders(parameter%i_group)%group%name == moving_groups)) then
-         problem = "is not a number of &structure, &bearing, &dynamic_stiffness, &tones, &load or &law"
+         problem = "is not a number of "//trim(movable_groups())
       else if (document%n_tones_of(parameter) > 1) then
          problem = "does not specify the tone; give one, such as '"//path//"(1)'"
       else if (.not. is_given) then

@@ -107,7 +107,7 @@ contains
          return
       end if
       associate (group => self%groups%holders(parameter%i_group)%group)
-         call group%content%take(content, group%has_changed)
+         call group%content%copy_key(content, group%has_changed)
       end associate
    end subroutine set_text
 

@@ -65,7 +65,7 @@ module hb_property_values
       procedure :: is_given => content_is_given
       procedure :: put => content_put
       procedure :: put_words => content_put_words
-      procedure :: take => content_take
+      procedure :: copy_key => content_copy_key
    end type content_t
 
 contains
@@ -235,7 +235,7 @@ contains
    end subroutine content_put_words
 
    !> Copies the only key of `other`: all its values, or one element.
-   pure subroutine content_take(self, other, has_changed)
+   pure subroutine content_copy_key(self, other, has_changed)
       class(content_t), intent(inout) :: self
       type(content_t), intent(in) :: other
       logical, intent(inout) :: has_changed
@@ -248,7 +248,7 @@ contains
       values%line = 0
       self%spelling = self%spelling//other%spelling
       call self%put(trim(other%names%names(1)), values, has_changed)
-   end subroutine content_take
+   end subroutine content_copy_key
 
    !> Whether key number `i_key` has a value.
    pure logical function content_is_given(self, i_key) result(is_given)

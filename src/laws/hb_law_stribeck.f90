@@ -54,7 +54,7 @@ contains
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
 
-      f = level(self, v)*direction(self, v)
+      f = sliding_friction(self, v)*direction(self, v)
       if (present(df_dz)) df_dz = 0.0_wp
       if (present(df_dv)) df_dv(:, :, 1) = slope_of_velocity(self, v)
    end subroutine stribeck_evaluate
@@ -74,7 +74,7 @@ contains
          case ("stribeck_velocity")
             slope = 2.0_wp*w**2/self%stribeck_velocity**3*(self%static_limit - self%limit)* &
                     share_of_static(self, v)*direction(self, v)
-         case ("velocity"); slope = -level(self, v)*w/self%velocity**2*(1.0_wp - direction(self, v)**2)
+         case ("velocity"); slope = -sliding_friction(self, v)*w/self%velocity**2*(1.0_wp - direction(self, v)**2)
          case ("belt_velocity"); slope = -slope_of_velocity(self, v)
          case default
             slope = 0.0_wp
@@ -92,12 +92,12 @@ contains
    end function share_of_static
 
    !> The friction force of sliding [N].
-   elemental real(wp) function level(self, v)
+   elemental real(wp) function sliding_friction(self, v)
       class(stribeck_t), intent(in) :: self
       real(wp), intent(in) :: v                                       !! [m/s]
 
-      level = self%limit + (self%static_limit - self%limit)*share_of_static(self, v)
-   end function level
+      sliding_friction = self%limit + (self%static_limit - self%limit)*share_of_static(self, v)
+   end function sliding_friction
 
    !> tanh(w/v_0).
    elemental real(wp) function direction(self, v)
@@ -112,7 +112,7 @@ contains
       class(stribeck_t), intent(in) :: self
       real(wp), intent(in) :: v                                       !! [m/s]
 
-      slope = level(self, v)*(1.0_wp - direction(self, v)**2)/self%velocity - 2.0_wp*(v - self%belt_velocity)/ &
+      slope = sliding_friction(self, v)*(1.0_wp - direction(self, v)**2)/self%velocity - 2.0_wp*(v - self%belt_velocity)/ &
               self%stribeck_velocity**2*(self%static_limit - self%limit)*share_of_static(self, v)*direction(self, v)
    end function slope_of_velocity
 end module hb_law_stribeck

@@ -56,7 +56,7 @@ module hb_accurate_motion
       logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
    contains
       procedure :: prepare => level_solver_prepare
-      procedure :: take => level_solver_take
+      procedure :: solve => level_solver_solve
    end type level_solver_t
 
    !> A motion whose set and grid are refined: the level solved last, the level it was compared with, the best level.
@@ -350,7 +350,7 @@ contains
          self%own_estimate = estimate_of_motion(self%result)
          self%own_outputs = estimates_of_outputs(self%result)
       else
-         call self%solver%take(self%next, self%n_failures == max_failures - 1, trial, failure)
+         call self%solver%solve(self%next, self%n_failures == max_failures - 1, trial, failure)
          is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status) .and. .not. self%solver%is_out_of_work
          self%is_ended = has_ended(trial)
          if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
@@ -510,10 +510,10 @@ contains
             self%solver%level_options%may_integrate = options%may_integrate .and. &
                (options%start%from_integration .or. any(system%tones%is_unknown) .or. .not. options%accuracy%grows_set)
          end if
-         call self%solver%take(top, .true., result, failure)
+         call self%solver%solve(top, .true., result, failure)
          self%solver%level_options%may_integrate = .false.
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
-         result%charged = self%solver%charged
+         result%work_spent = self%solver%work_spent
          if (allocated(top%unknowns) .or. has_ended(result)) return
          if (rule%discretisation == set_choice%neighbour) return  ! its error is none of the point
          if (allocated(failure)) call move_alloc(failure, self%error)
@@ -582,7 +582,7 @@ contains
 
    !> Solves the model on a level, starting from its motion if it has one. Afterwards the level contains a motion if
    !> the solution succeeded.
-   subroutine level_solver_take(self, level, with_fallback, result, error)
+   subroutine level_solver_solve(self, level, with_fallback, result, error)
       class(level_solver_t), intent(inout) :: self
       type(level_t), intent(inout) :: level
       logical, intent(in) :: with_fallback
@@ -599,11 +599,11 @@ contains
          solver%patience = merge(0, patience, with_fallback)
          solver%fallback_work = min(options%solver%fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
-         call limit%enter(huge(1.0_wp), max(options%max_work() - self%charged, &
+         call limit%enter(huge(1.0_wp), max(options%max_work() - self%work_spent, &
                                             merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
          call solve_system(self%system, self%here, self%level_options, result, error, first_guess, found)
          call limit%leave()
-         result%charged = limit%budget%spent
+         result%work_spent = limit%budget%spent
          self%is_out_of_work = limit%verdict == verdict%out_of_work
          if (self%is_out_of_work) call end_level(result, error, allocated(found))
          result%n_levels = 1
@@ -613,7 +613,7 @@ contains
          call with_caution(self%system, result)
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
-   end subroutine level_solver_take
+   end subroutine level_solver_solve
 
    !> Ends a level that its limit of work has interrupted: without a motion, or with one whose error is not known.
    subroutine end_level(result, error, has_motion)
@@ -635,7 +635,7 @@ contains
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
             result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0) &
-            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%charged, result)
+            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%work_spent, result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set

@@ -163,8 +163,8 @@ contains
             call find_values(laws(i), motion, phases, values)
             do s = 1, law%n_switches
                n = n + 1
-               call refine(laws(i), motion, s, phases, values, -1.0_wp, extremes(1, n))
-               call refine(laws(i), motion, s, phases, values, 1.0_wp, extremes(2, n))
+               call locate_extreme(laws(i), motion, s, phases, values, -1.0_wp, extremes(1, n))
+               call locate_extreme(laws(i), motion, s, phases, values, 1.0_wp, extremes(2, n))
             end do
          end associate
       end do
@@ -208,7 +208,7 @@ contains
 
    !> The largest value of a switch times a sign: from the best point of the grid, one tone after the other, to the
    !> vertex of the parabola through three phases whose distance is reduced from iteration to iteration.
-   subroutine refine(box, motion, s, phases, values, sense, extreme)
+   subroutine locate_extreme(box, motion, s, phases, values, sense, extreme)
       type(law_box_t), intent(inout) :: box
       type(motion_series_t), intent(in) :: motion
       integer, intent(in) :: s
@@ -242,5 +242,5 @@ contains
       end do
       call find_values(box, motion, reshape(best, [size(best), 1]), near)
       extreme = sense*max(extreme, sense*near(s, 1))
-   end subroutine refine
+   end subroutine locate_extreme
 end module hb_curve_events

@@ -8,19 +8,19 @@ module hb_curve_gradient
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
    use hb_curve_events, only: fold_event_t
-   use hb_curve_request, only: curve_kind
    use hb_error, only: error_t
    use hb_event_location, only: bifurcation_event_t, response_event_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
-   use hb_gradient, only: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
+   use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, keep_slope, zero_gradient
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_level, only: carry, level_t
+   use hb_level, only: level_t, transferred
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved
+   use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_stability, only: bifurcation
    use hb_system, only: system_t
    use hb_thresholds, only: agreement, faint, minor, nearby_steps, sharp
@@ -65,22 +65,18 @@ contains
       call curve%problem%move_to_point(point%x, is_possible)
       if (.not. is_possible) return
       associate (problem => curve%problem)
-         select case (point%kind)
-         case (curve_kind%branch, curve_kind%symmetry_breaking, curve_kind%grazing) ! for other motions there may be none
-         case (curve_kind%fold, curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance, &
-               curve_kind%period_doubling, &
-               curve_kind%neimark_sacker)
+         if (curve_kinds(point%kind)%has_derivatives) then
             located%curve => curve
             located%point = point
             call located%differentiate(curve%level, result%gradient, error)
             if (.not. allocated(result%gradient%coefficients)) return
-            call refine(located, problem%model%system, problem%model%options, curve%level, result%gradient)
+            call differentiate_to_tolerance(located, problem%model%system, problem%model%options, curve%level, result%gradient)
             if (has_jumping_slopes(problem%model%system)) call average_position(located, result%gradient)
-         case default
+         else if (curve_kinds(point%kind)%by == located_by%nothing) then  ! at the others there may be none
             unknowns = [point%x(:problem%n_unknowns), problem%omega]
             call find_gradient(problem%model%system, problem%model%discretisation, problem%model%options, curve%level, unknowns, &
                                result)
-         end select
+         end if
       end associate
    end subroutine find_curve_gradient
 
@@ -170,8 +166,8 @@ contains
       if (.not. allocated(error)) call there%put_on(level, error)
       if (.not. allocated(error)) then
          associate (from => self%curve%level%set, n_further => size(there%problem%which))
-            x = carry(from, level%set, self%point%x, n_further)
-            call there%make_curve(x, carry(from, level%set, self%curve%curve%direction, n_further))
+            x = transferred(from, level%set, self%point%x, n_further)
+            call there%make_curve(x, transferred(from, level%set, self%curve%curve%direction, n_further))
          end associate
          call make_event(there, self%point, event)
          call find_zero(there, event, x, is_found)
@@ -195,10 +191,10 @@ contains
       type(bifurcation_event_t) :: change
       type(response_event_t) :: located
 
-      select case (point%kind)
-      case (curve_kind%fold)
+      select case (curve_kinds(point%kind)%by)
+      case (located_by%value)
          allocate (event, source=fold_event_t(point%kind))
-      case (curve_kind%period_doubling, curve_kind%neimark_sacker)
+      case (located_by%multipliers)
          change%kind = point%kind
          change%motion => curve
          change%bifurcation = merge(bifurcation%doubling, bifurcation%torus, point%kind == curve_kind%period_doubling)

@@ -1,4 +1,4 @@
-!> The request for a curve of motions, and the kinds of its points.
+!> The request for a curve of motions.
 !> The point at which a curve of other motions leaves the one on which it was found: at a period doubling or a torus
 !> bifurcation.
 !> The motion at this point is also one of the wider set, in which its additional harmonics are zero; the tangent of
@@ -15,6 +15,7 @@ module hb_curve_request
    use hb_model_problem, only: model_problem_t, moving_value_t
    use hb_motion_result, only: curve_position_t
    use hb_options, only: options_t
+   use hb_point_kinds, only: curve_kind
    use hb_problem, only: problem_t
    use hb_response, only: response_t
    use hb_system, only: system_t
@@ -23,8 +24,8 @@ module hb_curve_request
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: curve_kind, curve_kind_names, curve_origin_t, curve_request_t, find_direction, find_null_vector, &
-      located_response_t, new_curve_origin, usual_points
+   public :: curve_origin_t, curve_request_t, find_direction, find_null_vector, located_response_t, new_curve_origin, &
+      usual_points
 
    integer, parameter :: usual_points = 500                           !! of a curve, at most
 
@@ -36,28 +37,6 @@ module hb_curve_request
       real(wp), allocatable :: further(:)                             !! frequencies of unknown tones, and the value
       real(wp) :: angle = 0.0_wp                                      !! of the pair of multipliers, for an additional tone [rad]
    end type curve_origin_t
-
-   !> Kinds of points of a curve; numbers as in the result file.
-   type :: curve_kind_t
-      integer :: none = 0
-      integer :: regular = 1                                          !! a step of the curve
-      integer :: start = 2                                            !! the point from which it is followed
-      integer :: fold = 3                                             !! the value reverses
-      integer :: peak = 4                                             !! maximum of a response
-      integer :: value = 5                                            !! a value that was requested
-      integer :: end = 6                                              !! an end of the range, or the point at which the curve closes
-      integer :: branch = 7 !! intersection with another curve: the determinant changes sign
-      integer :: period_doubling = 8    !! a multiplier passes -1: motions of twice the period
-      integer :: neimark_sacker = 9    !! a pair of them crosses the unit circle: an additional tone
-      integer :: symmetry_breaking = 10    !! a multiplier passes 1 without any of the other events
-      integer :: grazing = 11                                           !! a contact begins or becomes permanent
-      integer :: minimum = 12                                         !! of a response
-      integer :: amplitude = 13                                       !! a response has a requested amplitude
-      integer :: resonance = 14                                       !! a harmonic is in quadrature with its load
-   end type curve_kind_t
-   type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
-   character(*), parameter :: curve_kind_names(0:14) = [character(17) :: "none", "regular", "start", "fold", "peak", "value", &
-      "end", "branch", "period_doubling", "neimark_sacker", "symmetry_breaking", "grazing", "minimum", "amplitude", "resonance"]
 
    !> A response, and the kind of points that are located for it.
    type, extends(response_t) :: located_response_t

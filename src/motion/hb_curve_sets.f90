@@ -8,24 +8,24 @@
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: work_is_over
-   use hb_curve_request, only: curve_kind
    use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_followed_motion, only: curve_state_t, followed_motion_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
-   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, level_t, margin, max_failures, min_goal
+   use hb_level, only: choose_next, choose_smaller, estimate_of, join, level_t, margin, max_failures, min_goal, transferred
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
+   use hb_point_kinds, only: curve_kind
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_solver_types, only: report_t
    use hb_system, only: system_t
    implicit none
    private
-   public :: transfer_motion, step_to_tolerance
+   public :: step_to_tolerance, transfer_motion
 
    integer, parameter :: max_idle = 2                                ! consecutive ones without improvement
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
@@ -220,8 +220,8 @@ contains
          is_solved = self%n_levels == 0
          if (.not. is_solved) then
             before = motion%level
-            x = carry(before%set, self%next%set, self%x, size(motion%problem%which))
-            direction = carry(before%set, self%next%set, self%direction, size(motion%problem%which))
+            x = transferred(before%set, self%next%set, self%x, size(motion%problem%which))
+            direction = transferred(before%set, self%next%set, self%direction, size(motion%problem%which))
             call motion%put_on(self%next, self%error)
             if (allocated(self%error)) return
             call motion%find_on_plane(x, direction, is_solved)
@@ -404,8 +404,8 @@ contains
 
       step = self%curve%step
       report = self%curve%report
-      x = carry(self%level%set, level%set, self%curve%x, size(self%problem%which))
-      direction = carry(self%level%set, level%set, self%curve%direction, size(self%problem%which))
+      x = transferred(self%level%set, level%set, self%curve%x, size(self%problem%which))
+      direction = transferred(self%level%set, level%set, self%curve%direction, size(self%problem%which))
       is_found = .false.
       call self%put_on(level, error)
       if (allocated(error)) return

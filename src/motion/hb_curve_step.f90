@@ -2,11 +2,11 @@
 !> located.
 module hb_curve_step
    use hb_curve, only: curve_t, event_t
-   use hb_curve_request, only: curve_kind
    use hb_event_location, only: find_events, retained_doubling
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, max_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
+   use hb_point_kinds, only: curve_kind
    use hb_thresholds, only: agreement, faint, next_to_none
    implicit none
    private

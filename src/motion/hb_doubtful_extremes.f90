@@ -2,12 +2,12 @@
 !> reported.
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
-   use hb_curve_request, only: curve_kind
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
+   use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_stability, only: stability_method, stability_t
    use hb_thresholds, only: max_bisections, safety
    implicit none
@@ -41,7 +41,7 @@ contains
       is_retained = .true.
       do i = self%first_waiting, size(self%waiting)
          associate (point => self%waiting(i), curve => self%curve)
-            if (.not. any(point%kind == [curve_kind%fold, curve_kind%peak, curve_kind%minimum])) cycle
+            if (.not. curve_kinds(point%kind)%is_extreme) cycle
             extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
             if (point%kind == curve_kind%minimum) extreme%sense = -1.0_wp
             if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))

@@ -4,10 +4,11 @@ module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t, fold_event_t, grazing_event_t, value_event_t
-   use hb_curve_request, only: curve_kind, located_response_t
+   use hb_curve_request, only: located_response_t
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
-   use hb_level, only: carry
+   use hb_level, only: transferred
+   use hb_point_kinds, only: curve_kind
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, max_multipliers, stability_method, stability_t
    use hb_thresholds, only: agreement, clearly, faint, minor, next_to_none, rounding, sharp
    implicit none
@@ -427,7 +428,7 @@ contains
       associate (curve => self%curve, units => self%curve%units)
          do k = 1, size(self%origins)
             if (k == self%branch .or. self%origins(k)%is_apart) cycle
-            x = carry(self%origins(k)%level%set, self%level%set, self%origins(k)%x, size(self%problem%which))
+            x = transferred(self%origins(k)%level%set, self%level%set, self%origins(k)%x, size(self%problem%which))
             associate (gap => (x - curve%last_x)/units, direction => curve%last_direction/units)
                position = dot_product(gap, direction)/norm2(direction)
                if (position <= 0.0_wp .or. position > curve%last_step) cycle

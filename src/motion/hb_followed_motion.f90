@@ -9,14 +9,14 @@ module hb_followed_motion
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_events, only: find_extremes, find_motion, find_stability
-   use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
+   use hb_curve_request, only: curve_request_t, located_response_t
    use hb_discretisation, only: discretisation_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_level, only: carry, estimate_of, level_t, put_on_level, with_caution
+   use hb_level, only: estimate_of, level_t, put_on_level, transferred, with_caution
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
@@ -27,6 +27,7 @@ module hb_followed_motion
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
+   use hb_point_kinds, only: curve_kind
    use hb_response_slope, only: find_series_slope
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
@@ -634,8 +635,8 @@ contains
       class(followed_motion_t), intent(inout) :: self
 
       associate (branch_start => self%branch_start, n => size(self%problem%which))
-         self%start%x = carry(branch_start%level%set, self%level%set, branch_start%x, n)
-         self%start%direction = carry(branch_start%level%set, self%level%set, branch_start%direction, n)
+         self%start%x = transferred(branch_start%level%set, self%level%set, branch_start%x, n)
+         self%start%direction = transferred(branch_start%level%set, self%level%set, branch_start%direction, n)
       end associate
    end subroutine followed_motion_transfer_start
 

@@ -15,7 +15,7 @@ module hb_gradient
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: carry, degree_of, level_t, needed_samples, put_on_level
+   use hb_level, only: degree_of, level_t, needed_samples, put_on_level, transferred
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
@@ -36,7 +36,7 @@ module hb_gradient
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
+   public :: differentiable_t, differentiate_to_tolerance, find_gradient, keep_slope, zero_gradient
 
    !> A motion that may be differentiated on any set and grid.
    type, abstract :: differentiable_t
@@ -117,7 +117,8 @@ contains
       end associate
       call differentiate(known, result%gradient, error)
       call give_up()
-      if (allocated(result%gradient%coefficients)) call refine(known, known%model%system, known%model%options, own, result%gradient)
+      if (allocated(result%gradient%coefficients)) &
+         call differentiate_to_tolerance(known, known%model%system, known%model%options, own, result%gradient)
 
    contains
 
@@ -170,7 +171,7 @@ contains
    !> derivatives. A set or grid chosen from the tolerance is made wider or finer until the derivatives change by less
    !> than the tolerance; a given set is not changed, and a given grid is not either, but the change on a finer one is
    !> reported.
-   subroutine refine(motion, system, options, own, gradient)
+   subroutine differentiate_to_tolerance(motion, system, options, own, gradient)
       class(differentiable_t), intent(inout) :: motion
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
@@ -205,7 +206,7 @@ contains
          if (refines_set .or. refines_grid) gradient = finer
          if (.not. (refines_set .or. refines_grid) .or. all(finer%estimate <= options%accuracy%tolerance)) return
       end do
-   end subroutine refine
+   end subroutine differentiate_to_tolerance
 
    !> Coefficients of the tuples of another set, all of which `set` contains.
    pure function in_set(coefficients, set, other)
@@ -242,7 +243,7 @@ contains
       before = self%model%discretisation
       call put_on_level(self%model%discretisation, self%model%system, before, self%model%options, level, error)
       if (allocated(error)) return
-      self%x = carry(before%harmonics, level%set, self%x, size(self%which))
+      self%x = transferred(before%harmonics, level%set, self%x, size(self%which))
       self%n = size(self%x) - size(self%which)
       deallocate (self%residual)
       call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
@@ -396,10 +397,10 @@ contains
       associate (n => known%n)
          do side = 1, 2
             at(side) = (2*side - 3)*step
-            call go(is_possible)
+            call move_to_side(is_possible)
             if (.not. is_possible) then                               ! at the end of the range of the value
                at(side) = 0.0_wp
-               call go(is_possible)
+               call move_to_side(is_possible)
             end if
             if (.not. has_slopes) call moved%all_dofs(x(:n), c(:, :, side))
             omega(:, side) = moved%omega
@@ -437,12 +438,12 @@ contains
          slopes = slopes/typical
       end subroutine find_slopes
 
-      subroutine go(is_possible)
+      subroutine move_to_side(is_possible)
          logical, intent(out) :: is_possible
 
          x = known%x + at(side)*slope
          call moved%set_parameters([known%which, moved%own], [x(known%n + 1:), value + at(side)], is_possible)
-      end subroutine go
+      end subroutine move_to_side
    end subroutine take_steps
 
    !> Stores the derivatives of the stored degrees of freedom with respect to one value.

@@ -109,7 +109,7 @@ contains
       is_done = .false.
       if (.not. can_integrate(system, options)) return
       integrated%integration_work = result%integration_work
-      integrated%charged = result%charged
+      integrated%work_spent = result%work_spent
       call integration(system, discretisation, options, steady, integrated, found)
       is_done = work_is_over() .or. steady%status /= outcome%pending
       if (.not. is_done) then
@@ -146,7 +146,7 @@ contains
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
       call start_on(system, discretisation, options, top, from, is_there)
       if (.not. is_there) return
-      integrated%charged = result%charged
+      integrated%work_spent = result%work_spent
       call integration(system, from, options, steady, integrated, found)
       result%work = result%work + steady%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
@@ -254,7 +254,7 @@ contains
       record%capacity = share_of_integrated*options%accuracy%max_harmonics
       record%order = first_order(system, options, candidates_of_retained*record%capacity)
       record%budget%limit = min(2.0_wp*options%integration%work_limit - result%integration_work, & ! two methods may need as much
-                                2.0_wp*options%max_work() - result%charged)
+                                2.0_wp*options%max_work() - result%work_spent)
       record%max_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, system%tones%n_tones, loaded_tuples(discretisation), record%error, record%order)

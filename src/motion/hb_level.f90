@@ -18,9 +18,9 @@ module hb_level
    use hb_tuple_choice, only: chosen_tuples, largest_indices, tuple_union_t
    implicit none
    private
-   public :: carry, caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
-   public :: is_rigid, join, min_goal, level_of, margin, max_failures, needed_samples, put_on_level, put_on_set
-   public :: level_t, same_set, trim_set, with_caution
+   public :: caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
+   public :: is_rigid, join, level_of, margin, max_failures, min_goal, needed_samples, put_on_level, put_on_set
+   public :: level_t, same_set, transferred, trim_set, with_caution
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
@@ -104,9 +104,8 @@ contains
       type(level_t) :: corrected
 
       corrected%set = next%set
-      corrected%unknowns = carry(result%error_estimate%around, next%set, [result%error_estimate%first_order, &
-                                                            top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], &
-                                 top%set%n_tones)
+      corrected%unknowns = transferred(result%error_estimate%around, next%set, [result%error_estimate%first_order, &
+                                       top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], top%set%n_tones)
       if (distance(next, corrected, .false.) < near) next%unknowns = corrected%unknowns
    end subroutine take_errors_out
 
@@ -320,11 +319,11 @@ contains
       type(harmonics_t), intent(in) :: set
       real(wp), allocatable :: unknowns(:)
 
-      unknowns = carry(level%set, set, level%unknowns, level%set%n_tones)
+      unknowns = transferred(level%set, set, level%unknowns, level%set%n_tones)
    end function on_other_set
 
    !> Transfers unknowns from one set to another; new tuples are zero.
-   pure function carry(from_set, to_set, x, n_further) result(moved)
+   pure function transferred(from_set, to_set, x, n_further) result(moved)
       type(harmonics_t), intent(in) :: from_set, to_set
       real(wp), intent(in) :: x(:)                                    !! coefficients of all coordinates, and others
       integer, intent(in) :: n_further                                !! of the others
@@ -336,7 +335,7 @@ contains
          call transfer_coefficients(from_set, to_set, reshape(x(:n_all), [n, n_all/n]), u)
          moved = [u, x(n_all + 1:)]
       end associate
-   end function carry
+   end function transferred
 
    !> Distance of the motions of two levels relative to the second; of their amplitudes if phases are free.
    pure real(wp) function distance(lower, upper, has_free_phases)

@@ -7,7 +7,7 @@ module hb_model_number
    use hb_text, only: to_text
    implicit none
    private
-   public :: follower_t, followers_of, has_number, model_number_t, model_tie_t, values_at
+   public :: follower_t, followers_of, has_number, model_number_t, model_tie_t, moving_groups, numbered_groups, values_at
 
    !> The objects of a model that have numbers.
    type :: has_number_t
@@ -22,6 +22,23 @@ module hb_model_number
       integer :: normal_mode = 8
    end type has_number_t
    type(has_number_t), parameter :: has_number = has_number_t()
+
+   !> The same objects by the groups of an input.
+   type :: numbered_group_t
+      character(17) :: name
+      logical :: is_of_structure = .false.                            !! the matrices of the structure depend on its numbers
+      logical :: may_move = .true.                                    !! they may move along curves: they change the motion
+   end type numbered_group_t
+   type(numbered_group_t), parameter :: numbered_groups(8) = [ &
+      numbered_group_t("structure", is_of_structure=.true.), &
+      numbered_group_t("bearing", is_of_structure=.true.), &
+      numbered_group_t("dynamic_stiffness", is_of_structure=.true.), &
+      numbered_group_t("tones"), &
+      numbered_group_t("load"), &
+      numbered_group_t("start", may_move=.false.), &                  ! it selects a motion
+      numbered_group_t("law"), &
+      numbered_group_t("normal_mode", may_move=.false.)]              ! its amplitude or energy alone, which an equation has
+   character(*), parameter :: moving_groups(*) = pack(numbered_groups%name, numbered_groups%may_move)
 
    type, extends(number_t) :: model_number_t
       integer :: object = has_number%none                             !! one of `has_number`
@@ -76,7 +93,8 @@ contains
    elemental logical function model_number_is_of_structure(self) result(is_of_structure)
       class(model_number_t), intent(in) :: self
 
-      is_of_structure = any(self%object == [has_number%structure, has_number%bearing, has_number%dynamic_stiffness])
+      is_of_structure = .false.
+      if (self%object /= has_number%none) is_of_structure = numbered_groups(self%object)%is_of_structure
    end function model_number_is_of_structure
 
    !> Whether another number is this one, or an element of this list; a list without an index is followed by its first

@@ -199,7 +199,7 @@ contains
       has_slopes = self%movement%tones .or. any(self%model%system%tones%is_unknown)
       associate (model => self%model)
          if (size(model%system%laws) == 0) then
-            call fail(error, "a curve needs at least one &law; without laws use a &sweep")
+            call fail(error, "a curve needs at least one law")
             return
          end if
          coordinates = coordinates_of(model%system)
@@ -260,16 +260,16 @@ contains
       value = self%value
       call self%residual(x, here)
       do k = -1, 1, 2
-         call go(1.0_wp + k*nearby)
+         call move_by_factor(1.0_wp + k*nearby)
          if (.not. is_possible) exit
          call self%residual(x, there)
          change = max(change, self%norm(there - here))
       end do
-      call go(1.0_wp)
+      call move_by_factor(1.0_wp)
 
    contains
 
-      subroutine go(factor)
+      subroutine move_by_factor(factor)
          real(wp), intent(in) :: factor
          integer :: i
 
@@ -278,7 +278,7 @@ contains
          else
             call self%balance_t%set_parameters([(i, i=1, size(omega))], factor*omega, is_possible)
          end if
-      end subroutine go
+      end subroutine move_by_factor
    end function model_problem_roughness
 
    !> Sets model and balance to a value.

@@ -386,7 +386,7 @@ contains
       keeps = .false.
       if (present(cached)) keeps = associated(cached) .and. coordinates%n > 0
       if (keeps) then
-         call cached%narrow%take(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+         call cached%narrow%borrow(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
                                  discretisation%loads%at(basis%positions), linear, error)
       else
          call new_dynamic_stiffness(stiffness, system%structure, coordinates, basis%harmonics%frequencies(start%omega), &

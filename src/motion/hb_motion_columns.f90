@@ -7,10 +7,10 @@
 module hb_motion_columns
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_attempts, only: attempt_rules
-   use hb_curve_request, only: curve_kind_names
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_outcome, only: outcome_names, reason_names
+   use hb_point_kinds, only: curve_kind_names, kind_attribute_t, kind_attributes
    use hb_solver_types, only: fallback_names
    use hb_stability, only: stability_method_names
    use hb_text, only: join
@@ -38,10 +38,12 @@ module hb_motion_columns
       character(:), allocatable :: curve_column, curve_units
       logical :: is_there = .true.                      !! the following columns exist
       logical :: is_known = .true.                      !! their values are known for the motion
+      logical :: describes = .false.                    !! attributes of columns are wanted
    contains
       procedure(column_of_integers), deferred :: integer
       procedure(column_of_reals), deferred :: real
       procedure(column_of_text), deferred :: text
+      procedure :: attribute => columns_attribute
       procedure :: go_through => columns_go_through
    end type columns_t
 
@@ -71,6 +73,12 @@ module hb_motion_columns
    end interface
 
 contains
+
+   !> Receives an attribute of the column visited last, if attributes are wanted. By default it is not used.
+   subroutine columns_attribute(self, name, text)
+      class(columns_t), intent(inout) :: self
+      character(*), intent(in) :: name, text
+   end subroutine columns_attribute
 
    !> Visits all columns of a motion, in the order of the file.
    subroutine columns_go_through(t, m)
@@ -282,7 +290,8 @@ contains
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
       type(curve_position_t) :: position
-      integer :: n
+      type(kind_attribute_t), allocatable :: attributes(:)
+      integer :: i, n
 
       t%is_there = t%has_curve
       if (.not. t%is_there) return
@@ -294,6 +303,12 @@ contains
       if (allocated(position%direction) .and. .not. t%has_own_tuples) &
          position%direction = padded(position%direction, t%n_curve_unknowns)
       call t%integer("curve_kind", "1", "", "kind of the point of a curve", position%kind, curve_kind_names)
+      if (t%describes) then
+         attributes = kind_attributes()
+         do i = 1, size(attributes)
+            call t%attribute(trim(attributes(i)%name), trim(attributes(i)%text))
+         end do
+      end if
       call t%integer("curve_branch", "1", "", &
          "number of the branch point from which this part of the curve starts, from 1; 0: from its start", position%branch)
       call t%real("curve_length", "1", "", "length of the curve from its start, "// &

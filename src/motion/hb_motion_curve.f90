@@ -9,7 +9,7 @@ module hb_motion_curve
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_gradient, only: find_curve_gradient
-   use hb_curve_request, only: curve_kind, curve_request_t, find_direction, find_null_vector
+   use hb_curve_request, only: curve_request_t, find_direction, find_null_vector
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
    use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
@@ -24,6 +24,7 @@ module hb_motion_curve
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
+   use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, stability_t
    use hb_system, only: system_t
@@ -55,7 +56,7 @@ module hb_motion_curve
       procedure :: search_for => motion_curve_search_for
       procedure :: measure => motion_curve_measure
       procedure :: start_branch => motion_curve_start_branch
-      procedure :: go
+      procedure :: make_step
       procedure :: pack => motion_curve_pack
       procedure :: prepare => motion_curve_prepare
       procedure :: report_start => motion_curve_report_start
@@ -285,7 +286,7 @@ contains
          end do
          do i = size(stored), 2, -1                                   ! folds, peaks and minima on the branch of the last point
             if (stored(i)%kind == curve_kind%start .or. stored(i)%length*last%length < 0.0_wp) exit
-            if (any(stored(i)%kind == [curve_kind%fold, curve_kind%peak, curve_kind%minimum])) &
+            if (curve_kinds(stored(i)%kind)%is_extreme) &
                self%reported = [self%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length))]
          end do
       end associate
@@ -487,7 +488,7 @@ contains
          if (self%n_unreliable >= max_unreliable) then
             self%curve%status = outcome%out_of_budget
          else
-            call self%go(error)
+            call self%make_step(error)
          end if
          if (allocated(error)) return
       end if
@@ -538,7 +539,7 @@ contains
 
       is_found = .false.
       do n_steps = 1, nearby_steps
-         call self%go(error)
+         call self%make_step(error)
          if (allocated(error) .or. self%curve%status /= outcome%pending) return
          i = findloc(self%waiting%kind, kind, dim=1)
          is_found = i > 0
@@ -551,7 +552,7 @@ contains
    end subroutine motion_curve_search_for
 
    !> Performs one step, to the tolerance if one is requested.
-   subroutine go(self, error)
+   subroutine make_step(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
 
@@ -562,7 +563,7 @@ contains
       end if
       if (allocated(error) .or. self%curve%status /= outcome%pending .or. work_is_over()) return
       call drop_doubtful(self, error)
-   end subroutine go
+   end subroutine make_step
 
    !> Computes the result of one of the waiting points.
    subroutine report(self, i, result, error)
@@ -587,6 +588,7 @@ contains
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(curve_position_t) :: position
+      type(point_kind_t) :: kind
 
       call store_met_motion(self, point%x, self%level)
       if (point%kind == curve_kind%regular) &
@@ -601,8 +603,12 @@ contains
          position%n_samples = self%level%n_samples
       end if
       if (point%is_crossing) call note_traced(self, position)
-      if (all(point%kind /= [curve_kind%value, curve_kind%end, curve_kind%symmetry_breaking, curve_kind%grazing])) &
-         position%direction = self%pack(self%curve%direction)
+      kind = curve_kinds(point%kind)
+      if (kind%has_direction) position%direction = self%pack(self%curve%direction)
+      if (kind%by == located_by%response) position%response = point%response
+      if (kind%by == located_by%multipliers .and. kind%has_derivatives .and. allocated(result%stability%multipliers)) &
+         position%angle = angle_of_pair(result%stability%multipliers)
+      if (kind%is_extreme) self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%position)]
       select case (point%kind)
       case (curve_kind%regular, curve_kind%start)
          self%length = self%length + point%position
@@ -612,13 +618,6 @@ contains
       case (curve_kind%branch)
          if (self%request%switches .and. self%branch == 0) &
             call add_origin(self%origins, .false., position%unknowns, position%direction, self%level)
-      case (curve_kind%amplitude, curve_kind%resonance)
-         position%response = point%response
-      case (curve_kind%fold, curve_kind%peak, curve_kind%minimum)
-         position%response = point%response
-         self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%position)]
-      case (curve_kind%period_doubling, curve_kind%neimark_sacker)
-         if (allocated(result%stability%multipliers)) position%angle = angle_of_pair(result%stability%multipliers)
       end select
       result%curve = position
       call find_curve_gradient(self, point, result)

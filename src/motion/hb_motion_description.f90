@@ -296,7 +296,7 @@ contains
          if (any(system%tones%is_unknown) .and. options%lacks_impacts_of(system, result%status)) &
             result%message = "the restitution of "// &
             "walls has no effect on motions with unknown tones, which are not integrated with impacts; give the tones, or "// &
-            "use nhbm integrate"
+            "integrate in time"
          if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
          result%is_near_commensurate = system%tones%n_tones > 1 .and. &

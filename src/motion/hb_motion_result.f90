@@ -1,5 +1,6 @@
 !> The result of the search for a motion.
 module hb_motion_result
+   use hb_error, only: error_t
    use hb_error_estimate, only: error_estimate_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -13,7 +14,7 @@ module hb_motion_result
    !> Position of a motion on a curve, hb_motion_curve, and the data from which the curve continues: complete for ends
    !> of steps and starts of branches.
    type :: curve_position_t
-      integer :: kind = 0                               !! hb_curve_request%curve_kind
+      integer :: kind = 0                               !! hb_point_kinds%curve_kind
       real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
       real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second branch from there
       integer :: branch = 0                             !! number of the branch point where this curve starts; 0: none
@@ -44,7 +45,7 @@ module hb_motion_result
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
       real(wp) :: work = 0.0_wp                         !! of the solver and of time integration, see hb_solver_types
-      real(wp) :: charged = 0.0_wp                      !! of levels, everything included, see hb_cancellation
+      real(wp) :: work_spent = 0.0_wp                   !! of levels, everything included, see hb_cancellation
       integer :: n_levels = 0 !! sets solved until the tolerance was satisfied, hb_accurate_motion; 0: a given one
       integer :: fallback = 0                           !! methods that the solver needed, hb_solver_types
       real(wp) :: setup_seconds = 0.0_wp                !! wall time of dynamic stiffness, plans, first guess
@@ -97,6 +98,8 @@ module hb_motion_result
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
       real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples
       real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
+   contains
+      procedure :: set_failure => motion_result_set_failure
    end type motion_result_t
 
 contains
@@ -109,13 +112,23 @@ contains
       self%iterations = self%iterations + other%iterations
       self%evaluations = self%evaluations + other%evaluations
       self%work = self%work + other%work
-      self%charged = self%charged + other%charged
+      self%work_spent = self%work_spent + other%work_spent
       self%n_levels = self%n_levels + other%n_levels
       self%fallback = max(self%fallback, other%fallback)
       self%setup_seconds = self%setup_seconds + other%setup_seconds
       self%solver_seconds = self%solver_seconds + other%solver_seconds
       self%error_estimate_seconds = self%error_estimate_seconds + other%error_estimate_seconds
    end subroutine effort_add
+
+   !> Makes an error the outcome.
+   pure subroutine motion_result_set_failure(self, error)
+      class(motion_result_t), intent(inout) :: self
+      type(error_t), intent(in) :: error
+
+      self%status = outcome%failed
+      self%reason = reason%error
+      self%message = error%message
+   end subroutine motion_result_set_failure
 
    !> Amplitudes a - i b as pairs (cos and sin, n_harmonics, any).
    pure function as_pairs(c) result(pairs)

@@ -5,7 +5,7 @@
 module hb_motion_ridge
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_curve_request, only: curve_request_t
    use hb_curve_step, only: largest_change
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -17,6 +17,7 @@ module hb_motion_ridge
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
+   use hb_point_kinds, only: curve_kind
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: next_to_none
@@ -98,7 +99,7 @@ contains
          result%message = "no such point was found on the curve from "//to_text(self%inner%from)//" to "//to_text(self%inner%to)
          return
       end if
-      call take(self, request%start, curve_kind%start, result)
+      call report_point(self, request%start, curve_kind%start, result)
    end subroutine motion_ridge_begin
 
    !> Replaces `begin`: restores the state of a stored ridge.
@@ -154,7 +155,7 @@ contains
    end subroutine set_values
 
    !> Makes a point of a curve along the first value the last point of the ridge.
-   subroutine take(self, value, kind, result)
+   subroutine report_point(self, value, kind, result)
       class(motion_ridge_t), intent(inout) :: self
       real(wp), intent(in) :: value
       integer, intent(in) :: kind
@@ -175,7 +176,7 @@ contains
       self%n_reported = self%n_reported + 1
       self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points
       if (self%is_done .and. kind /= curve_kind%end) result%reason = reason%points
-   end subroutine take
+   end subroutine report_point
 
    !> Returns the next point. Its status shows where the curve ends.
    subroutine motion_ridge_next(self, result, error)
@@ -211,7 +212,7 @@ contains
          end do
          if (is_found) then
             self%step = min(request%longest_step, 1.5_wp*self%step)
-            call take(self, value, kind, result)
+            call report_point(self, value, kind, result)
          else if (.not. allocated(error)) then
             if (.not. work_is_over()) call report_end(self, result, is_found, error)
             if (.not. is_found) then
@@ -255,7 +256,7 @@ contains
       end if
       if (is_regular) call try(self, self%value, result, is_regular, error)
       if (allocated(error) .or. .not. is_regular) return
-      call take(self, self%value, curve_kind%end, result)
+      call report_point(self, self%value, curve_kind%end, result)
       result%message = "the located point ends here: "//trim(text)
    end subroutine report_end
 
@@ -287,7 +288,7 @@ contains
          if (allocated(error) .or. .not. is_found) return
          n = 0
          do i = 1, max_twin_steps
-            call self%short%go(error)
+            call self%short%make_step(error)
             if (allocated(error)) return
             if (self%short%curve%status /= outcome%pending) exit
             n = n + count(self%short%waiting%kind == self%request%over%kind .or. self%short%waiting%kind == curve_kind%minimum)

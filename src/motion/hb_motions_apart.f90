@@ -13,7 +13,7 @@ module hb_motions_apart
    use hb_followed_motion, only: followed_motion_t, origin_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
-   use hb_level, only: carry, join, level_t
+   use hb_level, only: join, level_t, transferred
    use hb_line_search, only: end_at_point
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
@@ -151,7 +151,7 @@ contains
                phases = [(modulo(copy/model%system%tones%subharmonic**(m - 1), model%system%tones%subharmonic), m=1, &
                           model%system%tones%n_tones)]
                phases = two_pi/model%system%tones%subharmonic*phases
-               x = carry(known(i)%level%set, model%discretisation%harmonics, known(i)%x, 1)
+               x = transferred(known(i)%level%set, model%discretisation%harmonics, known(i)%x, 1)
                if (copy > 0) x(:n) = shifted(x(:n), model%discretisation%harmonics, phases)
                motions = reshape([motions, x], [n + 1, size(motions, 2) + 1])
             end do

@@ -4,11 +4,11 @@
 !> that point on both sets; where their signs differ, the curve is followed backward on the new set, until they have the
 !> signs of the previous set.
 module hb_passed_events
-   use hb_curve_request, only: curve_kind
    use hb_event_location, only: find_events, n_outside
    use hb_followed_motion, only: curve_state_t, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
+   use hb_point_kinds, only: curve_kinds, located_by
    implicit none
    private
    public :: find_differences, find_passed_events, set_differences_t
@@ -61,16 +61,16 @@ contains
       class(set_differences_t), intent(in) :: self
       type(waiting_t), intent(in) :: point
 
-      select case (point%kind)
-      case (curve_kind%fold)
+      select case (curve_kinds(point%kind)%by)
+      case (located_by%value)
          includes = self%in_fold
-      case (curve_kind%branch)
+      case (located_by%determinant)
          includes = self%in_branch
-      case (curve_kind%grazing)
+      case (located_by%contact)
          includes = self%in_grazing
-      case (curve_kind%period_doubling, curve_kind%neimark_sacker, curve_kind%symmetry_breaking)
+      case (located_by%multipliers)
          includes = self%in_stability
-      case (curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance)
+      case (located_by%response)
          includes = self%in_response(point%response)
       case default
          includes = .false.

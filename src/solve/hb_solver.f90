@@ -191,7 +191,7 @@ contains
 
       select case (rule%technique)
       case (technique%smaller_problems)
-         call refine(problem, config, chosen, x, report)
+         call solve_by_sizes(problem, config, chosen, x, report)
       case (technique%damping_homotopy)
          call solve_by_damping(problem, config, chosen, x, report)
       case (technique%other_method)
@@ -208,7 +208,7 @@ contains
    !> Solves the smallest problem that approximates this one by all methods, larger ones from its solution, and
    !> finally the problem. The status remains `pending` if there is no smaller problem or no solution of one;
    !> `fallback` is the method of the first solution.
-   recursive subroutine refine(problem, config, chosen, x, report)
+   recursive subroutine solve_by_sizes(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
@@ -232,8 +232,8 @@ contains
       limited%patience = 0                                            ! the guess is near
       is_found = .false.
       do i = 1, size(shares)
-         if (is_found) call refine_to(shares(i), shares(i - 1), is_solved)
-         if (.not. is_found .or. .not. is_solved) call take(problem_level=shares(i), config_of_level=all_methods, &
+         if (is_found) call solve_larger(shares(i), shares(i - 1), is_solved)
+         if (.not. is_found .or. .not. is_solved) call solve_at_size(problem_level=shares(i), config_of_level=all_methods, &
             is_there=is_solved)
          if (is_over()) return
          if (is_solved .and. .not. is_found) then
@@ -242,25 +242,25 @@ contains
             if (step%fallback == fallback%none .and. step%iterations <= easy_iterations) exit
          end if
       end do
-      if (is_found) call refine_to(1.0_wp, shares(min(i, size(shares))), is_solved)
+      if (is_found) call solve_larger(1.0_wp, shares(min(i, size(shares))), is_solved)
       if (is_found) report%status = step%status
 
    contains
 
       !> One level up, if necessary through an intermediate one.
-      subroutine refine_to(share, share_below, is_there)
+      subroutine solve_larger(share, share_below, is_there)
          real(wp), intent(in) :: share, share_below
          logical, intent(out) :: is_there
          logical :: is_between
 
-         call take(share, limited, is_there)
+         call solve_at_size(share, limited, is_there)
          if (is_there .or. is_over()) return
-         call take(0.5_wp*(share + share_below), limited, is_between)
-         if (is_between .and. .not. is_over()) call take(share, limited, is_there)
-      end subroutine refine_to
+         call solve_at_size(0.5_wp*(share + share_below), limited, is_between)
+         if (is_between .and. .not. is_over()) call solve_at_size(share, limited, is_there)
+      end subroutine solve_larger
 
       !> Solves a problem of the given size from x; x is unchanged on failure, except for the problem itself.
-      subroutine take(problem_level, config_of_level, is_there)
+      subroutine solve_at_size(problem_level, config_of_level, is_there)
          real(wp), intent(in) :: problem_level
          type(solver_config_t), intent(inout) :: config_of_level
          logical, intent(out) :: is_there
@@ -276,16 +276,16 @@ contains
             call solve_directly(problem, config_of_level, chosen, x, step)
             is_there = step%status == outcome%converged
             if (.not. is_there .and. .not. has_ended(step)) x = before
-            call report%take(step)
+            call report%adopt(step)
          end if
-      end subroutine take
+      end subroutine solve_at_size
 
       !> Whether the point was cancelled.
       logical function is_over()
          is_over = has_ended(step) .and. step%status /= outcome%converged
          if (is_over) report%status = step%status
       end function is_over
-   end subroutine refine
+   end subroutine solve_by_sizes
 
    !> Sizes of the smaller problems, relative and in geometric progression; none if not even the smallest is smaller.
    pure subroutine find_shares(lowest, shares)
@@ -333,7 +333,7 @@ contains
          trial = x
          call problem%deform(deformation%damping, 1.0_wp - loss)
          call solve_directly(problem, limited, chosen, trial, step)
-         call report%take(step)
+         call report%adopt(step)
          if (step%status == outcome%converged) then
             x = trial
             if (loss <= 0.0_wp) exit

@@ -6,7 +6,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_rule_t, attempt_t, set_choice, fallback, fallback_names, fallback_texts, largest_affordable, method
+   public :: attempt_rule_t, attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, set_choice
    public :: report_t, share_of_solver, solver_config_t, stage, starting_point, technique, unit_of_work
 
    type :: method_t
@@ -170,7 +170,7 @@ module hb_solver_types
    contains
       procedure :: add => report_add
       procedure :: adopt_outcome => report_adopt_outcome
-      procedure :: take => report_take
+      procedure :: adopt => report_adopt
       procedure :: note => report_note
       procedure :: gains_nothing => report_gains_nothing
       procedure :: as_attempt => report_as_attempt
@@ -199,7 +199,7 @@ contains
    end subroutine report_add
 
    !> Adds the work of an attempt to this report and takes over its outcome.
-   pure subroutine report_take(self, attempt)
+   pure subroutine report_adopt(self, attempt)
       class(report_t), intent(inout) :: self
       type(report_t), intent(in) :: attempt
 
@@ -208,7 +208,7 @@ contains
       self%residual = attempt%residual
       self%best = min(self%best, attempt%best)
       self%is_out_of_work = attempt%is_out_of_work
-   end subroutine report_take
+   end subroutine report_adopt
 
    !> Adopts the outcome of an attempt whose work has been added.
    pure subroutine report_adopt_outcome(self, attempt)

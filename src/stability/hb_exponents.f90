@@ -31,7 +31,7 @@ module hb_exponents
                                                                       !! record it
    contains
       procedure(reach_steady_state_of), deferred :: reach_steady_state
-      procedure(carry_disturbances), deferred :: carry
+      procedure(propagate_disturbances), deferred :: propagate
    end type propagation_t
 
    abstract interface
@@ -44,12 +44,12 @@ module hb_exponents
       end subroutine reach_steady_state_of
 
       !> Propagates disturbances through the next period.
-      subroutine carry_disturbances(self, x, is_done)
+      subroutine propagate_disturbances(self, x, is_done)
          import :: propagation_t, wp
          class(propagation_t), intent(inout) :: self
          real(wp), intent(inout), contiguous :: x(:, :)               !! (size, n_followed)
          logical, intent(out) :: is_done                              !! otherwise the motion was lost
-      end subroutine carry_disturbances
+      end subroutine propagate_disturbances
    end interface
 
    type :: exponents_t
@@ -96,7 +96,7 @@ contains
          k = size(growth, 2) + 1
          call move_alloc(longer, growth)
          do i = k, n_all
-            call propagation%carry(x, is_done)
+            call propagation%propagate(x, is_done)
             if (.not. is_done .or. work_is_over()) return
             self%is_cut_short = propagation%work_left < 0.0_wp
             if (self%is_cut_short) return

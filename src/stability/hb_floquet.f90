@@ -43,7 +43,7 @@ module hb_floquet
                                                                       !! its last minimum
    contains
       procedure :: reach_steady_state => linear_propagation_reach_steady_state
-      procedure :: carry => linear_propagation_carry
+      procedure :: propagate => linear_propagation_propagate
    end type linear_propagation_t
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
@@ -488,7 +488,7 @@ contains
       end do
    end subroutine linear_propagation_reach_steady_state
 
-   subroutine linear_propagation_carry(self, x, is_done)
+   subroutine linear_propagation_propagate(self, x, is_done)
       class(linear_propagation_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: x(:, :)
       logical, intent(out) :: is_done
@@ -509,7 +509,7 @@ contains
          self%refine = max(0.0_wp, self%refine + log(max(norm2(x(:, 1)), tiny(1.0_wp))/max(before, tiny(1.0_wp))))
          if (self%n_parts > 1) self%surge = max(self%surge, self%refine)
       end do
-   end subroutine linear_propagation_carry
+   end subroutine linear_propagation_propagate
 
    !> Removes shifts of the phases of the motion from disturbances.
    subroutine remove_shifts(self, x)

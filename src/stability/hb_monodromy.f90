@@ -21,7 +21,7 @@ module hb_monodromy
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
-   public :: min_instants, find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   public :: find_monodromy, find_transfer, min_instants, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
 
    integer, parameter :: min_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
@@ -240,7 +240,7 @@ contains
       if (h > 0.0_wp .and. self%is_piecewise_linear()) then
          call propagate_constant(self, piece, x)
       else if (h > 0.0_wp) then
-         call refine(self, piece, n_steps)
+         call evaluate_steps(self, piece, n_steps)
          if (self%size == 2 .and. .not. allocated(self%massless)) then
             call propagate_two(self, piece, h, x)
          else
@@ -319,7 +319,7 @@ contains
 
    !> Computes the slopes at the ends and in the middle of each step, reusing those of half as many steps. At events a
    !> piece is evaluated from inside.
-   subroutine refine(self, piece, n_steps)
+   subroutine evaluate_steps(self, piece, n_steps)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
       integer, intent(in) :: n_steps
@@ -350,7 +350,7 @@ contains
       call move_alloc(by_displacement, piece%by_displacement)
       call move_alloc(by_rate, piece%by_rate)
       call move_alloc(by_state, piece%by_state)
-   end subroutine refine
+   end subroutine evaluate_steps
 
    !> Moves sliders that have slipped at the end of a piece to their bounds.
    subroutine move_sliders(self, piece, x)

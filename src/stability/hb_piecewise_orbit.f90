@@ -334,7 +334,7 @@ contains
          associate (branch => self%branches(number))
             is_last = time + branch%h >= self%period
             if (is_last) then
-               call carry(branch%a, self%period - time, y, y_next)
+               call advance_state(branch%a, self%period - time, y, y_next)
                call next_event(self, branch, y, y_next, self%period - time, switch, to_event)
             else
                y_next = matmul(branch%step, y)
@@ -343,7 +343,7 @@ contains
             if (.not. all(ieee_is_finite(y_next))) return
             if (switch > 0) then
                time = time + to_event
-               call carry(branch%a, to_event, y, y_next)
+               call advance_state(branch%a, to_event, y, y_next)
             else
                time = merge(self%period, time + branch%h, is_last)
             end if
@@ -373,7 +373,7 @@ contains
    end subroutine multiply
 
    !> The state after a part of a step, from the series of the exponential.
-   pure subroutine carry(a, duration, y, after)
+   pure subroutine advance_state(a, duration, y, after)
       real(wp), intent(in) :: a(:, :), duration, y(:)
       real(wp), intent(out) :: after(:)
       real(wp) :: term(size(y))
@@ -387,7 +387,7 @@ contains
          term = matmul(a, term)*(duration/k)
          after = after + term
       end do
-   end subroutine carry
+   end subroutine advance_state
 
    !> The first switch of a branch that changes its sign within a step from y to y_next, and its time.
    subroutine next_event(self, branch, y, y_next, h, switch, time)
@@ -439,7 +439,7 @@ contains
          logical, intent(in) :: of_rate
          real(wp) :: state(size(y))
 
-         call carry(branch%a, after, y, state)
+         call advance_state(branch%a, after, y, state)
          if (of_rate) state = matmul(branch%a, state)
          value_at = sense(i)*dot_product(self%switches(i, :), state)
       end function value_at

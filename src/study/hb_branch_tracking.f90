@@ -63,14 +63,14 @@ contains
       type(tracking_t), intent(out) :: tracking
       type(tracking_t) :: back
 
-      call follow(stretch, 0.0_wp, first, last, tracking)
+      call track(stretch, 0.0_wp, first, last, tracking)
       if (tracking%finding /= finding%ends) return
-      call follow(stretch, 1.0_wp, last, first, back)
+      call track(stretch, 1.0_wp, last, first, back)
       if (back%finding == finding%one_branch) tracking%finding = finding%one_branch
    end subroutine find_branch
 
    !> Follows the branch of one motion from one end of the interval to the other.
-   subroutine follow(stretch, start, first, last, tracking)
+   subroutine track(stretch, start, first, last, tracking)
       class(stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: start                                   !! 0 or 1
       real(wp), intent(in) :: first(:)                                !! motion there
@@ -87,13 +87,13 @@ contains
       do while (done < 1.0_wp)
          step = min(step, 1.0_wp - done)
          if (stretch%is_spent) exit
-         call go(step, is_solved)
+         call solve_after(step, is_solved)
          turn = norm2(next - tracking%motion - step*slope)
          allowed = largest_turn*norm2(next - tracking%motion)
          if (.not. has_slope) allowed = 0.5_wp*largest_turn*norm2(last - first)
          if (is_solved) is_solved = turn <= allowed .or. difference_of(next, tracking%motion) <= smallest_jump
          if (is_solved) then
-            call take(merge(2.0_wp, 1.0_wp, turn <= small_turn/largest_turn*allowed))
+            call accept_step(merge(2.0_wp, 1.0_wp, turn <= small_turn/largest_turn*allowed))
          else if (step > shortest_step) then
             step = 0.5_wp*step
          else
@@ -111,16 +111,16 @@ contains
    contains
 
       !> Finds the motion after one more step.
-      subroutine go(length, is_found)
+      subroutine solve_after(length, is_found)
          real(wp), intent(in) :: length
          logical, intent(out) :: is_found
 
          next = tracking%motion + length*slope
          call stretch%solve(abs(start - min(1.0_wp, done + length)), next, is_found)
-      end subroutine go
+      end subroutine solve_after
 
       !> Accepts the step, and increases the length of the next one.
-      subroutine take(factor)
+      subroutine accept_step(factor)
          real(wp), intent(in) :: factor
 
          slope = (next - tracking%motion)/step
@@ -129,7 +129,7 @@ contains
          done = done + step
          if (1.0_wp - done < 0.5_wp*shortest_step) done = 1.0_wp
          step = min(longest_step, factor*step)
-      end subroutine take
+      end subroutine accept_step
 
       !> Passes a corner to a motion that differs very little.
       subroutine leap(is_over)
@@ -140,14 +140,14 @@ contains
          do i = 1, size(leaps)
             if (stretch%is_spent) return
             step = min(leaps(i)*shortest_step, 1.0_wp - done)
-            call go(step, is_over)
+            call solve_after(step, is_over)
             if (is_over) is_over = difference_of(next, tracking%motion) <= smallest_jump
             if (.not. is_over) cycle
-            call take(1.0_wp)
+            call accept_step(1.0_wp)
             return
          end do
       end subroutine leap
-   end subroutine follow
+   end subroutine track
 
    !> Distance of two motions relative to the larger one.
    pure real(wp) function difference_of(a, b)

@@ -12,7 +12,7 @@ module hb_chain_check
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: carry, join, level_t, put_on_level, same_set
+   use hb_level, only: join, level_t, put_on_level, same_set, transferred
    use hb_model_reader, only: update_model
    use hb_motion, only: solve_system
    use hb_motion_result, only: motion_result_t
@@ -86,7 +86,7 @@ contains
       if (is_comparable) then
          motion = coefficients_of(both, both%set)
          last = coefficients_of(self%last, both%set)
-         if (allocated(self%slope)) slope = carry(self%slope_set, both%set, self%slope, 0)
+         if (allocated(self%slope)) slope = transferred(self%slope_set, both%set, self%slope, 0)
          length = source%plan%fastest_value(point) - self%last_value
          if (is_doubtful(last, motion, length, slope) .and. self%work_left > 0.0_wp) then
             stretch%source => source
@@ -137,7 +137,7 @@ contains
       type(harmonics_t), intent(in) :: set
       real(wp), allocatable :: coefficients(:)
 
-      coefficients = carry(level%set, set, level%unknowns(:size(level%unknowns) - set%n_tones), 0)
+      coefficients = transferred(level%set, set, level%unknowns(:size(level%unknowns) - set%n_tones), 0)
    end function coefficients_of
 
    !> Number of coordinates of the laws of a motion.

@@ -1,17 +1,19 @@
 !> The group `&curve`: the moving value, its range, and the points that are located.
 module hb_curve_plan
-   use hb_curve_request, only: curve_kind, curve_kind_names, curve_request_t, located_response_t
+   use hb_curve_request, only: curve_request_t, located_response_t
    use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_model, only: model_t
+   use hb_model_number, only: moving_groups
    use hb_model_problem, only: moving_value_t
-   use hb_model_reader, only: find_number, moving_groups
+   use hb_model_reader, only: find_number, movable_groups
    use hb_movement, only: movement_t, new_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome
+   use hb_point_kinds, only: curve_kind, curve_kind_names, curve_kinds, located_by, response_keys, response_kinds
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_stability, only: stability_method
@@ -20,13 +22,7 @@ module hb_curve_plan
    use hb_thresholds, only: rounding
    implicit none
    private
-   public :: curve_plan_t, keys_of_responses, read_curve_plan
-
-   character(*), parameter :: movable = "&structure, &tones, &load, &law, &bearing or &dynamic_stiffness" !! `moving_groups`
-
-   !> Keys that name responses, each with the kind of located point.
-   character(*), parameter :: keys_of_responses(4) = [character(12) :: "peak_of", "minimum_of", "amplitude_of", "resonance_of"]
-   integer, parameter :: kinds_of_responses(4) = [curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance]
+   public :: curve_plan_t, read_curve_plan
 
    !> Names of responses.
    type :: names_t
@@ -39,7 +35,7 @@ module hb_curve_plan
       type(parameter_t) :: parameter                                  !! that it is
       character(:), allocatable :: units                              !! of the value; empty until known
       character(:), allocatable :: location                           !! of the group, for messages
-      type(names_t) :: responses_of(size(keys_of_responses))          !! as the keys
+      type(names_t) :: responses_of(size(response_keys))          !! as the keys
       real(wp), allocatable :: amplitudes(:)                          !! of each of `amplitude_of`
       character(:), allocatable :: origin_path !! result file whose point is the origin of the curve; empty: none
       integer :: origin_point = 0                                     !! from 0
@@ -79,13 +75,15 @@ contains
       call group%get("others", self%others)
       call group%get("points", self%n_points)
       call group%get("max_step", self%longest_step)
-      do i = 1, size(keys_of_responses)
+      do i = 1, size(response_keys)
          allocate (self%responses_of(i)%names(0))
-         call group%get(trim(keys_of_responses(i)), self%responses_of(i)%names)
+         call group%get(trim(response_keys(i)), self%responses_of(i)%names)
       end do
       call group%get("amplitudes", self%amplitudes)
-      if ((size(self%amplitudes) > 0) .neqv. (size(self%responses_of(3)%names) > 0)) &
-         call group%problem("amplitudes", "require 'amplitude_of' with their responses")
+      associate (with_amplitudes => self%responses_of(findloc(response_kinds, curve_kind%amplitude, dim=1))%names)
+         if ((size(self%amplitudes) > 0) .neqv. (size(with_amplitudes) > 0)) &
+            call group%problem("amplitudes", "require 'amplitude_of' with their responses")
+      end associate
       call group%get("tie", tie)
       self%moving%is_tied = tie == "ratio"
       call group%get("switch", self%switches)
@@ -144,11 +142,11 @@ contains
       call group%get("over_from", self%over%from)
       call group%get("over_to", self%over%to)
       self%over%moving%typical = abs(self%over%to - self%over%from)
-      do i = 1, size(keys_of_responses)
-         if (kinds_of_responses(i) /= self%over%kind) cycle
+      do i = 1, size(response_keys)
+         if (response_kinds(i) /= self%over%kind) cycle
          n = size(self%responses_of(i)%names)
          if (follow == "amplitude") n = n*size(self%amplitudes)
-         if (n /= 1) call group%problem(trim(keys_of_responses(i)), "name the one response whose "//follow//" is followed"// &
+         if (n /= 1) call group%problem(trim(response_keys(i)), "name the one response whose "//follow//" is followed"// &
                                         repeat(", and its one amplitude", merge(1, 0, follow == "amplitude")))
       end do
       if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a "//follow//" is followed from 'from'")
@@ -178,7 +176,7 @@ contains
          call document%resolve(self%over_path, self%over_parameter, error)
          if (.not. allocated(error)) then
             if (.not. any(moving_groups == document%groups%holders(self%over_parameter%i_group)%group%name)) then
-               call fail(error, "a curve follows a number of "//movable)
+               call fail(error, "a curve follows a number of "//trim(movable_groups()))
             else if (document%n_tones_of(self%over_parameter) > 1) then
                call fail(error, "specify the tone that moves, such as '"//trim(lower(self%over_path))//"(1)'")
             end if
@@ -191,7 +189,7 @@ contains
       associate (name => document%groups%holders(self%parameter%i_group)%group%name)
          if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
             call fail(error, self%location//": parameter '"//shown(self%path)// &
-                      "': a curve follows a number of "//movable//", or of &normal_mode; give others to &sweep")
+                      "': a curve follows a number of "//trim(movable_groups())//", or of &normal_mode; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%location//": tie: 'ratio' is for the frequency of a tone")
       end associate
@@ -221,9 +219,9 @@ contains
       if (allocated(error)) return
       if (size(request%others) == 0) deallocate (request%others)
       allocate (request%responses(0))
-      do k = 1, size(keys_of_responses)
+      do k = 1, size(response_keys)
          do i = 1, size(self%responses_of(k)%names)
-            response = located_response_t(kind=kinds_of_responses(k))
+            response = located_response_t(kind=response_kinds(k))
             call new_response(response%response_t, self%responses_of(k)%names(i)%value, model%system%structure, &
                               model%system%tones%n_tones, error)
             if (.not. (allocated(error) .or. model%options%accuracy%grows_set .or. &
@@ -232,7 +230,7 @@ contains
             if (response%kind == curve_kind%resonance .and. .not. allocated(error)) &
                call check_loads(model%system, model%discretisation, response, error)
             if (allocated(error)) then
-               error%message = self%location//": "//trim(keys_of_responses(k))//": "//error%message
+               error%message = self%location//": "//trim(response_keys(k))//": "//error%message
                return
             end if
             if (response%kind /= curve_kind%amplitude) request%responses = [request%responses, response]
@@ -296,7 +294,7 @@ contains
       type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: error_text
-      logical :: is_mode, is_tones
+      logical :: has_multipliers, is_mode, is_tones
 
       error_text = ""
       associate (name => document%groups%holders(self%parameter%i_group)%group%name)
@@ -329,16 +327,14 @@ contains
          return
       end if
       if (allocated(self%over)) then
+         has_multipliers = curve_kinds(self%over%kind)%by == located_by%multipliers
          if (any(system%tones%is_unknown)) then
             error_text = "tones must be given"
-         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
-                  system%tones%n_tones > 1) then
+         else if (has_multipliers .and. system%tones%n_tones > 1) then
             error_text = "period doublings and Neimark-Sacker points are located on curves of motions with one tone"
-         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
-                  options%stability%method == stability_method%off) then
+         else if (has_multipliers .and. options%stability%method == stability_method%off) then
             error_text = "period doublings and Neimark-Sacker points are located by the multipliers that &stability finds"
-         else if (any(self%over%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .and. &
-                  .not. options%may_integrate) then
+         else if (has_multipliers .and. .not. options%may_integrate) then
             error_text = "period doublings and Neimark-Sacker points are located by multipliers, which are not known with a "// &
                          "&dynamic_stiffness"
          else if (.not. document%is_real(self%over_parameter)) then

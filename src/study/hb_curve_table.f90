@@ -1,10 +1,10 @@
 !> What later steps read of the curves in a result file: the values along them, and the points at which other motions branch off.
 module hb_curve_table
-   use hb_curve_request, only: curve_kind
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_parameter_path, only: identifier
+   use hb_point_kinds, only: curve_kind
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
    private
@@ -13,7 +13,7 @@ module hb_curve_table
    !> A point of a curve at which other motions branch off.
    type :: leaving_t
       integer :: point = 0                                            !! from 1
-      integer :: kind = 0                                             !! hb_curve_request%curve_kind
+      integer :: kind = 0                                             !! hb_point_kinds%curve_kind
       integer :: beyond = 0                                           !! of a graze: the adjacent point, on the side of contact
    end type leaving_t
 

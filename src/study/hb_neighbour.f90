@@ -5,7 +5,7 @@ module hb_neighbour
    use hb_branches, only: is_far_above
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: carry, level_t, same_set
+   use hb_level, only: level_t, same_set, transferred
    use hb_options, only: options_t
    implicit none
    private
@@ -74,7 +74,7 @@ contains
 
       if (self%n_retained == 0) return
       if (.not. same_set(set, self%last%set)) then
-         start = carry(self%last%set, set, self%last%unknowns, set%n_tones)      ! the base frequencies follow the coefficients
+         start = transferred(self%last%set, set, self%last%unknowns, set%n_tones) ! the base frequencies follow
          return
       end if
       start = self%last%unknowns

@@ -23,6 +23,11 @@ module hb_result_columns
    integer, parameter :: message_length = 400          ! bytes
    integer, parameter :: max_columns = 100            ! capacity of the table
 
+   !> A text that describes a dataset.
+   type :: attribute_t
+      character(:), allocatable :: name, text
+   end type attribute_t
+
    !> A dataset of the file that has one row per point, or per rank.
    type :: column_t
       character(:), allocatable :: name, long_name, units
@@ -32,6 +37,7 @@ module hb_result_columns
       character(:), allocatable :: flags                ! names of the values lowest_flag, ..., separated by blanks
       integer :: n_flags = 0, lowest_flag = 0
       character(:), allocatable :: parameter            ! path in the input of the value that moves along curves
+      type(attribute_t), allocatable :: attributes(:)   ! further ones
       logical :: is_part_used = .false.                 ! each row uses only as many harmonics as the point has
       logical :: is_checked = .true.                    ! the checksum of a row includes it
       type(h5_dataset_t) :: dataset
@@ -51,6 +57,7 @@ module hb_result_columns
       procedure :: index_of => plan_index_of
       procedure :: put_motion => plan_put_motion
       procedure :: integer => plan_integer
+      procedure :: attribute => plan_attribute
       procedure :: real => plan_real
       procedure :: text => plan_text
    end type plan_t
@@ -156,7 +163,9 @@ contains
       self%times = self%columns(:self%i)
       self%i = 0
       self%row_axis = 1
+      self%describes = .true.
       call all_columns(self, motion_result_t())
+      self%describes = .false.
       self%columns = self%columns(:self%i)
    end subroutine new_plan
 
@@ -202,6 +211,17 @@ contains
       end associate
       if (allocated(self%error)) call annotate(self%error, "'"//name//"'")
    end subroutine plan_integer
+
+   !> An attribute of the column that was listed last.
+   subroutine plan_attribute(self, name, text)
+      class(plan_t), intent(inout) :: self
+      character(*), intent(in) :: name, text
+
+      associate (column => self%columns(self%i))
+         if (.not. allocated(column%attributes)) allocate (column%attributes(0))
+         column%attributes = [column%attributes, attribute_t(name, text)]
+      end associate
+   end subroutine plan_attribute
 
    !> A column of real numbers.
    subroutine plan_real(self, name, units, axes, long_name, values)

@@ -274,6 +274,11 @@ contains
                call dataset%set_attribute("flag_values", [(column%lowest_flag + k, k=0, column%n_flags - 1)], error)
                call set_text(dataset, "flag_meanings", column%flags)
             end if
+            if (allocated(column%attributes)) then
+               do k = 1, size(column%attributes)
+                  call set_text(dataset, column%attributes(k)%name, column%attributes(k)%text)
+               end do
+            end if
             if (allocated(column%parameter)) call set_text(dataset, "parameter", column%parameter)
             if (allocated(column%parameter)) call set_text(dataset, "moves_along", "curve")
          end associate

@@ -46,7 +46,7 @@ module hb_schedule
       procedure :: keep => schedule_keep
       procedure :: owner_of => schedule_owner_of
       procedure :: points_of => schedule_points_of
-      procedure :: take => schedule_take
+      procedure :: block_of => schedule_block_of
       procedure :: unit_of => schedule_unit_of
       procedure :: cursor_of => schedule_cursor_of
    end type schedule_t
@@ -187,7 +187,7 @@ contains
 
    !> Converts the number drawn from `cursor%counter` with `n` into a block of units; if none is left, first > last
    !> and the cursor moves to the next counter.
-   pure subroutine schedule_take(self, cursor, number, n, first, last)
+   pure subroutine schedule_block_of(self, cursor, number, n, first, last)
       class(schedule_t), intent(in) :: self
       type(cursor_t), intent(inout) :: cursor
       integer, intent(in) :: number                                   !! sum of all previous draws
@@ -206,7 +206,7 @@ contains
       cursor%n_empty = cursor%n_empty + 1
       cursor%is_done = cursor%n_empty == self%n_counters
       cursor%counter = modulo(cursor%counter - 1 + self%stride, self%n_counters) + 1
-   end subroutine schedule_take
+   end subroutine schedule_block_of
 
    !> Records the duration of the last block.
    pure subroutine cursor_note(self, n_units, seconds)

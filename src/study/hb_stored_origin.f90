@@ -1,7 +1,7 @@
 !> A point of a result file at which other motions leave a curve, as the origin of their curve.
 module hb_stored_origin
    use hb_curve_plan, only: curve_plan_t
-   use hb_curve_request, only: curve_kind, curve_origin_t, curve_request_t, new_curve_origin
+   use hb_curve_request, only: curve_origin_t, curve_request_t, new_curve_origin
    use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
@@ -10,6 +10,7 @@ module hb_stored_origin
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t
    use hb_options, only: options_t
+   use hb_point_kinds, only: curve_kind
    use hb_results_record, only: refuse_damaged_rows
    use hb_stored_rows, only: stored_file_t
    use hb_system, only: system_t

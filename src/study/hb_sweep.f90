@@ -228,7 +228,7 @@ contains
          number = run%counter%next(cursor%counter, n)
          run%times%n_draws = run%times%n_draws + 1
          run%times%drawing = run%times%drawing + wall_clock() - waited
-         call run%schedule%take(cursor, number, n, first, last)
+         call run%schedule%block_of(cursor, number, n, first, last)
          waited = wall_clock()
          do i = first, last
             call run_unit(self, run, i, cursor%counter, summary, error)
@@ -362,9 +362,7 @@ contains
          point = point + 1
       end do
       if (allocated(failure)) then
-         result%status = outcome%failed
-         result%reason = reason%error
-         result%message = failure%message
+         call result%set_failure(failure)
          call keep_point(self, run, point, result, group, summary, error)
          point = point + 1
       end if

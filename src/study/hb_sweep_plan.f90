@@ -9,7 +9,7 @@ module hb_sweep_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
-   use hb_model_reader, only: moving_groups
+   use hb_model_number, only: moving_groups
    use hb_properties, only: properties_t
    use hb_text, only: lower, number_of, quote, shown, string_t, to_text
    implicit none

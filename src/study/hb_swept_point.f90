@@ -6,7 +6,6 @@ module hb_swept_point
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
-   use hb_gradient, only: find_gradient
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -15,8 +14,8 @@ module hb_swept_point
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
    use hb_options, only: options_t
-   use hb_outcome, only: outcome, reason
-   use hb_point, only: solve_point
+   use hb_outcome, only: outcome
+   use hb_point_runner, only: run_model
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
    use hb_results_layout, only: rank_times_t
@@ -36,9 +35,8 @@ contains
       type(rank_times_t), intent(inout) :: times
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable :: error
-      type(level_t) :: below, level
+      type(level_t) :: level
       type(cancellation_t), target :: cancellation
-      real(wp), allocatable :: start(:)
       real(wp) :: read, started, value
       logical :: is_new
 
@@ -49,26 +47,15 @@ contains
       if (is_new .and. .not. allocated(error)) call check_layout(source%model%system, source%model%options, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)
-      if (.not. allocated(error)) then
-         associate (model => source%model)
-            call cancellation%begin(model%options%solver%time_limit)
-            if (model%options%accuracy%is_on) then
-               call neighbour%predict_level(value, model%options, below)
-            else if (model%options%chain%is_on) then
-               call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
-            end if
-            call solve_point(model, result, error, level, below, start, source%cached)
-            if (.not. allocated(error)) &
-               call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)
-            if (.not. allocated(error)) call source%law_doubt%examine(model%system, model%discretisation, result)
-            if (.not. allocated(error)) call source%idle_laws%examine(model%system, model%discretisation, result)
-         end associate
-      end if
       if (allocated(error)) then
-         result%status = outcome%failed
-         result%reason = reason%error
-         result%message = error%message
+         call result%set_failure(error)
       else
+         call cancellation%begin(source%model%options%solver%time_limit)
+         call run_model(source%model, value, neighbour, source%cached, result, level, error)
+      end if
+      if (.not. allocated(error)) then
+         call source%law_doubt%examine(source%model%system, source%model%discretisation, result)
+         call source%idle_laws%examine(source%model%system, source%model%discretisation, result)
          if (.not. source%layout%has_own_tuples) call spread_result(source%model%discretisation%harmonics, source%layout, result)
       end if
       if (.not. allocated(error) .and. allocated(level%unknowns)) then

@@ -46,7 +46,7 @@ contains
       do k = 1, size(frequencies)
          call largest_line(remainder*weights, step, frequencies(k), error)
          if (allocated(error) .or. work_is_over()) return
-         call refine(remainder, weights, start, step, 2.0_wp*width, frequencies(k), amplitudes(k))
+         call maximise_average(remainder, weights, start, step, 2.0_wp*width, frequencies(k), amplitudes(k))
          if (abs(amplitudes(k)) <= 64*epsilon(1.0_wp)*maxval(abs(x))) exit
          call add_line(remainder, time, frequencies(k), -amplitudes(k))
          n_found = k
@@ -56,7 +56,7 @@ contains
          remainder = remainder - sum(weights*remainder)
          do k = 1, n_found
             call add_line(remainder, time, frequencies(k), amplitudes(k))
-            call refine(remainder, weights, start, step, 0.5_wp*width, frequencies(k), amplitudes(k))
+            call maximise_average(remainder, weights, start, step, 0.5_wp*width, frequencies(k), amplitudes(k))
             call add_line(remainder, time, frequencies(k), -amplitudes(k))
          end do
       end do
@@ -100,7 +100,7 @@ contains
    !>
    !> Times are relative to the middle of the record, where the window is symmetric: the phase then does not affect
    !> the slope.
-   pure subroutine refine(x, weights, start, step, half_width, frequency, amplitude)
+   pure subroutine maximise_average(x, weights, start, step, half_width, frequency, amplitude)
       real(wp), intent(in), contiguous :: x(:), weights(:)
       real(wp), intent(in) :: start, step, half_width
       real(wp), intent(inout) :: frequency
@@ -138,5 +138,5 @@ contains
          by_w = cmplx(0.0_wp, -1.0_wp, wp)*average_at(moments, -middle, step, w)
          slope = real(conjg(average)*by_w, wp)
       end function slope
-   end subroutine refine
+   end subroutine maximise_average
 end module hb_frequency_analysis

@@ -10,7 +10,7 @@ module hb_impact_curve
    use hb_cancellation, only: verdict, verdict_on_work
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
-   use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
+   use hb_curve_request, only: curve_request_t, located_response_t
    use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -31,6 +31,7 @@ module hb_impact_curve
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_solved, outcome
    use hb_point, only: solve_point
+   use hb_point_kinds, only: curve_kind
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_system, only: system_t
@@ -54,7 +55,7 @@ module hb_impact_curve
       procedure :: begin => impact_curve_begin
       procedure :: continue_from => impact_curve_continue_from
       procedure :: start_branch => impact_curve_start_branch
-      procedure :: go => impact_curve_go
+      procedure :: make_step => impact_curve_make_step
       procedure :: put_on => impact_curve_put_on
       procedure :: find_roughness => impact_curve_find_roughness
       procedure :: make_curve => impact_curve_make_curve
@@ -253,7 +254,7 @@ contains
 
    !> Performs one step, or passes a graze, before it or where it stalls. A graze at which the curve turns back cannot be located
    !> on a step: it is passed, or the short step begins there.
-   subroutine impact_curve_go(self, error)
+   subroutine impact_curve_make_step(self, error)
       class(impact_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(waiting_t), allocatable :: first(:)
@@ -275,7 +276,7 @@ contains
       end if
       self%problem%refusal = self%orbit%refusal
       if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_grazing(self)
-   end subroutine impact_curve_go
+   end subroutine impact_curve_make_step
 
    !> Moves the section of the map, and the curve with its start, away from impacts.
    subroutine impact_curve_prepare_step(self)

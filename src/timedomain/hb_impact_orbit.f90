@@ -123,7 +123,7 @@ contains
    end function impact_orbit_period
 
    !> State after a part of a period from the section on, at a value.
-   subroutine carry(self, x, value, part, after, is_done)
+   subroutine advance_part(self, x, value, part, after, is_done)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)                                    !! scaled
       real(wp), intent(in) :: value, part
@@ -133,7 +133,7 @@ contains
       call self%set_parameters([1], [value], is_done)
       if (is_done) call self%map%advance(self%section*self%period(), part*self%period(), x, after, is_done)
       if (.not. is_done) after = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine carry
+   end subroutine advance_part
 
    !> Changes of the state after a part of a period, and the derivative along a change of state and value, by a central
    !> difference.
@@ -148,10 +148,10 @@ contains
 
       slope = 0.0_wp
       value = self%value
-      call carry(self, x + distance*change, value + distance*of_value, part, after(:, 1), is_done)
+      call advance_part(self, x + distance*change, value + distance*of_value, part, after(:, 1), is_done)
       if (is_done) then
          allocate (impacts, source=self%map%impacts)
-         call carry(self, x - distance*change, value - distance*of_value, part, after(:, 2), is_done)
+         call advance_part(self, x - distance*change, value - distance*of_value, part, after(:, 2), is_done)
          if (is_done) then
             is_done = all(impacts == self%map%impacts)
             slope = (after(:, 1) - after(:, 2))/(2.0_wp*distance)
@@ -182,7 +182,7 @@ contains
       real(wp), intent(out), contiguous :: r(:)
       logical :: is_done
 
-      call carry(self, x, self%value, 1.0_wp, r, is_done)
+      call advance_part(self, x, self%value, 1.0_wp, r, is_done)
       r = r - x
       self%impacts = self%map%impacts
    end subroutine impact_orbit_residual
@@ -343,7 +343,7 @@ contains
 
       associate (part => modulo(section - self%section, 1.0_wp))
          call differ(self, x, direction, of_value, distance_at(1, nearer), part, slope, is_done)
-         if (is_done) call carry(self, x, self%value, part, after, is_done)
+         if (is_done) call advance_part(self, x, self%value, part, after, is_done)
       end associate
       if (.not. is_done) return
       x = after

@@ -32,7 +32,7 @@ module hb_integrated_floquet
       real(wp), allocatable, private :: still(:, :)                   ! orthonormal, coordinates that are always held, (size, any)
    contains
       procedure :: reach_steady_state => integrated_propagation_reach_steady_state
-      procedure :: carry => integrated_propagation_carry
+      procedure :: propagate => integrated_propagation_propagate
    end type integrated_propagation_t
 
    type, extends(floquet_t) :: integrated_floquet_t
@@ -198,7 +198,7 @@ contains
       end associate
    end subroutine go_on
 
-   subroutine integrated_propagation_carry(self, x, is_done)
+   subroutine integrated_propagation_propagate(self, x, is_done)
       class(integrated_propagation_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: x(:, :)
       logical, intent(out) :: is_done
@@ -208,5 +208,5 @@ contains
       call self%integration%differences(self%time, self%length, self%x, distance, x, after, is_done)
       if (is_done) call go_on(self, is_done)
       if (is_done) x = after - matmul(self%still, matmul(transpose(self%still), after))
-   end subroutine integrated_propagation_carry
+   end subroutine integrated_propagation_propagate
 end module hb_integrated_floquet

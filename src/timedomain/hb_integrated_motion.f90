@@ -98,7 +98,7 @@ contains
                              two_pi/minval(system%tones%omega)*evaluation_work(system%structure%n_dofs, size(law_dofs), .false.) > &
                              options%integration%work_limit
       if (.not. is_fast) then
-         call follow(system, discretisation, options, law_dofs, steady, last, error, start)
+         call integrate_to_steady(system, discretisation, options, law_dofs, steady, last, error, start)
          if (options%integration%method /= integration_method%cvode) return
          if (.not. steady%is_out_of_work .or. steady%status /= outcome%pending) return
          if (by_cvode_alone) return
@@ -156,14 +156,14 @@ contains
          stepped%integration%spectral_radius = 0.0_wp
          stepped%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
       end if
-      call follow(system, discretisation, stepped, law_dofs, steady, last, error, start)
+      call integrate_to_steady(system, discretisation, stepped, law_dofs, steady, last, error, start)
       do i = 1, max_halvings
          if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%integrated)) exit
          coarse = steady
          stepped%integration%substeps = 2*stepped%integration%substeps
          stepped%integration%work_limit = max(0.0_wp, budget - coarse%work)
          now = last
-         call follow(system, discretisation, stepped, law_dofs, steady, last, error, now)
+         call integrate_to_steady(system, discretisation, stepped, law_dofs, steady, last, error, now)
          steady%work = steady%work + coarse%work
          if (allocated(error)) exit
          steady%message = steady%message//merge("; implicit steps", "; fixed steps   ", &
@@ -241,7 +241,7 @@ contains
       allowed = min(options%error_estimate%truncation, largest_spread)
    end function allowed_of
 
-   subroutine follow(system, discretisation, options, law_dofs, steady, state, error, start)
+   subroutine integrate_to_steady(system, discretisation, options, law_dofs, steady, state, error, start)
       type(system_t), intent(in) :: system                            !! all tones given
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
@@ -332,7 +332,7 @@ contains
          end if
          call fit%destroy()
       end associate
-   end subroutine follow
+   end subroutine integrate_to_steady
 
    !> Replaces a motion with impacts by the periodic one at its end, if Newton's method finds it nearby: its accuracy is
    !> then not limited by the decay of transients.

@@ -144,7 +144,7 @@ contains
       call self%record_from(start, duration, n_steps_of(self, self%level), nothing, after, record, is_done)
    end subroutine state_map_advance
 
-   !> As `carry`, with a record of some displacements.
+   !> As `advance`, with a record of some displacements.
    subroutine state_map_record_from(self, start, duration, n_samples, dofs, x, record, is_done)
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: start, duration                         !! [s]

@@ -65,7 +65,7 @@ contains
       if (.not. allocated(error)) call integrator%start(state, error)
       record%is_under_way = .not. allocated(error)
       record%step = step
-      if (.not. allocated(error)) call follow(integrator, system, config, retained_dofs, state, record, error)
+      if (.not. allocated(error)) call record_steps(integrator, system, config, retained_dofs, state, record, error)
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) then
@@ -109,7 +109,7 @@ contains
    end subroutine new_integrator
 
    !> Advances step by step and records.
-   subroutine follow(integrator, system, config, retained_dofs, state, record, error)
+   subroutine record_steps(integrator, system, config, retained_dofs, state, record, error)
       class(integrator_t), intent(inout) :: integrator
       type(integration_system_t), intent(inout), target :: system         !! the integrator points to it
       type(integration_config_t), intent(in) :: config
@@ -180,7 +180,7 @@ contains
          record%velocity(row, :) = state%v(retained_dofs)
          call integrator%forces(state, record%force(row, :))
       end subroutine keep
-   end subroutine follow
+   end subroutine record_steps
 
    !> Fails if steps cannot be counted, or if the record would not fit into memory.
    subroutine check_length(config, step, n_retained, n_coordinates, error)

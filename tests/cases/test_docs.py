@@ -56,6 +56,7 @@ CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGN
 LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
 CASE = re.compile(r"^\s*(?:case\s*\(kind_of_part%(\w+)\)|end select)", re.IGNORECASE)
 FURTHER = re.compile(r'"(\w+_)dofs"')  # a further coordinate of a law, which has weights too
+KEYS_OF_RESPONSES = re.findall(r'"(\w+_of)"', (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8"))
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
 
 
@@ -82,7 +83,7 @@ def keys_of_program() -> dict[str, dict[str, str]]:
     keys: dict[str, dict[str, str]] = {}
     for path in sorted(SRC.rglob("*.f90")):
         procedure, kind = "", None
-        lists: dict[str, list[str]] = {}
+        lists: dict[str, list[str]] = {"response_keys": KEYS_OF_RESPONSES}
         for number, line in enumerate(code_of(path), start=1):
             if match := PROCEDURE.match(line):
                 procedure = match.group(1).lower()
@@ -193,16 +194,15 @@ def test_laws_have_a_row_in_the_overview():
     assert sorted(re.findall(r"^\| (\w+) \|", overview, re.MULTILINE)) == sorted(types)
 
 
-def test_events_of_curves_have_a_mark():
-    source = (SRC / "motion" / "hb_curve_request.f90").read_text(encoding="utf-8")
-    names = re.findall(r'"(\w+)"', re.search(r"curve_kind_names\(.*?\]", source, re.DOTALL)[0])
-    events = set(names) - {"none", "regular", "start", "value", "end"}
+def test_marks_of_located_points_can_be_drawn():
+    source = (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8")
+    table = source.partition("parameter :: curve_kinds")[2].partition(")]")[0]
+    marks = {words[3] for words in (re.findall(r'"([^"]*)"', row) for row in table.split("point_kind_t(")) if len(words) > 3}
     page = (ROOT / "postproc" / "src" / "nhbm_post" / "page.html").read_text(encoding="utf-8")
-    in_page = set(re.findall(r"(\w+): \[\"", re.search(r"const EVENTS = \{(.*?)\};", page, re.DOTALL)[1]))
-    from nhbm.pictures import _MARKS
-    from nhbm_post.draw.response import _SPECIAL
+    in_page = set(re.findall(r'shape === "(\w+)"', page)) | set(re.findall(r"(\w+): \d", re.search(r"const n = \{(.*?)\}", page)[1]))
+    from nhbm.located import MARKERS
 
-    assert set(_SPECIAL) == events and in_page == events and set(_MARKS) == events
+    assert len(marks) == 10 and marks <= in_page and marks <= set(MARKERS)
 
 
 def test_nothing_is_described_twice():

@@ -77,6 +77,7 @@ def test_a_saved_result_is_that_of_the_command(tmp_path):
         "curve": (DUFFING + "&harmonics order = 5 /\n" + curve, lambda m: m.curve("tones[0]", 0.5, 2.5, order=5)),
         "tolerance": (DUFFING, lambda m: m.solve()),
     }
+    flags = {"flag_meanings", "flag_labels", "flag_plurals", "flag_marks", "bifurcations"}
     for name, (text, solve) in cases.items():
         (tmp_path / f"{name}.nml").write_text(text)
         assert run("solve", f"{name}.nml", "-o", "ours.h5", "--overwrite", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
@@ -86,7 +87,7 @@ def test_a_saved_result_is_that_of_the_command(tmp_path):
             for column in ours:
                 a, b = ours[column], python[column]
                 assert a.dtype == b.dtype and a.ndim == b.ndim, (name, column)
-                for attribute in ("units", "long_name", "dof_units", "flag_meanings", "parameter"):
+                for attribute in ("units", "long_name", "dof_units", "parameter", *flags):
                     assert a.attrs.get(attribute) == b.attrs.get(attribute), (name, column, attribute)
             assert set(ours.attrs) == set(python.attrs)
             n, k = python["coefficients"].shape[0], python["coefficients"].shape[2]

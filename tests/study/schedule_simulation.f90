@@ -129,7 +129,7 @@ contains
             drawing = drawing + served - time(rank)
             time(rank) = served
             n = schedule%ask(cursors(rank))
-            call schedule%take(cursors(rank), drawn(counter), n, first, last)
+            call schedule%block_of(cursors(rank), drawn(counter), n, first, last)
             drawn(counter) = drawn(counter) + n
             forecast%draws = forecast%draws + 1.0_wp
             if (first <= last) then

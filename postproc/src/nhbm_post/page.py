@@ -50,7 +50,6 @@ _ERROR_ESTIMATE = (
 )
 
 _GREEK = {"omega": "ω", "Omega": "Ω", "mu": "µ", "alpha": "α", "beta": "β"}
-_ORDINARY = ("regular", "none", "start", "end", "value")  # kinds of points that are no events
 _ONLY_IF_ANY = ("penetration", "impact_estimate", "power_damping")
 
 
@@ -114,6 +113,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
         "tones": [{"name": name, "values": _numbers(values[points])} for name, values in tones.items()],
         "measure": len(dofs) if tones and axis and axis.path.startswith("normal_mode%") else 0,
         "tuples": tuples.tolist(),
+        "events": {name: [kind.mark, kind.label, kind.plural] for name, kind in results.located_kinds.items()},
         "points": _points(results, points, kinds),
         "rows": rows,
         "coefficients": base64.b64encode(coefficients.astype("<f4").tobytes()).decode(),
@@ -141,7 +141,7 @@ def _some_points(results: Results, kinds: np.ndarray, curves: list, most: int) -
     used = results.used.astype(int)
     if len(used) <= most:
         return used.tolist(), []
-    is_located = ~np.isin(kinds[used], ("", *_ORDINARY))
+    is_located = np.isin(kinds[used], list(results.located_kinds))
     located, others = used[is_located], used[~is_located]
     located = _evenly(located, 3 * most // 4)
     shown = {int(point) for curve in curves for point in curve.points}
@@ -240,7 +240,7 @@ def _points(results: Results, points: list[int], kinds: np.ndarray) -> dict:
         "status": _in_words(names),
         "solved": is_solved.tolist(),
         "message": _in_words([results.message(point) for point in points]),
-        "kind": ["" if kind in _ORDINARY else str(kind) for kind in kinds[points]],
+        "kind": [str(kind) if kind in results.located_kinds else "" for kind in kinds[points]],
         "stable": [int(stable) for stable in results.stability()[points]],
         "omega": [_numbers(omega) for omega in frequencies],
         "means": {name: sentence(name) for name in dict.fromkeys(names)},

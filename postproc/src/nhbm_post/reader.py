@@ -12,6 +12,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from nhbm.located import Located, located_kinds
+
 from .errors import ReaderError, UsageError
 from .hdf5 import open_file, strings_of, text_of
 from .outcome import ANSWERS, CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
@@ -243,6 +245,11 @@ class Results:
         dataset = self._dataset("curve_kind")
         names = np.array(text_of(dataset.attrs["flag_meanings"]).split())
         return names[np.clip(dataset[()], 0, names.size - 1)]
+
+    @cached_property
+    def located_kinds(self) -> dict[str, Located]:
+        """The kinds of located points of curves, such as folds, by their names."""
+        return located_kinds(self._dataset("curve_kind").attrs) if self.curve else {}
 
     def stability(self) -> np.ndarray:
         """1 if the motion of a point is stable, -1 if it is unstable, 0 if this is unknown."""

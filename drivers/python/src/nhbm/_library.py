@@ -43,6 +43,7 @@ class ColumnDescription(ctypes.Structure):
         ("long_name", ctypes.c_char_p),
         ("dof_units", ctypes.c_char_p),
         ("flag_meanings", ctypes.c_char_p),
+        ("attributes", ctypes.c_char_p),
         ("lowest_flag", ctypes.c_int),
         ("kind", ctypes.c_int),
     ]

@@ -8,12 +8,8 @@ import numpy as np
 import xarray as xr
 
 from nhbm.errors import imported
+from nhbm.located import MARKERS, located_kinds
 
-# The same shapes as in the pictures of nhbm-post.
-_MARKS = {"fold": ("fold", "o"), "peak": ("peak", "^"), "branch": ("branch point", "D"),
-          "period_doubling": ("period doubling", "s"), "neimark_sacker": ("Neimark-Sacker point", "h"),
-          "symmetry_breaking": ("change of stability", "p"), "grazing": ("grazing point", "v"),
-          "minimum": ("minimum", "<"), "amplitude": ("given amplitude", ">"), "resonance": ("phase resonance", "8")}  # fmt: skip
 _VERDICTS = ("stable", "-", "stable"), ("unstable", "--", "unstable"), ("unknown", ":", "stability not known")
 _MOST_LINES = 10  # of one picture with a legend
 
@@ -69,6 +65,7 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
         names = [", ".join(_labelled(other, data[other], value) for other, value in zip(others, row)) for row in rows]
         groups = [(names[k], np.flatnonzero(group.ravel() == k)) for k in range(len(rows))]
     is_curve = "curve_branch" in data
+    kinds = located_kinds(data["curve_kind"].attrs) if "curve_kind" in data else {}
     drawn = set()
     for k, (title, points) in enumerate(groups):
         if is_curve:
@@ -76,7 +73,7 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
         color = "C0" if is_curve else f"C{k % 10}"
         stable = data["stability"].values[points]
         if is_curve:  # at a bifurcation itself a multiplier is on the unit circle
-            located = (stable == "unknown") & np.isin(data["curve_kind"].values[points], list(_MARKS))
+            located = (stable == "unknown") & np.isin(data["curve_kind"].values[points], list(kinds))
             stable = np.where(located, np.roll(stable, 1), stable)
         for verdict, style, word in _VERDICTS:
             held = stable == verdict
@@ -88,11 +85,11 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
                 text = title
             drawn |= {word, title}
             ax.plot(data[name].values[points], np.where(held, y.values[points], np.nan), style, color=color, lw=1.4, label=text)
-    kinds = data["curve_kind"].values if "curve_kind" in data else np.zeros(0)
-    for kind, (word, mark) in _MARKS.items():
-        here = np.flatnonzero(kinds == kind)
+    for kind, look in kinds.items():
+        here = np.flatnonzero(data["curve_kind"].values == kind)
         if len(here):
-            ax.plot(data[name].values[here], y.values[here], mark, color="C3", ms=6, mfc="none", label=word, ls="none")
+            mark = MARKERS.get(look.mark, "o")
+            ax.plot(data[name].values[here], y.values[here], mark, color="C3", ms=6, mfc="none", label=look.label, ls="none")
     ax.set(xlabel=_labelled(name, data[name]), ylabel=label)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3)

@@ -277,6 +277,7 @@ class Session:
             attributes["flag_meanings"] = found.flag_meanings.decode()
             n = len(attributes["flag_meanings"].split())
             attributes["flag_values"] = np.arange(found.lowest_flag, found.lowest_flag + n, dtype=np.int32)
+        attributes.update(line.split(" = ", 1) for line in found.attributes.decode().splitlines())
         return attributes
 
     def _describe(self, name: str, builder: Any) -> int:

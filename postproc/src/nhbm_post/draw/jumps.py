@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
-# Events at which stability need not change. At a graze it may: if it coincides with a fold, the stability beyond both is used.
-_PASSED = ("regular", "peak", "value", "start", "end", "minimum", "amplitude", "resonance", "grazing")
 
-
-def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray) -> list[tuple[float, float, float]]:
+def jumps_at_folds(
+    x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray, bifurcations: Collection[str]
+) -> list[tuple[float, float, float]]:
     """(x, y of the fold, y of the motion after the jump) for each fold at which stable motions end.
 
     Points are in the order of the arc; next to a fold a multiplier is 1 up to rounding, and the stability slightly farther along
     the curve is used. A jump leads to the stable motion of the curve at the same x that is nearest in y; there is none if stability
-    is unknown, or if the curve has no stable motion at this x.
+    is unknown, or if the curve has no stable motion at this x. Stability may change at bifurcations. At a graze it may, too: if it
+    coincides with a fold, the stability beyond both is used.
     """
     jumps = []
+    is_passed = ~np.isin(kind, ["none", *bifurcations])
     stable = stability > 0
     for fold in np.flatnonzero(kind == "fold"):
-        if _known_beside(fold, -1, kind, stability) * _known_beside(fold, 1, kind, stability) >= 0:
+        if _known_beside(fold, -1, is_passed, stability) * _known_beside(fold, 1, is_passed, stability) >= 0:
             continue
         to = [
             y[i] + (x[fold] - x[i]) / (x[i + 1] - x[i]) * (y[i + 1] - y[i])
@@ -32,10 +35,10 @@ def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np
     return jumps
 
 
-def _known_beside(fold: int, step: int, kind: np.ndarray, stability: np.ndarray) -> int:
-    """The stability on one side of a fold, up to the next event; 0 if unknown."""
+def _known_beside(fold: int, step: int, is_passed: np.ndarray, stability: np.ndarray) -> int:
+    """The stability on one side of a fold, up to the next bifurcation; 0 if unknown."""
     i = fold + step
-    while 0 <= i < kind.size and kind[i] in _PASSED:
+    while 0 <= i < is_passed.size and is_passed[i]:
         if stability[i] != 0:
             return int(stability[i])
         i += step

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from nhbm.child_process import atomic_write
+from nhbm.located import MARKERS
 
 from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
@@ -78,7 +79,7 @@ class Curve:
         """Stability between each point and the next. At a located point, such as a fold, a multiplier is 1 up to rounding: the
         stability of the other end is used."""
         first, second = self.stability[:-1], self.stability[1:]
-        is_located = ~np.isin(self.kind, ("none", "regular", "start", "end", "value"))
+        is_located = np.isin(self.kind, list(self.results.located_kinds))
         if self.kind.size:
             first, second = (
                 np.where(is_located[:-1] & (first == 0), second, first),
@@ -98,7 +99,8 @@ class Curve:
             return list(zip(self.x[start], self.y[start], self.x[end], self.y[end]))
         if not self.is_over(moving):
             return []
-        return [(x, y, x, end) for x, y, end in jumps_at_folds(self.x, self.y, self.kind, self.stability)]
+        bifurcations = [name for name, kind in self.results.located_kinds.items() if kind.is_bifurcation]
+        return [(x, y, x, end) for x, y, end in jumps_at_folds(self.x, self.y, self.kind, self.stability, bifurcations)]
 
     def is_over(self, moving: Parameter) -> bool:
         """Whether the x axis is that value, in any unit."""
@@ -330,7 +332,7 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_sta
         _draw_by_stability(ax, curve, is_drawn, x_factor, factor, look)
     else:
         ax.plot(x_factor * x, factor * y, **look, gid="curve")
-    for kind, shape in _SPECIAL.items():
+    for kind, shape in _special(curve).items():
         at = curve.is_special(kind)
         ax.plot(x_factor * curve.x[at], factor * curve.y[at], **shape, color=look["color"], gid=kind, zorder=5)
     for at, start, to, end in curve.jumps:
@@ -357,29 +359,14 @@ def _shape(marker: str, size: float) -> dict:
     return {"linestyle": "none", "marker": marker, "markersize": size, "markerfacecolor": "white", "markeredgewidth": 1.3}
 
 
-# Shapes of the located points of a curve.
-_SPECIAL = {
-    "fold": _shape("o", 5.5),
-    "peak": _shape("^", 6.0),
-    "branch": _shape("D", 5.5),
-    "period_doubling": _shape("s", 5.5),
-    "neimark_sacker": _shape("h", 7.0),
-    "symmetry_breaking": _shape("p", 6.5),
-    "grazing": _shape("v", 6.0),
-    "minimum": _shape("<", 6.0),
-    "amplitude": _shape(">", 6.0),
-    "resonance": _shape("8", 6.0),
-}
-_WORDS = {
-    "branch": ("branch point", "branch points"),
-    "period_doubling": ("period doubling", "period doublings"),
-    "neimark_sacker": ("Neimark-Sacker point", "Neimark-Sacker points"),
-    "symmetry_breaking": ("change of stability", "changes of stability"),
-    "grazing": ("grazing point", "grazing points"),
-    "minimum": ("minimum", "minima"),
-    "amplitude": ("given amplitude", "given amplitudes"),
-    "resonance": ("phase resonance", "phase resonances"),
-}
+# Sizes of marks that differ from the usual one.
+_SIZES = {"circle": 5.5, "diamond": 5.5, "square": 5.5, "hexagon": 7.0, "pentagon": 6.5}
+
+
+def _special(curve: Curve) -> dict[str, dict]:
+    """The look of each kind of located point of a curve."""
+    kinds = curve.results.located_kinds
+    return {name: _shape(MARKERS.get(kind.mark, "o"), _SIZES.get(kind.mark, 6.0)) for name, kind in kinds.items()}
 
 
 def _draw_by_stability(ax, curve: Curve, is_drawn, x_factor, factor, look) -> None:
@@ -455,11 +442,11 @@ def _of_unknown_stability(curves: list[Curve]) -> list[Curve]:
 def _special_keys(curves: list[Curve]) -> list[Line2D]:
     """Legend of the located points and of dashes, if there are any."""
     entries = []
-    for kind, shape in _SPECIAL.items():
+    for kind, shape in {kind: shape for curve in curves for kind, shape in _special(curve).items()}.items():
         n = sum(int(curve.is_special(kind).sum()) for curve in curves)
         if n:
-            one, several = _WORDS.get(kind, (kind, f"{kind}s"))
-            entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {one if n == 1 else several}"))
+            look = next(c.results.located_kinds[kind] for c in curves if kind in c.results.located_kinds)
+            entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {look.label if n == 1 else look.plural}"))
     n_jumps = sum(len(curve.jumps) for curve in curves)
     if n_jumps:
         words = "1 jump" if n_jumps == 1 else f"{n_jumps} jumps"

@@ -1,0 +1,123 @@
+!> The kinds of points of a curve: one table, with all that curves, inputs, result files and pictures need of a kind.
+module hb_point_kinds
+   implicit none
+   private
+   public :: curve_kind, curve_kind_names, curve_kinds, kind_attribute_t, kind_attributes, located_by, point_kind_t, &
+      response_keys, response_kinds
+
+   !> Kinds of points of a curve; numbers as in the result file.
+   type :: curve_kind_t
+      integer :: none = 0
+      integer :: regular = 1                                          !! a step of the curve
+      integer :: start = 2                                            !! the point from which it is followed
+      integer :: fold = 3                                             !! the value reverses
+      integer :: peak = 4                                             !! maximum of a response
+      integer :: value = 5                                            !! a value that was requested
+      integer :: end = 6                                              !! an end of the range, or the point at which the curve closes
+      integer :: branch = 7 !! intersection with another curve: the determinant changes sign
+      integer :: period_doubling = 8    !! a multiplier passes -1: motions of twice the period
+      integer :: neimark_sacker = 9    !! a pair of them crosses the unit circle: an additional tone
+      integer :: symmetry_breaking = 10    !! a multiplier passes 1 without any of the other events
+      integer :: grazing = 11                                           !! a contact begins or becomes permanent
+      integer :: minimum = 12                                         !! of a response
+      integer :: amplitude = 13                                       !! a response has a requested amplitude
+      integer :: resonance = 14                                       !! a harmonic is in quadrature with its load
+   end type curve_kind_t
+   type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
+
+   !> What changes its sign at a located point.
+   type :: located_by_t
+      integer :: nothing = 0                                          !! of these: steps, requested values, ends
+      integer :: value = 1                                            !! the component of the tangent along the moving value
+      integer :: determinant = 2                                      !! that of the tangent
+      integer :: multipliers = 3                                      !! a function of the multipliers
+      integer :: contact = 4                                          !! an extreme of a switching function of a law
+      integer :: response = 5                                         !! the function of a response of the request
+   end type located_by_t
+   type(located_by_t), parameter :: located_by = located_by_t()
+
+   type :: point_kind_t
+      character(17) :: name = ""                                      !! in inputs and result files
+      integer :: by = located_by%nothing                              !! what changes its sign there
+      character(21) :: label = "", plural = ""                        !! in pictures; empty: not marked
+      character(8) :: mark = ""                                       !! shape in pictures
+      character(12) :: key = ""                                       !! of &curve, which names responses; empty: none
+      logical :: is_extreme = .false.                                 !! of the moving value or a response
+      logical :: is_bifurcation = .false.                             !! the stability may change there
+      logical :: has_derivatives = .false.                            !! its position has derivatives by numbers of the model
+      logical :: has_direction = .true.                               !! the direction of the curve is stored
+   end type point_kind_t
+
+   type(point_kind_t), parameter :: curve_kinds(0:*) = [ &
+      point_kind_t("none"), &
+      point_kind_t("regular"), &
+      point_kind_t("start"), &
+      point_kind_t("fold", located_by%value, "fold", "folds", "circle", &
+                   is_extreme=.true., is_bifurcation=.true., has_derivatives=.true.), &
+      point_kind_t("peak", located_by%response, "peak", "peaks", "up", "peak_of", is_extreme=.true., has_derivatives=.true.), &
+      point_kind_t("value", has_direction=.false.), &
+      point_kind_t("end", has_direction=.false.), &
+      point_kind_t("branch", located_by%determinant, "branch point", "branch points", "diamond", is_bifurcation=.true.), &
+      point_kind_t("period_doubling", located_by%multipliers, "period doubling", "period doublings", "square", &
+                   is_bifurcation=.true., has_derivatives=.true.), &
+      point_kind_t("neimark_sacker", located_by%multipliers, "Neimark-Sacker point", "Neimark-Sacker points", "hexagon", &
+                   is_bifurcation=.true., has_derivatives=.true.), &
+      point_kind_t("symmetry_breaking", located_by%multipliers, "change of stability", "changes of stability", "pentagon", &
+                   is_bifurcation=.true., has_direction=.false.), &
+      point_kind_t("grazing", located_by%contact, "grazing point", "grazing points", "down", has_direction=.false.), &
+      point_kind_t("minimum", located_by%response, "minimum", "minima", "left", "minimum_of", &
+                   is_extreme=.true., has_derivatives=.true.), &
+      point_kind_t("amplitude", located_by%response, "given amplitude", "given amplitudes", "right", "amplitude_of", &
+                   has_derivatives=.true.), &
+      point_kind_t("resonance", located_by%response, "phase resonance", "phase resonances", "octagon", "resonance_of", &
+                   has_derivatives=.true.)]
+
+   character(*), parameter :: curve_kind_names(0:*) = curve_kinds%name
+
+   integer :: i_kind                                                  ! of implied loops
+
+   !> Keys of &curve that name responses, and the kind of point that is located for each.
+   character(*), parameter :: response_keys(*) = pack(curve_kinds%key, curve_kinds%key /= "")
+   integer, parameter :: response_kinds(*) = pack([(i_kind, i_kind=0, ubound(curve_kinds, 1))], curve_kinds%key /= "")
+
+   type :: kind_attribute_t
+      character(12) :: name
+      character(400) :: text = ""
+   end type kind_attribute_t
+
+contains
+
+   !> Attributes of the column of kinds in files: what post-processing needs to name and draw the points.
+   pure function kind_attributes() result(attributes)
+      type(kind_attribute_t) :: attributes(4)
+      type(point_kind_t) :: row
+      integer :: k
+
+      attributes%name = [character(12) :: "flag_labels", "flag_plurals", "flag_marks", "bifurcations"]
+      do k = 0, ubound(curve_kinds, 1)
+         row = curve_kinds(k)
+         if (row%mark == "") then
+            row%label = row%name
+            row%plural = row%name
+            row%mark = "none"
+         end if
+         call add(attributes(1)%text, ", ", row%label)
+         call add(attributes(2)%text, ", ", row%plural)
+         call add(attributes(3)%text, " ", row%mark)
+         if (row%is_bifurcation) call add(attributes(4)%text, " ", row%name)
+      end do
+
+   contains
+
+      pure subroutine add(text, separator, word)
+         character(*), intent(inout) :: text
+         character(*), intent(in) :: separator, word
+
+         if (len_trim(text) == 0) then
+            text = word
+         else
+            text = trim(text)//separator//word
+         end if
+      end subroutine add
+   end function kind_attributes
+end module hb_point_kinds

@@ -1,0 +1,196 @@
+!> One curve, for the command, C and Python alike: its first motion is found by the attempts of `hb_attempts`, or its state
+!> at a stored point is restored; then its points are returned one by one.
+module hb_curve_runner
+   use hb_attempts, only: attempts_t, make_attempts
+   use hb_cancellation, only: cancellation_t, verdict, work_is_over
+   use hb_curve_request, only: curve_request_t
+   use hb_error, only: error_t
+   use hb_impact_curve, only: new_curve_of
+   use hb_kinds, only: wp
+   use hb_level, only: estimate_of
+   use hb_model, only: model_t
+   use hb_motion_curve, only: motion_curve_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_movement, only: movement_t, new_movement, set_movement
+   use hb_outcome, only: is_solved, outcome
+   use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, technique
+   use hb_text, only: to_text
+   use hb_thresholds, only: reliable
+   implicit none
+   private
+   public :: curve_runner_t
+
+   !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
+   type :: curve_runner_t
+      type(model_t) :: model                                          !! at the start
+      type(curve_request_t) :: request
+      logical :: is_done = .false.                                    !! there is no further point
+      class(motion_curve_t), allocatable, private :: curve
+      logical, private :: has_begun = .false.
+   contains
+      procedure :: prepare => curve_runner_prepare
+      procedure :: continue_from => curve_runner_continue_from
+      procedure :: is_prepared => curve_runner_is_prepared
+      procedure :: next => curve_runner_next
+      procedure :: destroy => curve_runner_destroy
+   end type curve_runner_t
+
+   !> The attempts to find the first motion of a curve.
+   type, extends(attempts_t) :: start_attempts_t
+      type(curve_runner_t), pointer :: runner => null()
+      type(motion_result_t), pointer :: result => null()
+      real(wp) :: start = 0.0_wp                                      ! requested
+      logical :: has_choice = .false.                                 ! the curve may begin at the other end of its range
+      type(error_t), allocatable :: error
+   contains
+      procedure :: applies => start_attempts_applies
+      procedure :: make => start_attempts_make
+      procedure :: is_over => start_attempts_is_over
+   end type start_attempts_t
+
+contains
+
+   !> Prepares the curve of the present model and request, which are set before.
+   subroutine curve_runner_prepare(self)
+      class(curve_runner_t), intent(inout) :: self
+
+      call self%destroy()
+      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
+      self%is_done = .false.
+      self%has_begun = .false.
+   end subroutine curve_runner_prepare
+
+   !> Restores the state of a prepared curve at the last of its stored points.
+   subroutine curve_runner_continue_from(self, stored, n_unreliable, error)
+      class(curve_runner_t), intent(inout), target :: self
+      type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
+      integer, intent(in) :: n_unreliable                             !! its last steps with estimates that have no meaning
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) &
+         call move_start(self, stored(1)%parameter, error)
+      if (.not. allocated(error)) call self%curve%continue_from(self%model, self%request, stored, error)
+      self%curve%n_unreliable = n_unreliable
+      self%is_done = self%curve%is_done .or. allocated(error)
+      self%has_begun = .true.
+   end subroutine curve_runner_continue_from
+
+   !> Whether there is a curve that may have points.
+   pure logical function curve_runner_is_prepared(self) result(is_prepared)
+      class(curve_runner_t), intent(in) :: self
+
+      is_prepared = allocated(self%curve)
+   end function curve_runner_is_prepared
+
+   !> Returns the next point; with the status `interrupted`, and without an error, if the work ends first. An error ends the
+   !> curve.
+   subroutine curve_runner_next(self, cancellation, result, error)
+      class(curve_runner_t), intent(inout), target :: self
+      class(cancellation_t), intent(inout), target :: cancellation
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: limit
+
+      limit = self%model%options%solver%time_limit
+      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
+      call cancellation%enter(limit)
+      if (self%has_begun) then
+         call self%curve%next(result, error)
+      else
+         call begin(self, result, error)
+      end if
+      call cancellation%leave()
+      self%has_begun = .true.
+      if (cancellation%verdict == verdict%interrupted) then ! the cause of an apparent error or end may be the interruption
+         result%status = outcome%interrupted
+         self%is_done = .false.
+         if (allocated(error)) deallocate (error)
+         return
+      end if
+      self%is_done = self%curve%is_done .or. allocated(error)
+   end subroutine curve_runner_next
+
+   !> Begins the curve by the attempts of `hb_attempts`: contacts that are closed at one end of the range are often open at the
+   !> other; time integration, which takes longer, is the last attempt.
+   subroutine begin(self, result, error)
+      class(curve_runner_t), intent(inout), target :: self
+      type(motion_result_t), intent(out), target :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(start_attempts_t) :: attempts
+
+      attempts%runner => self
+      attempts%result => result
+      attempts%start = self%request%start
+      associate (request => self%request, model => self%model)
+         attempts%has_choice = any(abs(request%start - [request%from, request%to]) <= 0.0_wp) .and. .not. &
+            (allocated(request%origin) .or. allocated(request%over) .or. any(model%system%tones%is_unknown) .or. &
+             model%options%start%from_integration .or. model%system%normal_mode%is_requested .or. &
+                model%options%lacks_impacts_of(model%system, outcome%impact))
+      end associate
+      call make_attempts(attempts, stage%curve)
+      result%attempts = attempts%made
+      if (allocated(attempts%error)) call move_alloc(attempts%error, error)
+   end subroutine begin
+
+   !> Whether an attempt can be made: without a choice the start alone, by all methods.
+   logical function start_attempts_applies(self, rule) result(applies)
+      class(start_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+
+      applies = self%has_choice .or. rule%technique == technique%integration
+   end function start_attempts_applies
+
+   !> Makes one attempt; a solution with an error too large to be estimated is not accepted.
+   subroutine start_attempts_make(self, rule, attempt, within)
+      class(start_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(attempt_t), intent(inout) :: attempt
+      type(attempt_t), allocatable, intent(out) :: within(:)
+
+      associate (runner => self%runner, result => self%result)
+         associate (request => runner%request)
+            call move_start(runner, merge(request%from + request%to - self%start, self%start, &
+                                         rule%discretisation == set_choice%other_end), self%error)
+         end associate
+         if (self%has_choice) runner%model%options%may_integrate = rule%technique == technique%integration
+         if (.not. allocated(self%error)) call runner%curve%begin(runner%model, runner%request, result, self%error)
+         if (allocated(result%attempts)) call move_alloc(result%attempts, within)
+         attempt%status = merge(outcome%failed, result%status, allocated(self%error))
+         if (allocated(self%error)) return
+         attempt%has_succeeded = is_solved(result%status) .and. estimate_of(result) < reliable
+         if (is_solved(result%status) .and. rule%discretisation == set_choice%other_end .and. &
+             (attempt%has_succeeded .or. work_is_over())) &
+            result%message = "no motion was found at "//to_text(self%start)//"; the curve begins at the other end of its range"
+      end associate
+   end subroutine start_attempts_make
+
+   logical function start_attempts_is_over(self) result(is_over)
+      class(start_attempts_t), intent(inout) :: self
+
+      is_over = allocated(self%error) .or. work_is_over()
+   end function start_attempts_is_over
+
+   !> Moves the start of the curve, before it has begun, to a value.
+   subroutine move_start(self, start, error)
+      class(curve_runner_t), intent(inout), target :: self
+      real(wp), intent(in) :: start
+      type(error_t), allocatable, intent(out) :: error
+      type(movement_t) :: movement
+
+      if (abs(start - self%request%start) <= 0.0_wp) return
+      call self%curve%destroy()
+      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
+      self%request%start = start
+      call new_movement(movement, self%model, self%request%moving%number, self%request%moving%is_tied, error)
+      if (.not. allocated(error)) call set_movement(self%model, movement, start, error)
+   end subroutine move_start
+
+   !> Frees the curve; safe to call twice.
+   subroutine curve_runner_destroy(self)
+      class(curve_runner_t), intent(inout) :: self
+
+      if (.not. allocated(self%curve)) return
+      call self%curve%destroy()
+      deallocate (self%curve)
+   end subroutine curve_runner_destroy
+end module hb_curve_runner

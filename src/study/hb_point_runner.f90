@@ -1,0 +1,40 @@
+!> One point, for the command, C and Python alike: its model is solved from its neighbours, and differentiated.
+module hb_point_runner
+   use hb_error, only: error_t
+   use hb_gradient, only: find_gradient
+   use hb_kinds, only: wp
+   use hb_level, only: level_t
+   use hb_linear_part, only: cached_linear_parts_t
+   use hb_model, only: model_t
+   use hb_motion_result, only: motion_result_t
+   use hb_neighbour, only: neighbour_t
+   use hb_point, only: solve_point
+   implicit none
+   private
+   public :: run_model
+
+contains
+
+   !> Solves a model at its present values. An `error` is a failure of this point alone, which its result has as well.
+   subroutine run_model(model, value, neighbour, cached, result, level, error)
+      type(model_t), intent(inout) :: model                           !! on return with the values that follow its motion
+      real(wp), intent(in) :: value                                   !! at the point, by which its neighbours are compared
+      type(neighbour_t), intent(in) :: neighbour                      !! used if the options of the model request it
+      type(cached_linear_parts_t), intent(inout), target :: cached
+      type(motion_result_t), intent(out) :: result
+      type(level_t), intent(out) :: level                             !! of the motion; without unknowns if none is found
+      type(error_t), allocatable, intent(out) :: error
+      type(level_t) :: below
+      real(wp), allocatable :: start(:)
+
+      if (model%options%accuracy%is_on) then
+         call neighbour%predict_level(value, model%options, below)
+      else if (model%options%chain%is_on) then
+         call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
+      end if
+      call solve_point(model, result, error, level, below, start, cached)
+      if (.not. allocated(error)) &
+         call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)
+      if (allocated(error)) call result%set_failure(error)
+   end subroutine run_model
+end module hb_point_runner
