@@ -35,6 +35,8 @@ _MARGIN = 0.02  # by which curves are longer than the measured range, relative t
 _COLUMNS = "frequency", "hertz", "amplitude", "phase", "sweep", "sigma"
 _SWEEPS = "up", "down"
 _FAR = 1e3  # residual of a point where the model has no motion
+_WEAK = 1e-6  # singular value, relative to the largest, of a combination of parameters that the data do not determine
+_UNLIKELY, _SIGNIFICANT, _MANY = 1e-3, 3.3, 8  # chance of a warning about noise alone; the same in deviations; fewest pairs
 
 
 @dataclass
@@ -93,8 +95,10 @@ class Fit:
 
     @property
     def correlation(self) -> Array:
-        """Correlation of the estimates."""
-        return self.covariance / np.outer(self.errors, self.errors)
+        """Correlation of the estimates; NaN for parameters that the data do not determine, whose standard error is infinite."""
+        with np.errstate(invalid="ignore"):
+            found: Array = self.covariance / np.outer(self.errors, self.errors)
+        return found
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -159,7 +163,7 @@ class Fit:
         for path, value, error in zip(self.paths, self.values, self.errors):
             unit = self.model._described(path)["units"]
             rows.append((path, f"{value:.6g} +- {error:.2g} {'' if unit == '1' else unit}".rstrip()))
-        pairs = [(abs(c), i, j) for i, line in enumerate(self.correlation) for j, c in enumerate(line) if i < j]
+        pairs = [(abs(c), i, j) for i, line in enumerate(self.correlation) for j, c in enumerate(line) if i < j and np.isfinite(c)]
         if pairs:
             _, i, j = max(pairs)
             rows.append(("largest correlation", f"{self.correlation[i, j]:.2f}, of {self.paths[i]} and {self.paths[j]}"))
@@ -285,19 +289,94 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
                           max_nfev=100)  # fmt: skip
     values = found.x * scale
     residuals, jacobian = problem.residuals(values), problem.jacobian(values)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
-    freedom = _n_measured(sets) - len(paths)
+    covariance, is_known = _covariance(jacobian)
     if is_scaled:
-        covariance = covariance * (residuals @ residuals) / freedom
-    message = "" if found.success else f"the optimisation has ended early: {found.message}"
+        covariance = covariance * (residuals @ residuals) / (_n_measured(sets) - len(paths))
     at_end = (values <= lower + 1e-6 * scale) | (values >= upper - 1e-6 * scale)
-    if at_end.any():
-        message = f"at an end of its range: {', '.join(np.array(paths)[at_end])}"
-    if message:
-        doubts.warn(message)
     problem.set_values(values)
-    return Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, message,
-               problem.predictions)  # fmt: skip
+    fitted = Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, "",
+                 problem.predictions)  # fmt: skip
+    doubtful = [] if found.success else [f"the optimisation has ended early: {found.message}"]
+    if at_end.any():
+        doubtful.append(f"at an end of its range: {', '.join(np.array(paths)[at_end])}")
+    if not is_known.all():
+        doubtful.append(f"the data do not determine {', '.join(np.array(paths)[~is_known])}")
+    fitted.message = "; ".join([*doubtful, *_systematic(fitted)])
+    if fitted.message:
+        doubts.warn(fitted.message)
+    return fitted
+
+
+def compare_fits(fits: Mapping[str, Fit]) -> Any:
+    """Compares models that were fitted to the same data, by the Bayesian information criterion.
+
+    Parameters
+    ----------
+    fits : dict
+        Fits by name, ``{"stop": fit, "cubic spring": other}``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        For each the number of parameters, chi-square, `bic` and `probability`, that of the model if one of them is right and none
+        was more likely beforehand: proportional to exp(-bic/2).
+    """
+    import pandas
+
+    first = next(iter(fits.values()), None)
+    if first is None or len(fits) < 2:
+        raise ModelError("a comparison needs two fits or more, by name")
+    for name, fit in fits.items():
+        same = len(fit.sets) == len(first.sets) and all(_is_same(one, other) for one, other in zip(fit.sets, first.sets))
+        if not same or fit.is_scaled != first.is_scaled:
+            raise ModelError(f"fit '{name}' has other data, or another noise, than '{next(iter(fits))}'")
+    bic = np.array([fit.bic for fit in fits.values()])
+    likely = np.exp(-(bic - bic.min()) / 2)
+    columns = {"parameters": [len(fit.paths) for fit in fits.values()], "chi_square": [fit.chi_square for fit in fits.values()],
+               "bic": bic, "probability": likely / likely.sum()}  # fmt: skip
+    return pandas.DataFrame(columns, index=pandas.Index(list(fits), name="model"))
+
+
+def _is_same(one: _Set, other: _Set) -> bool:
+    """Whether two sets have the same numbers."""
+    if (one.phase is None) != (other.phase is None) or len(one.at) != len(other.at):
+        return False
+    pairs = [(one.at, other.at), (one.amplitude, other.amplitude), (one.sigma, other.sigma), (one.phase, other.phase)]
+    return all(a is None or np.array_equal(a, b) for a, b in pairs)
+
+
+def _covariance(jacobian: Array) -> tuple[Array, Array]:
+    """Covariance of the parameters, for residuals of variance 1, and which of them the data determine; those that a combination
+    without influence contains have an infinite variance."""
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = np.where(size > 0, size, 1.0)
+    _, strength, ways = np.linalg.svd(jacobian / scaled, full_matrices=False)
+    is_weak = strength <= _WEAK * strength.max(initial=0.0)
+    is_known = (size > 0) & ~(np.abs(ways[is_weak]) > _WEAK**0.5).any(axis=0)
+    covariance = (ways[~is_weak].T / strength[~is_weak] ** 2) @ ways[~is_weak] / np.outer(scaled, scaled)
+    covariance[~is_known] = covariance[:, ~is_known] = np.nan
+    np.fill_diagonal(covariance, np.where(is_known, np.diag(covariance), np.inf))
+    return covariance, is_known
+
+
+def _systematic(fit: Fit) -> list[str]:
+    """What the residuals tell about the model: a misfit beyond the noise, and residuals that depend on those beside them."""
+    from scipy.stats import chi2
+
+    found, products = [], []
+    if not fit.is_scaled and chi2.sf(fit.chi_square, fit.degrees_of_freedom) < _UNLIKELY:
+        found.append(f"the noise does not explain the misfit: chi-square {fit.chi_square:.4g} of {fit.degrees_of_freedom} degrees of "
+                     "freedom; the standard errors are too small")  # fmt: skip
+    rows, end = fit.residuals.reshape(-1, 3), 0
+    for one in fit.sets:
+        here, end = rows[end : end + len(one.at)], end + len(one.at)
+        products += [(here[1:, k] * here[:-1, k]).tolist() for k in range(2 if one.phase is not None else 1)]
+    beside = np.concatenate([np.array(some) for some in products])
+    length = np.linalg.norm(beside)
+    if len(beside) >= _MANY and length > 0 and beside.sum() / length > _SIGNIFICANT:
+        found.append("residuals resemble those beside them: the model misses something that the data show, and the standard errors "
+                     "are too small")  # fmt: skip
+    return found
 
 
 def _n_measured(sets: list[_Set]) -> int:
