@@ -180,8 +180,11 @@ def test_a_wrong_model_or_noise_is_reported():
     assert fit_without_warning(linear(), data, LINEAR, "x1 (1)", order=1, noise=0.01).message == ""
     with pytest.warns(NotConverged, match="the noise does not explain the misfit"):
         nhbm.fit(linear(), data, LINEAR, "x1 (1)", order=1, noise=0.002)
-    with pytest.warns(NotConverged, match="residuals resemble those beside them"):  # its damping does not depend on the frequency
-        nhbm.fit(linear(), data, LINEAR[:1], "x1 (1)", order=1)
+    many = np.linspace(0.7, 1.4, 41)
+    data = {"frequency": many, "amplitude": noisy(FORCE / abs(1.21 - many**2 + 0.2j * many), 0.01)}
+    assert fit_without_warning(linear(), data, LINEAR, "x1 (1)", order=1).message == ""
+    with pytest.warns(NotConverged, match="residuals resemble those beside them"):  # with the stiffness of the first guess
+        nhbm.fit(linear(), data, LINEAR[1:], "x1 (1)", order=1)
 
 
 def test_two_models_are_compared_by_the_evidence():
@@ -207,21 +210,26 @@ def test_two_models_are_compared_by_the_evidence():
         nhbm.compare_fits({"linear": fits["linear"]})
 
 
-def test_controlled_responses_are_fitted():
-    """The force that keeps the first harmonic of a Duffing oscillator at one amplitude, and the one at phase resonance; both have
-    closed forms for one harmonic, and many of their points are on unstable branches at that force."""
-    omega = np.linspace(0.9, 1.35, 10)
-    force = 0.5 * abs(1.0 + 0.75 * K3 * 0.25 - omega**2 + 1j * D * omega)
-    data = {"frequency": omega, "amplitude": noisy(np.full(10, 0.5), 0.01), "load[0].cos": force}
-    found = fit_without_warning(hardening(0.97, 0.09, 1.8), data, HARDENING, "x1 (1)", order=1, controlled=True)
-    assert (abs(found.values - [1.0, D, K3]) < 3 * found.errors).all() and (found.errors / found.values < 0.1).all()
-
-    amplitude = np.linspace(0.1, 0.8, 8)
-    omega = np.sqrt(1.0 + 0.75 * K3 * amplitude**2)
-    data = {"frequency": omega, "amplitude": noisy(amplitude, 0.01, 6), "load[0].cos": D * omega * amplitude,
-            "phase": -np.pi / 2 + 0.01 * np.random.default_rng(7).standard_normal(8)}  # fmt: skip
-    found = fit_without_warning(hardening(0.99, 0.085, 1.9), data, HARDENING, "x1 (1)", order=1, controlled=True)
-    assert (abs(found.values - [1.0, D, K3]) < 3 * found.errors).all() and (found.errors / found.values < 0.05).all()
+@pytest.mark.parametrize("resonant", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_controlled_responses_are_fitted(resonant):
+    """The force that keeps the first harmonic of a Duffing oscillator at each of two amplitudes, and the one at phase resonance; both
+    have closed forms for one harmonic. Most of the points are on unstable branches or on folds at that force."""
+    omega, amplitude = np.tile(np.linspace(0.95, 1.35, 4), 2), np.repeat([0.3, 0.5], 4)
+    if resonant:
+        amplitude = np.linspace(0.1, 0.8, 7)
+        omega = np.sqrt(1.0 + 0.75 * K3 * amplitude**2)
+    balance = 1.0 + 0.75 * K3 * amplitude**2 - omega**2 + 1j * D * omega
+    exact = {"frequency": omega, "amplitude": amplitude, "load[0].cos": amplitude * abs(balance), "phase": np.angle(1 / balance)}
+    noise = 0.01 * np.random.default_rng(6).standard_normal((2, len(omega)))
+    noisy = {**exact, "load[0].cos": exact["load[0].cos"] * (1 + noise[0]), "phase": exact["phase"] + noise[1]}
+    for data, first in ((exact, (0.97, 0.09, 1.8)), (noisy, (1.0, D, K3))):
+        found = fit_without_warning(hardening(*first), data, HARDENING, "x1 (1)", order=1, controlled=True)
+        if data is exact:
+            np.testing.assert_allclose(found.values, [1.0, D, K3], rtol=1e-4)
+    assert (abs(found.values - [1.0, D, K3]) < 3 * found.errors).all() and (found.errors / found.values < 0.02).all()
+    assert found.plot().axes[0].get_ylabel().endswith("[N]")
+    with pytest.raises(ModelError, match="must have positive numbers: the force"):
+        nhbm.fit(hardening(), {**exact, "load[0].cos": -amplitude}, HARDENING, "x1 (1)", order=1, controlled=True)
 
 
 LINEAR_INPUT = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0, damping = 0.1 /
