@@ -83,7 +83,7 @@ def amplifier(tones: list[float]) -> nhbm.Model:
         nhbm.Matrices(mass=[[coupling, -coupling], [-coupling, coupling + own_capacity]], stiffness=np.zeros((2, 2)),
                       damping=[[1e9 / 50.0 * SCALE, 0.0], [0.0, 0.0]]),
         tones=tones)  # fmt: skip
-    model.law(nhbm.law(np.sin), "x2")
+    model.law(nhbm.law(lambda q: np.sin(q)), "x2")
     return model
 
 
@@ -116,7 +116,7 @@ def josephson_gain() -> list[float]:
         signal = 2 * math.pi * gigahertz
         model = amplifier([PUMP, signal])
         model.load("x1", (1, 0), cos=current(2 * 0.00565e-6))
-        model.load("x1", (0, 1), cos=0.0, label="signal")
+        model.load("x1", (0, 1), cos=0.0)
         model.set("harmonics", order=[9, 1])
         model.set("gradient", by=["load(2)%cos"])
         motion = model.solve()

@@ -24,26 +24,28 @@ contains
    subroutine run_fit(words, error)
       type(string_t), intent(in) :: words(:)
       type(error_t), allocatable, intent(out) :: error
-      character(:, c_char), allocatable, target :: texts(:)
-      type(c_ptr) :: arguments(size(words) + 3)
       integer :: i, longest
 
       longest = len(command)
       do i = 1, size(words)
          longest = max(longest, len(words(i)%value))
       end do
-      allocate (character(longest + 1, c_char) :: texts(size(words) + 2))
-      texts(1) = command//c_null_char
-      texts(2) = "fit"//c_null_char
-      do i = 1, size(words)
-         texts(i + 2) = words(i)%value//c_null_char
-      end do
-      do i = 1, size(texts)
-         arguments(i) = c_loc(texts(i))
-      end do
-      arguments(size(arguments)) = c_null_ptr
-      if (execvp(command//c_null_char, arguments) /= 0) &
-         call fail(error, "fit is a command of the Python package, "//command//" fit, which is not found: install the package "// &
-                   "(pip install nhbm, or python3-nhbm beside this program), or add its folder to PATH")
+      block
+         character(longest + 1, c_char), target :: texts(size(words) + 2)
+         type(c_ptr) :: arguments(size(words) + 3)
+
+         texts(1) = command//c_null_char
+         texts(2) = "fit"//c_null_char
+         do i = 1, size(words)
+            texts(i + 2) = words(i)%value//c_null_char
+         end do
+         do i = 1, size(texts)
+            arguments(i) = c_loc(texts(i))
+         end do
+         arguments(size(arguments)) = c_null_ptr
+         if (execvp(command//c_null_char, arguments) /= 0) &
+            call fail(error, "fit is a command of the Python package, "//command//" fit, which is not found: "// &
+                      "install the package (pip install nhbm) or add its folder to PATH")
+      end block
    end subroutine run_fit
 end module verb_fit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -247,7 +248,11 @@ def test_the_command_fits(tmp_path):
     (tmp_path / "data.csv").write_text("frequency,amplitude\n" + "\n".join(rows))
     by = ["--by", "structure%stiffness(1)", "--by", "structure%damping(1)"]
     words = ["fit", "data.csv", "one.nml", *by, "--of", "x1 (1)", "--order", "1"]
-    environment = {**os.environ, "PATH": f"{ROOT / 'drivers' / 'python' / 'bin'}:{os.environ['PATH']}"}
+    command = tmp_path / "bin" / "nhbm-model"  # by the Python of the tests
+    command.parent.mkdir()
+    command.write_text(f"#!{sys.executable}\nimport sys\nfrom nhbm.command import main_in_child_process\nsys.exit(main_in_child_process())\n")
+    command.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{command.parent}:{os.environ['PATH']}", "PYTHONPATH": os.pathsep.join(sys.path)}
 
     def run(*more):
         return subprocess.run([os.environ["NHBM"], *words, *more], cwd=tmp_path, env=environment, capture_output=True, text=True)
