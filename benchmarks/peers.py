@@ -26,8 +26,9 @@ def pyharm() -> tuple[float, str]:
     def on(dof: int, **keys: object) -> dict[str, object]:
         return {"connect": {"s": [0]}, "dirs": [dof], **keys}
 
-    curve = {"study": "frf", "solver": "NewtonRaphson", "puls_inf": 0.5, "puls_sup": 5.0, "puls_start": 0.5, "ds0": 0.02, "ds_max": 0.05,
-             "ds_min": 1e-8, "verbose": False}  # fmt: skip
+    curve = {"study": "frf", "predictor": "tangent",
+             "puls_inf": 0.5, "puls_sup": 5.0, "puls_start": 0.5, "ds0": 0.02, "ds_max": 0.05, "ds_min": 1e-8,
+             "verbose": False}  # fmt: skip
     matrices = {"M": np.eye(2), "C": 0.1 * np.eye(2), "K": np.array([[6.0, -5.0], [-5.0, 6.0]]), "G": np.zeros((2, 2))}
     data = {"analysis": {"curve": curve}, "system": {"type": "Base", "nh": 7, "nti": 128},
             "substructures": {"s": {"matrix": matrices, "ndofs": 2}},
@@ -56,7 +57,7 @@ def ross() -> tuple[float, str]:
         began = time.perf_counter()
         found = rs.Rotor(shaft, disks, bearings).run_modal(4000 * np.pi / 30, num_modes=24)
         duration = time.perf_counter() - began
-    return duration, f"ROSS {rs.__version__}: {', '.join(f'{w:.5f}' for w in np.sort(found.wn)[:6])} rad/s"
+    return duration, f"ROSS {rs.__version__}, run_modal: {np.sort(found.wn)[0]:.6f} rad/s first"
 
 
 if __name__ == "__main__":

