@@ -18,7 +18,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter  # noqa: E402
 import dual_rotor  # noqa: E402
 
 CASING = 12.0  # [um]
-FRAMES, TURNS, SAMPLES = 60, 12, 120  # of the film; turns of the inner shaft and samples a turn of an orbit
+FRAMES, TURNS, SAMPLES = 40, 12, 120  # of the film; turns of the inner shaft and samples a turn of an orbit
 ROTOR = dual_rotor.reduced()
 SPEEDS = [345.0, 360.0, 375.0, 390.0, 405.0]  # at which stability is determined, by integration of the linearised equations
 MARKS = {"stable": ("C2", "o"), "unstable": ("C3", "s"), "unknown": ("0.5", "x")}
@@ -78,7 +78,7 @@ class Picture:
         top.tick_params(labelbottom=False)
         below.semilogy(self.speeds, self.errors, ".-", ms=3, color="0.4", lw=0.8)
         below.axhline(1e-2, color="C3", lw=0.8)
-        below.set(xlabel="Speed of the inner shaft [rad/s]", ylabel="Estimated\nerror", ylim=(1e-4, 2e-2))
+        below.set(xlabel="Speed of the inner shaft [rad/s]", ylabel="Estimated\nerror", ylim=(1e-8, 1e-1))
         for ax in (top, below):
             ax.grid(color="0.9")
         self.disk = self.figure.add_subplot(grid[:2, 1], aspect="equal")
@@ -93,9 +93,17 @@ class Picture:
         self.nodes = [(np.arange(1, 38), np.linspace(0.0, 1.8, 37), "C0", "inner shaft"),
                       (np.arange(38, 57), np.linspace(0.5, 1.4, 19), "C2", "outer shaft")]  # fmt: skip
         self.lines = [self.shafts.plot([], [], color=color, lw=2, label=name)[0] for _, _, color, name in self.nodes]
-        self.shafts.set(xlim=(0.0, 1.8), xlabel="z [m]", ylabel="x [µm]", ylim=(-1.6 * reach, 1.6 * reach))
-        self.shafts.legend(fontsize=7, loc="lower center", ncols=2)
+        largest = max(abs(self.shape(len(self.speeds) - 1, turn)).max() for turn in np.arange(8) / 8)
+        self.shafts.set(xlim=(0.0, 1.8), xlabel="z [m]", ylabel="x [µm]", ylim=(-1.6 * largest, 1.6 * largest))
+        self.shafts.legend(fontsize=7, loc="upper center", ncols=2)
         self.shafts.grid(color="0.9")
+
+    def shape(self, point: int, turn: float):
+        """Deflection of all nodes along x [um], recovered from the reduced degrees of freedom."""
+        motion = self.curve.isel(point=point)
+        when = turn * 2 * np.pi / float(motion["frequency"][0])
+        kept = np.array([float(motion.nhbm.time(str(dof), when)) for dof in motion["dof"].values])
+        return 1e6 * (ROTOR.recovery.matrix @ kept)[::4]  # of each node: x, y and two slopes
 
     def show(self, point: int, turn: float) -> None:
         """Shows a point of the curve after a number of turns of the inner shaft."""
@@ -105,11 +113,9 @@ class Picture:
         self.trace.set_data(x, y)
         self.now.set_data([x[at]], [y[at]])
         self.marker.set_data([self.speeds[point]], [self.sizes[point]])
-        when = turn * 2 * np.pi / float(motion["frequency"][0])
-        kept = np.array([float(motion.nhbm.time(str(dof), when)) for dof in motion["dof"].values])
-        whole = 1e6 * (ROTOR.recovery.matrix @ kept)  # of all nodes: x, y and two slopes each
+        whole = self.shape(point, turn)
         for line, (nodes, z, _, _) in zip(self.lines, self.nodes):
-            line.set_data(z, whole[4 * (nodes - 1)])
+            line.set_data(z, whole[nodes - 1])
         self.title.set_text(f"{self.speeds[point]:.1f} and {dual_rotor.RATIO * self.speeds[point]:.1f} rad/s, "
                             f"estimated error {self.errors[point]:.0e}")  # fmt: skip
 
