@@ -21,7 +21,7 @@ module command_table
       character(200) :: text
    end type option_t
 
-   type(verb_t), parameter :: verbs(13) = [ &
+   type(verb_t), parameter :: verbs(14) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the remaining points of an interrupted run"), &
       verb_t("info", "RESULT", "contents of a result file, and whether it is complete"), &
@@ -32,6 +32,8 @@ module command_table
       verb_t("plan", "INPUT", "estimate the size of the result and the time of a run on many ranks"), &
       verb_t("integrate", "INPUT", "integrate the motion in time as &integration specifies, write an HDF5 record"), &
       verb_t("verify", "RESULT", "integrate in time from the points of a result file and report whether the motions agree"), &
+      verb_t("fit", "INPUT", "fit parameters of an input to measured responses over the frequency, a CSV file; a "// &
+         "command of the Python package, whose options nhbm fit --help lists"), &
       verb_t("keys", "", "table of input keys, one per row: group | key | type | unit | default | range | meaning; "// &
          "nhbm keys WORD: rows that contain the word, such as jenkins"), &
       verb_t("new", "", "print a commented starter input: nhbm new duffing > duffing.nml; nhbm new lists all"), &

@@ -17,11 +17,12 @@ program nhbm
    use hb_printable, only: printable
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_similar_word, only: closest_word
-   use hb_text, only: join
+   use hb_text, only: join, string_t
    use hb_version, only: git_commit, program_version
    use key_table, only: print_keys
    use starters, only: starter_names, starter_text
    use verb_check, only: run_check
+   use verb_fit, only: run_fit
    use verb_info, only: run_info
    use verb_integrate, only: run_integrate
    use verb_plan, only: run_plan
@@ -52,6 +53,7 @@ program nhbm
    end interface
 
    type(arguments_t) :: options
+   type(string_t), allocatable :: words(:)
    type(error_t), allocatable :: error
    type(comm_t) :: comm
    integer :: status
@@ -60,7 +62,11 @@ program nhbm
    call keep_freed_memory()
    call use_one_blas_thread()
    call survive_failed_writes()
-   call read_arguments(options, argument_list(), error)
+   words = argument_list()
+   if (size(words) > 0) then
+      if (words(1)%value == "fit") call run_fit(words(2:), error)     ! which has options of its own
+   end if
+   if (.not. allocated(error)) call read_arguments(options, words, error)
    status = -1
    if (.not. allocated(error)) call start_workers(options%n_workers, status, error)
    if (status >= 0) call hb_exit(int(status, c_int))                  ! of the process that has started others, which have ended
@@ -177,7 +183,9 @@ contains
 
    subroutine run_known_verb(verb)
       character(*), intent(in) :: verb
-      if (verb == "check") then
+      if (verb == "fit") then
+         call fail(error, "fit must be the first word: nhbm fit INPUT data.csv")
+      else if (verb == "check") then
          call run_check(options, comm, status, error)
       else if (verb == "info") then
          call run_info(options, comm, status, error)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -10,7 +14,7 @@ import pytest
 from in_process import ROOT
 
 import nhbm
-from nhbm import Model, ModelError
+from nhbm import Model, ModelError, NotConverged
 
 FORCE = 0.1
 
@@ -146,6 +150,124 @@ def test_several_forces_and_files(tmp_path):
     found = nhbm.fit(linear(), tmp_path / "data.csv", LINEAR, "x1 (1)", order=1)
     np.testing.assert_allclose(found.values, [1.21, 0.2], rtol=1e-7)
     assert len(found.sets) == 2
+
+
+def fit_without_warning(*arguments, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return nhbm.fit(*arguments, **options)
+
+
+def noisy(values, share, seed=5):
+    return values * (1 + share * np.random.default_rng(seed).standard_normal(len(values)))
+
+
+def test_what_the_data_do_not_determine_is_reported():
+    """A stop that no motion reaches has no influence; load, mass, damping and stiffness have one up to a common factor."""
+    model = linear()
+    model.law("elastic_stop", "x1", stiffness=1.0, gap=10.0, label="stop")
+    with pytest.warns(NotConverged, match=r"the data do not determine law.stop.%gap$"):
+        found = nhbm.fit(model, {"frequency": OMEGA, "amplitude": abs(Z)}, [*LINEAR, "stop.gap"], "x1 (1)", order=1)
+    assert np.isinf(found.errors[2]) and (found.errors[:2] < 1e-6).all() and "+- inf" in repr(found)
+    every = ["load[0].cos", "structure.mass[0]", *LINEAR]
+    with pytest.warns(NotConverged, match="do not determine load.1.%cos, structure%mass.1., structure%stiffness.1."):
+        found = nhbm.fit(linear(), {"frequency": OMEGA, "amplitude": abs(Z), "phase": np.angle(Z)}, every, "x1 (1)", order=1)
+    assert np.isinf(found.errors).all() and np.isnan(found.correlation).all()
+
+
+def test_a_wrong_model_or_noise_is_reported():
+    data = {"frequency": OMEGA, "amplitude": noisy(abs(Z), 0.01)}
+    assert fit_without_warning(linear(), data, LINEAR, "x1 (1)", order=1).message == ""
+    assert fit_without_warning(linear(), data, LINEAR, "x1 (1)", order=1, noise=0.01).message == ""
+    with pytest.warns(NotConverged, match="the noise does not explain the misfit"):
+        nhbm.fit(linear(), data, LINEAR, "x1 (1)", order=1, noise=0.002)
+    many = np.linspace(0.7, 1.4, 41)
+    data = {"frequency": many, "amplitude": noisy(FORCE / abs(1.21 - many**2 + 0.2j * many), 0.01)}
+    assert fit_without_warning(linear(), data, LINEAR, "x1 (1)", order=1).message == ""
+    with pytest.warns(NotConverged, match="residuals resemble those beside them"):  # with the stiffness of the first guess
+        nhbm.fit(linear(), data, LINEAR[1:], "x1 (1)", order=1)
+
+
+def test_two_models_are_compared_by_the_evidence():
+    """Of data with 5 % of noise, whose true damping is linear: a second parameter that is not needed costs."""
+    data = {"frequency": OMEGA, "amplitude": noisy(abs(Z), 0.05)}
+
+    def fitted(by, **law):
+        model = linear(0.9, 0.15)
+        if law:
+            model.law(dof="x1", label="law", **law)
+        return nhbm.fit(model, data, by, "x1 (1)", order=1)
+
+    fits = {"linear": fitted(LINEAR), "cubic": fitted([*LINEAR, "law.stiffness"], kind="cubic_spring", stiffness=0.01)}
+    table = nhbm.compare_fits(fits)
+    assert table["probability"].sum() == pytest.approx(1.0) and table["probability"]["linear"] > 0.5
+    assert table["parameters"].tolist() == [2, 3]
+    odds = table["probability"]["linear"] / table["probability"]["cubic"]
+    assert odds == pytest.approx(math.exp((fits["cubic"].bic - fits["linear"].bic) / 2))
+    with pytest.raises(ModelError, match="'cubic' has other data"):
+        other = nhbm.fit(linear(), {"frequency": OMEGA, "amplitude": abs(Z)}, LINEAR, "x1 (1)", order=1)
+        nhbm.compare_fits({"linear": fits["linear"], "cubic": other})
+    with pytest.raises(ModelError, match="two fits or more"):
+        nhbm.compare_fits({"linear": fits["linear"]})
+
+
+@pytest.mark.parametrize("resonant", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_controlled_responses_are_fitted(resonant):
+    """The force that keeps the first harmonic of a Duffing oscillator at each of two amplitudes, and the one at phase resonance; both
+    have closed forms for one harmonic. Most of the points are on unstable branches or on folds at that force."""
+    omega, amplitude = np.tile(np.linspace(0.95, 1.35, 4), 2), np.repeat([0.3, 0.5], 4)
+    if resonant:
+        amplitude = np.linspace(0.1, 0.8, 7)
+        omega = np.sqrt(1.0 + 0.75 * K3 * amplitude**2)
+    balance = 1.0 + 0.75 * K3 * amplitude**2 - omega**2 + 1j * D * omega
+    exact = {"frequency": omega, "amplitude": amplitude, "load[0].cos": amplitude * abs(balance), "phase": np.angle(1 / balance)}
+    noise = 0.01 * np.random.default_rng(6).standard_normal((2, len(omega)))
+    noisy = {**exact, "load[0].cos": exact["load[0].cos"] * (1 + noise[0]), "phase": exact["phase"] + noise[1]}
+    for data, first in ((exact, (0.97, 0.09, 1.8)), (noisy, (1.0, D, K3))):
+        found = fit_without_warning(hardening(*first), data, HARDENING, "x1 (1)", order=1, controlled=True)
+        if data is exact:
+            np.testing.assert_allclose(found.values, [1.0, D, K3], rtol=1e-4)
+    assert (abs(found.values - [1.0, D, K3]) < 3 * found.errors).all() and (found.errors / found.values < 0.02).all()
+    assert found.plot().axes[0].get_ylabel().endswith("[N]")
+    with pytest.raises(ModelError, match="must have positive numbers: the force"):
+        nhbm.fit(hardening(), {**exact, "load[0].cos": -amplitude}, HARDENING, "x1 (1)", order=1, controlled=True)
+
+
+LINEAR_INPUT = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0, damping = 0.1 /
+&tones frequency = 1.0 /
+&harmonics order = 1 /
+&load dof = 'x1', tuple = 1, cos = 0.1 /
+"""
+
+
+def test_the_command_fits(tmp_path):
+    """`nhbm fit` is that of nhbm-model, with files in either order, and compares two inputs."""
+    (tmp_path / "one.nml").write_text(LINEAR_INPUT)
+    (tmp_path / "two.nml").write_text(LINEAR_INPUT + "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.01, label = 'spring' /\n")
+    rows = [f"{w:.17g},{z:.17g}" for w, z in zip(OMEGA, noisy(abs(Z), 0.05))]
+    (tmp_path / "data.csv").write_text("frequency,amplitude\n" + "\n".join(rows))
+    by = ["--by", "structure%stiffness(1)", "--by", "structure%damping(1)"]
+    words = ["fit", "data.csv", "one.nml", *by, "--of", "x1 (1)", "--order", "1"]
+    command = tmp_path / "bin" / "nhbm-model"  # by the Python of the tests
+    command.parent.mkdir()
+    command.write_text(f"#!{sys.executable}\nimport sys\nfrom nhbm.command import main_in_child_process\nsys.exit(main_in_child_process())\n")
+    command.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{command.parent}:{os.environ['PATH']}", "PYTHONPATH": os.pathsep.join(sys.path)}
+
+    def run(*more):
+        return subprocess.run([os.environ["NHBM"], *words, *more], cwd=tmp_path, env=environment, capture_output=True, text=True)
+
+    done = run("--write", "fitted.nml", "--picture", "fit.png")
+    assert done.returncode == 0, done.stderr
+    assert "structure%stiffness(1): 1.2" in done.stdout and "chi-square" in done.stdout and (tmp_path / "fit.png").exists()
+    assert Model.from_file(tmp_path / "fitted.nml")["structure.damping[0]"] == pytest.approx(0.2, rel=0.1)
+    done = run("--or", "two.nml", "--or-by", "spring.stiffness", *[f"--or-by={word}" for word in by if "%" in word])
+    assert done.returncode == 0 and done.stdout.endswith("more likely: one.nml\n"), done.stdout + done.stderr
+    done = run("--or", "two.nml")
+    assert done.returncode == 2 and "give both" in done.stderr
+    environment["PATH"] = "/nowhere"
+    done = run()
+    assert done.returncode == 2 and "a command of the Python package" in done.stderr
 
 
 DATA = {"frequency": OMEGA, "amplitude": abs(Z)}

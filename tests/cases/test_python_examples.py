@@ -92,3 +92,16 @@ def test_a_dual_rotor_runs_up_with_its_rub():
         assert found == pytest.approx(exact, rel=1e-2)
     curve = dual_rotor.model(300.0).curve("tones%frequency(1)", 300.0, 330.0)  # 10 s
     assert curve.nhbm.is_converged.all() and float(curve["tones_frequency"][-1]) == 330.0
+
+
+@pytest.mark.long
+def test_the_reduced_dual_rotor_moves_as_the_whole(tmp_path):
+    """Below and in the rub; stable by integration of its linearised equations."""
+    speeds = [350.0, 400.0]
+    whole = dual_rotor.model(speeds[0]).sweep({"tones%frequency(1)": speeds}, tolerance=1e-2)
+    model = dual_rotor.model(speeds[0], dual_rotor.reduced())
+    model.set("stability", method="integration", tolerance=1e-3)
+    small = model.sweep({"tones%frequency(1)": speeds}, tolerance=1e-2)
+    assert small.sizes["dof"] == 18 and (small["stability"] == "stable").all()
+    for tuple_ in ((1, 0), (0, 1)):
+        np.testing.assert_allclose(small.nhbm.amplitude("n3.x", tuple_), whole.nhbm.amplitude("n3.x", tuple_), rtol=5e-3)

@@ -15,7 +15,7 @@ LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
 ALONE = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", ROOT / "docs" / "why" / "beside_pyharm.md"]
 PAGES = [*ALONE, *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
 LONG = {  # pages that take seconds
-    "calculix", "cheat_sheet", "find_folds", "finite_element_bracket", "finite_elements", "fit_measurement",
+    "calculix", "cheat_sheet", "dual_rotor", "find_folds", "finite_element_bracket", "finite_elements", "fit_measurement",
     "friction_damper", "isola", "law_in_python", "normal_mode", "optimise_damper", "other_solution", "own_matrices",
     "peak_over_gap", "period_doubling", "pictures", "small_signal", "time_signal",
 }  # fmt: skip

@@ -10,6 +10,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.errors import Implausible as Implausible
     from nhbm.errors import NotConverged as NotConverged
     from nhbm.fitting import Fit as Fit
+    from nhbm.fitting import compare_fits as compare_fits
     from nhbm.fitting import fit as fit
     from nhbm.groups import Beam as Beam
     from nhbm.groups import Chain as Chain
@@ -32,7 +33,7 @@ _LATER = {  # what needs NumPy and more is imported at the first use
     "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
     "open_dataset": "dataset",
     "law": "laws",
-    "Fit": "fitting", "fit": "fitting",
+    "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",
     "Beam": "groups", "Chain": "groups",
     "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",
     "Session": "session", "Structure": "structure", "input_keys": "keys",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
 from nhbm.checks import check
 from nhbm.child_process import is_input, run_in_child_process
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, NotConverged
 from nhbm.factors import dense_modes, symmetric_part
 from nhbm.structure import MATRICES, Structure
 
@@ -69,12 +70,17 @@ def parser() -> argparse.ArgumentParser:
     verb = verbs.add_parser("fit", help="fit parameters of an input to a measured response over the frequency")
     verb.set_defaults(run=run_fit)
     verb.add_argument("input", help="input file; its values are the first guess")
-    verb.add_argument("data", help="CSV with columns frequency or hertz, amplitude; optional: phase [rad], sweep (up, down), sigma")
+    verb.add_argument("data", help="CSV with columns frequency or hertz, amplitude; optional: phase [rad], sweep (up, down), sigma, "
+                                   "values of the input by path; the two files may stand in either order")  # fmt: skip
     verb.add_argument("--by", action="append", required=True, metavar="PATH", help="a parameter, such as law(stop)%%gap")
     verb.add_argument("--of", required=True, metavar="RESPONSE", help="the harmonic that was measured, such as 'x1 (1)'")
     verb.add_argument("--order", type=int, metavar="N", help="order of the harmonics")
     verb.add_argument("--tolerance", type=float, metavar="T", help="instead: relative error of the motions (default: 0.01)")
     verb.add_argument("--noise", type=float, metavar="SHARE", help="relative standard deviation of amplitudes (default: estimated)")
+    verb.add_argument("--controlled", action="store_true",
+                      help="response or phase was controlled: points may be on unstable branches")  # fmt: skip
+    verb.add_argument("--or", dest="other", metavar="INPUT", help="another model, to be compared by the evidence of the data")
+    verb.add_argument("--or-by", action="append", default=[], metavar="PATH", help="a parameter of the other model")
     verb.add_argument("--write", metavar="INPUT", help="write the complete input with the fitted values")
     verb.add_argument("--picture", metavar="FILE", help="draw data, fit and residuals (.png, .pdf, .svg)")
 
@@ -254,14 +260,33 @@ def _named(text: str, form: str) -> tuple[str, str]:
 
 
 def run_fit(options: Any) -> int:
-    from nhbm.fitting import fit
+    from nhbm.fitting import compare_fits, fit
     from nhbm.model import Model
 
-    if not Path(options.input).is_file():
-        raise ModelError(f"file '{options.input}' does not exist")
-    found = fit(Model.from_file(options.input), options.data, options.by, options.of, order=options.order,
-                tolerance=options.tolerance, noise=options.noise)  # fmt: skip
-    print(found)
+    if options.data.endswith(".nml") or options.input.lower().endswith(".csv"):
+        options.input, options.data = options.data, options.input
+    if bool(options.other) != bool(options.or_by):
+        raise ModelError("--or names another input and --or-by, once or more, the parameters of that input: give both")
+    by = {options.input: options.by, **({options.other: options.or_by} if options.other else {})}
+    missing = [name for name in by if not Path(name).is_file()]
+    if missing:
+        raise ModelError(f"file '{missing[0]}' does not exist")
+    if len(by) < 1 + bool(options.other):
+        raise ModelError("--or names the same input; another law needs an input of its own")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotConverged)  # printed with the fit
+        fits = {name: fit(Model.from_file(name), options.data, paths, options.of, order=options.order, tolerance=options.tolerance,
+                          noise=options.noise, controlled=options.controlled) for name, paths in by.items()}  # fmt: skip
+    found = fits[options.input]
+    if options.other:
+        compared = compare_fits(fits)
+        for name, one in fits.items():
+            print(f"{name}\n{one}\nprobability: {compared['probability'][name]:.3g}, bic {compared['bic'][name]:.5g}\n")
+        chosen = compared["probability"].idxmax()
+        print(f"more likely: {chosen}")
+        found = fits[chosen]
+    else:
+        print(found)
     if options.write:
         Path(options.write).write_text(found.model.to_namelist())
         print(f"wrote {options.write}")

@@ -35,6 +35,9 @@ _MARGIN = 0.02  # by which curves are longer than the measured range, relative t
 _COLUMNS = "frequency", "hertz", "amplitude", "phase", "sweep", "sigma"
 _SWEEPS = "up", "down"
 _FAR = 1e3  # residual of a point where the model has no motion
+_WEAK = 1e-6  # singular value, relative to the largest, of a combination of parameters that the data do not determine
+_FIRST, _HELD_STEP = 0.05, 0.25  # first force of a curve on which an amplitude is sought, over the measured one; longest step
+_UNLIKELY, _SIGNIFICANT, _MANY = 1e-3, 3.3, 8  # chance of a warning about noise alone; the same in deviations; fewest pairs
 
 
 @dataclass
@@ -47,6 +50,12 @@ class _Set:
     sigma: Array
     conditions: tuple[tuple[str, float], ...] = ()
     sweep: str = ""
+    force: Array | None = None  # measured, where the response was controlled
+
+    @property
+    def measured(self) -> Array:
+        """The measured amplitudes: of the response or, where this was controlled, of the force."""
+        return self.amplitude if self.force is None else self.force
 
     @property
     def name(self) -> str:
@@ -85,6 +94,7 @@ class Fit:
     sets: list[_Set]
     message: str
     predictions: list[Array]
+    force: str = ""
 
     @property
     def errors(self) -> Array:
@@ -93,8 +103,10 @@ class Fit:
 
     @property
     def correlation(self) -> Array:
-        """Correlation of the estimates."""
-        return self.covariance / np.outer(self.errors, self.errors)
+        """Correlation of the estimates; NaN for parameters that the data do not determine, whose standard error is infinite."""
+        with np.errstate(invalid="ignore"):
+            found: Array = self.covariance / np.outer(self.errors, self.errors)
+        return found
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -159,7 +171,7 @@ class Fit:
         for path, value, error in zip(self.paths, self.values, self.errors):
             unit = self.model._described(path)["units"]
             rows.append((path, f"{value:.6g} +- {error:.2g} {'' if unit == '1' else unit}".rstrip()))
-        pairs = [(abs(c), i, j) for i, line in enumerate(self.correlation) for j, c in enumerate(line) if i < j]
+        pairs = [(abs(c), i, j) for i, line in enumerate(self.correlation) for j, c in enumerate(line) if i < j and np.isfinite(c)]
         if pairs:
             _, i, j = max(pairs)
             rows.append(("largest correlation", f"{self.correlation[i, j]:.2f}, of {self.paths[i]} and {self.paths[j]}"))
@@ -188,18 +200,23 @@ class Fit:
         deviation = np.sqrt(self.chi_square / self.degrees_of_freedom) if self.is_scaled else 1.0
         conditions = list(dict.fromkeys(one.conditions for one in self.sets))
         for k, which in enumerate(conditions):
-            for segment in _curve(self.model, self, which, [])[0]:
-                top.plot(segment.at, np.abs(segment.z), color=f"C{k}", lw=1.2)
+            if not self.force:
+                for segment in _curve(self.model, self, which, [])[0]:
+                    top.plot(segment.at, np.abs(segment.z), color=f"C{k}", lw=1.2)
         for one, predicted in zip(self.sets, self.predictions):
             color, mark = f"C{conditions.index(one.conditions)}", {"up": "^", "down": "v"}.get(one.sweep, "o")
             style = {"marker": mark, "ls": "none", "color": color, "mfc": "none", "ms": 5}
-            top.plot(one.at, one.amplitude, label=one.name or "measured", **style)
-            bottom.plot(one.at, (np.abs(predicted) - one.amplitude) / (deviation * one.sigma), **style)
+            if self.force:
+                top.plot(one.at, np.abs(predicted), color=color, lw=1.2)
+            top.plot(one.at, one.measured, label=one.name or "measured", **style)
+            sigma = deviation * one.sigma * one.measured / one.amplitude
+            bottom.plot(one.at, (np.abs(predicted) - one.measured) / sigma, **style)
         attributes = self.model._described(self.path)
         import xarray as xr
 
         unit = "" if not self._unit() else f" [{self._unit()}]"
-        top.set(ylabel=f"Amplitude of {self.of}{unit}")
+        top.set(ylabel=_labelled(self.force, xr.DataArray(0.0, attrs=self.model._described(self.force))) if self.force
+                else f"Amplitude of {self.of}{unit}")  # fmt: skip
         bottom.set(xlabel=_labelled(self.path, xr.DataArray(0.0, attrs=attributes)), ylabel="Residual / $\\sigma$")
         bottom.axhline(0.0, color="0.5", lw=0.8)
         for ax in (top, bottom):
@@ -243,7 +260,9 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     bounds : dict, optional
         Lower and upper ends by path; by default those of the table of keys, such as 0 for a stiffness.
     controlled : bool
-        The response was controlled, or its phase: points may be on unstable branches, too.
+        The response was controlled, or its phase, so that points may be on unstable branches. Where the data have one column with
+        the amplitude of a load, that force is compared at the measured amplitude and frequency, and `noise` and `sigma` over
+        `amplitude` are those of the force.
     **keys
         Of the group &curve, such as ``max_step=0.02``.
 
@@ -271,13 +290,13 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     if parts_of(of)[1] is None:
         raise ModelError(f"'{of}' is no harmonic; a fit needs one, such as '{of} (1)'")
     at = work._resolved(path)
-    sets, is_scaled = _sets(data, work, at, noise)
+    sets, is_scaled, force = _sets(data, work, at, noise, controlled)
     if _n_measured(sets) <= len(paths):
         raise ModelError(f"{_n_measured(sets)} measured numbers do not determine {len(paths)} parameters")
     first = np.array([float(work[one]) for one in paths])
     scale = np.where(first != 0.0, np.abs(first), 1.0)
     lower, upper = _bounds(work, paths, bounds or {})
-    problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys)
+    problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys, force)
     least_squares = imported("scipy.optimize", "fits are made with", "scipy").least_squares
     inside = np.clip(first, lower + 1e-6 * scale, upper - 1e-6 * scale)
     found = least_squares(lambda x: problem.residuals(x * scale), inside / scale, jac=lambda x: problem.jacobian(x * scale) * scale,
@@ -285,27 +304,103 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
                           max_nfev=100)  # fmt: skip
     values = found.x * scale
     residuals, jacobian = problem.residuals(values), problem.jacobian(values)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
-    freedom = _n_measured(sets) - len(paths)
+    covariance, is_known = _covariance(jacobian)
     if is_scaled:
-        covariance = covariance * (residuals @ residuals) / freedom
-    message = "" if found.success else f"the optimisation has ended early: {found.message}"
+        covariance = covariance * (residuals @ residuals) / (_n_measured(sets) - len(paths))
     at_end = (values <= lower + 1e-6 * scale) | (values >= upper - 1e-6 * scale)
-    if at_end.any():
-        message = f"at an end of its range: {', '.join(np.array(paths)[at_end])}"
-    if message:
-        doubts.warn(message)
     problem.set_values(values)
-    return Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, message,
-               problem.predictions)  # fmt: skip
+    fitted = Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, "",
+                 problem.predictions, force)  # fmt: skip
+    doubtful = [] if found.success else [f"the optimisation has ended early: {found.message}"]
+    if at_end.any():
+        doubtful.append(f"at an end of its range: {', '.join(np.array(paths)[at_end])}")
+    if not is_known.all():
+        doubtful.append(f"the data do not determine {', '.join(np.array(paths)[~is_known])}")
+    fitted.message = "; ".join([*doubtful, *_systematic(fitted)])
+    if fitted.message:
+        doubts.warn(fitted.message)
+    return fitted
+
+
+def compare_fits(fits: Mapping[str, Fit]) -> Any:
+    """Compares models that were fitted to the same data, by the Bayesian information criterion.
+
+    Parameters
+    ----------
+    fits : dict
+        Fits by name, ``{"stop": fit, "cubic spring": other}``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        For each the number of parameters, chi-square, `bic` and `probability`, that of the model if one of them is right and none
+        was more likely beforehand: proportional to exp(-bic/2).
+    """
+    import pandas
+
+    first = next(iter(fits.values()), None)
+    if first is None or len(fits) < 2:
+        raise ModelError("a comparison needs two fits or more, by name")
+    for name, fit in fits.items():
+        same = len(fit.sets) == len(first.sets) and all(_is_same(one, other) for one, other in zip(fit.sets, first.sets))
+        if not same or fit.is_scaled != first.is_scaled:
+            raise ModelError(f"fit '{name}' has other data, or another noise, than '{next(iter(fits))}'")
+    bic = np.array([fit.bic for fit in fits.values()])
+    likely = np.exp(-(bic - bic.min()) / 2)
+    columns = {"parameters": [len(fit.paths) for fit in fits.values()], "chi_square": [fit.chi_square for fit in fits.values()],
+               "bic": bic, "probability": likely / likely.sum()}  # fmt: skip
+    return pandas.DataFrame(columns, index=pandas.Index(list(fits), name="model"))
+
+
+def _is_same(one: _Set, other: _Set) -> bool:
+    """Whether two sets have the same numbers."""
+    if (one.phase is None) != (other.phase is None) or len(one.at) != len(other.at):
+        return False
+    pairs = [(one.at, other.at), (one.measured, other.measured), (one.sigma, other.sigma), (one.phase, other.phase)]
+    return all(a is None or np.array_equal(a, b) for a, b in pairs)
+
+
+def _covariance(jacobian: Array) -> tuple[Array, Array]:
+    """Covariance of the parameters, for residuals of variance 1, and which of them the data determine; those that a combination
+    without influence contains have an infinite variance."""
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = np.where(size > 0, size, 1.0)
+    _, strength, ways = np.linalg.svd(jacobian / scaled, full_matrices=False)
+    is_weak = strength <= _WEAK * strength.max(initial=0.0)
+    is_known = (size > 0) & ~(np.abs(ways[is_weak]) > _WEAK**0.5).any(axis=0)
+    covariance = (ways[~is_weak].T / strength[~is_weak] ** 2) @ ways[~is_weak] / np.outer(scaled, scaled)
+    covariance[~is_known] = covariance[:, ~is_known] = np.nan
+    np.fill_diagonal(covariance, np.where(is_known, np.diag(covariance), np.inf))
+    return covariance, is_known
+
+
+def _systematic(fit: Fit) -> list[str]:
+    """What the residuals tell about the model: a misfit beyond the noise, and residuals that depend on those beside them."""
+    from scipy.stats import chi2
+
+    found, products = [], []
+    if not fit.is_scaled and chi2.sf(fit.chi_square, fit.degrees_of_freedom) < _UNLIKELY:
+        found.append(f"the noise does not explain the misfit: chi-square {fit.chi_square:.4g} of {fit.degrees_of_freedom} degrees of "
+                     "freedom; the standard errors are too small")  # fmt: skip
+    rows, end = fit.residuals.reshape(-1, 3), 0
+    for one in fit.sets:
+        here, end = rows[end : end + len(one.at)], end + len(one.at)
+        products += [(here[1:, k] * here[:-1, k]).tolist() for k in range(2 if one.phase is not None else 1)]
+    beside = np.concatenate([np.array(some) for some in products])
+    length = np.linalg.norm(beside)
+    if len(beside) >= _MANY and length > 0 and beside.sum() / length > _SIGNIFICANT:
+        found.append("residuals resemble those beside them: the model misses something that the data show, and the standard errors "
+                     "are too small")  # fmt: skip
+    return found
 
 
 def _n_measured(sets: list[_Set]) -> int:
     return sum(len(one.at) * (1 if one.phase is None else 2) for one in sets)
 
 
-def _sets(data: Any, model: Model, at: str, noise: float | None) -> tuple[list[_Set], bool]:
-    """The measured points, a set for each sweep and each combination of other values; whether their noise is to be estimated."""
+def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: bool) -> tuple[list[_Set], bool, str]:
+    """The measured points, a set for each sweep and each combination of other values; whether their noise is to be estimated; the
+    path of the force that was measured, where the response was controlled."""
     import pandas
 
     if isinstance(data, (str, Path)):
@@ -338,8 +433,12 @@ def _sets(data: Any, model: Model, at: str, noise: float | None) -> tuple[list[_
     elif "frequency" in given and is_in_hertz:
         position = position / (2 * np.pi)
     table = table.assign(position=position)
+    forces = [name for name, path in others.items() if path_of(path).group == "load" and path_of(path).key in ("cos", "sin")]
+    force = forces[0] if controlled and len(forces) == 1 else None
+    if force is not None and not (table[force] > 0).all():
+        raise ModelError(f"column '{force}' must have positive numbers: the force that was measured")
     found = []
-    keys = [*others, *(["sweep"] if "sweep" in given else [])]
+    keys = [*(name for name in others if name != force), *(["sweep"] if "sweep" in given else [])]
     for values, rows in table.groupby(keys if len(keys) > 1 else keys[0], sort=False) if keys else [((), table)]:
         values = values if isinstance(values, tuple) else (values,)
         rows = rows.sort_values("position", kind="stable")
@@ -348,8 +447,9 @@ def _sets(data: Any, model: Model, at: str, noise: float | None) -> tuple[list[_
         phase = rows["phase"].values.astype(float) if "phase" in given else None
         conditions = tuple((others[name], float(value)) for name, value in zip(keys, values) if name in others)
         sweep = str(values[-1]) if "sweep" in given else ""
-        found.append(_Set(rows["position"].values, amplitude, phase, sigma, conditions, sweep))
-    return found, noise is None and "sigma" not in given
+        held = None if force is None else rows[force].values.astype(float)
+        found.append(_Set(rows["position"].values, amplitude, phase, sigma, conditions, sweep, held))
+    return found, noise is None and "sigma" not in given, "" if force is None else others[force]
 
 
 def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]) -> tuple[Array, Array]:
@@ -447,9 +547,9 @@ class _Problem:
     """Residuals and their derivatives by the parameters."""
 
     def __init__(self, model: Model, paths: list[str], of: str, path: str, tolerance: Any, order: Any, sets: list[_Set],
-                 controlled: bool, keys: Mapping[str, Any]) -> None:  # fmt: skip
+                 controlled: bool, keys: Mapping[str, Any], force: str) -> None:  # fmt: skip
         self.model, self.paths, self.of, self.path, self.tolerance, self.order = model, paths, of, path, tolerance, order
-        self.sets, self.controlled, self.keys = sets, controlled, keys
+        self.sets, self.controlled, self.keys, self.force = sets, controlled, keys, force
         self.predictions: list[Array] = []
         self._at: Array | None = None
         self._found: tuple[Array, Array] = np.zeros(0), np.zeros((0, 0))
@@ -469,16 +569,89 @@ class _Problem:
 
     def _evaluate(self, values: Array) -> tuple[Array, Array]:
         if self._at is None or not np.array_equal(self._at, values):
-            self.set_values(values)
-            curves = {}
-            for one in self.sets:
-                if one.conditions not in curves:
-                    curves[one.conditions] = _curve(self.model, self, one.conditions, self.paths, self.keys)[0]
-            parts = [_compared(one, curves[one.conditions], len(self.paths), self.controlled) for one in self.sets]
-            self.predictions = [part[2] for part in parts]
-            self._found = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+            try:
+                parts = self._parts(values)
+            except ModelError:  # a negative mass, for example
+                if self._at is None:
+                    raise
+                n = 3 * sum(len(one.at) for one in self.sets)
+                self._found = np.full(n, _FAR), np.zeros((n, len(self.paths)))
+            else:
+                self.predictions = [part[2] for part in parts]
+                self._found = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
             self._at = np.array(values)
         return self._found
+
+    def _parts(self, values: Array) -> list[tuple[Array, Array, Array]]:
+        """Residuals, derivatives and predictions of each set; ModelError where the model cannot have these values."""
+        self.set_values(values)
+        if self.force:
+            return [_held(self, one) for one in self.sets]
+        curves = {}
+        for one in self.sets:
+            if one.conditions not in curves:
+                curves[one.conditions] = _curve(self.model, self, one.conditions, self.paths, self.keys)[0]
+        return [_compared(one, curves[one.conditions], len(self.paths), self.controlled) for one in self.sets]
+
+
+def _held(how: _Problem, one: _Set) -> tuple[Array, Array, Array]:
+    """Residuals of the forces that hold the response at the measured amplitudes, and of the phases there; their derivatives; the
+    forces of the model with these phases."""
+    n = len(how.paths)
+    residuals, slopes, predicted = np.zeros((len(one.at), 3)), np.zeros((len(one.at), 3, n)), np.zeros(len(one.at), complex)
+    for path, value in one.conditions:
+        how.model[path] = value
+    assert one.force is not None
+    for i, (at, amplitude, measured) in enumerate(zip(one.at, one.amplitude, one.force)):
+        how.model[how.path] = float(at)
+        force, by_force, phase, by_phase = _holding(how, float(amplitude), float(measured))
+        width = one.sigma[i] / amplitude
+        residuals[i, 0], slopes[i, 0] = (force / measured - 1) / width, by_force / measured / width
+        if one.phase is not None:
+            residuals[i, 1], slopes[i, 1] = np.angle(np.exp(1j * (phase - one.phase[i]))) / width, by_phase / width
+        predicted[i] = force * np.exp(1j * phase)
+    return residuals.ravel(), slopes.reshape(-1, n), predicted
+
+
+def _holding(how: _Problem, amplitude: float, measured: float) -> tuple[float, Array, float, Array]:
+    """The force that holds an amplitude, the phase of the response, and their derivatives by the parameters at that amplitude.
+
+    The curve over the force is followed from a small one until it reaches the amplitude, round its folds. On its last step both
+    follow from values and derivatives at its ends (Hermite), over the amplitude, which does not turn back.
+    """
+    curve = {"parameter": how.force, "from": _FIRST * measured, "to": measured / _FIRST, "max_step": _HELD_STEP, **how.keys}
+    groups: dict[str, Any] = {"curve": curve, "stability": {"method": "off"}, "gradient": {"by": [*how.paths, how.force]}}
+    if how.order is not None:
+        groups["error_estimate"] = {"is_on": False}
+    session, name = how.model._begin(request(how.tolerance, how.order, **groups)), identifier(how.force)
+    ends: list[tuple[float, float, float, Array]] = []  # amplitude, force, phase, derivatives of log z by parameters and force
+    session.begin_curve()
+    while session.next():
+        if dataset.status_of(session) in dataset.SOLVED and int(dataset.number(session, "curve_kind")) != _FOLD:
+            z, dz, _ = _amplitude(session, how.of, [*how.paths, how.force], False)
+            ends = [*ends[-1:], (abs(z), dataset.number(session, name), float(np.angle(z)), dz / z)]
+            if abs(z) >= amplitude:
+                break
+    if not ends:
+        return _FAR * measured, np.zeros(len(how.paths)), 0.0, np.zeros(len(how.paths))
+    forces, phases, by_forces, by_phases, slopes = [], [], [], [], []
+    for size, force, phase, by in ends:
+        turn = by[:-1] - by[-1] * by[:-1].real / by[-1].real  # at that amplitude
+        forces.append(force)
+        phases.append(phase)
+        by_forces.append(-by[:-1].real / by[-1].real)
+        by_phases.append(turn.imag)
+        slopes.append((1 / (size * by[-1].real), by[-1].imag / (size * by[-1].real)))
+    if len(ends) == 1 or ends[-1][0] < amplitude:  # beyond the curve: in proportion
+        factor = amplitude / ends[-1][0]
+        return factor * forces[-1], factor * by_forces[-1], phases[-1], by_phases[-1]
+    width = ends[1][0] - ends[0][0]
+    t = (amplitude - ends[0][0]) / width
+    weights = (1 + 2 * t) * (1 - t) ** 2, t**2 * (3 - 2 * t), width * t * (1 - t) ** 2, width * t**2 * (t - 1)
+    phases[1] = phases[0] + float(np.angle(np.exp(1j * (phases[1] - phases[0]))))
+    force, phase = (weights[0] * values[0] + weights[1] * values[1] + weights[2] * slopes[0][k] + weights[3] * slopes[1][k]
+                    for k, values in enumerate((forces, phases)))  # fmt: skip
+    return force, (1 - t) * by_forces[0] + t * by_forces[1], phase, (1 - t) * by_phases[0] + t * by_phases[1]
 
 
 def _compared(one: _Set, segments: list[_Segment], n: int, controlled: bool) -> tuple[Array, Array, Array]:

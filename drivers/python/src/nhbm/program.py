@@ -12,6 +12,10 @@ PROGRAM = Path(__file__).resolve().parent / "bin" / "nhbm"
 def main() -> int:
     """Runs the program with the arguments of this process; its signals and exit status are those of the program. Returns only where
     there is none, or where it cannot be started."""
+    if sys.argv[1:2] == ["fit"]:  # a command of this package
+        from nhbm.command import main_in_child_process
+
+        return main_in_child_process()
     if not PROGRAM.exists():
         reason = "it was built without the program (HDF5 was not found: libhdf5-dev of Debian; then pip install again)"
     else:
