@@ -34,7 +34,7 @@ contains
          is_reported = .true.
       end do
       if (.not. is_reported) then
-         call fail(error, "no row of the table of keys has '"//word//"'; nhbm keys prints all")
+         call fail(error, "no key or its row contains '"//word//"'; nhbm keys prints all")
       else if (is_json) then
          call say("]")
       end if

@@ -39,7 +39,7 @@ _ERROR_ESTIMATE = (
     ("aliasing_estimate", "Estimated error by aliasing", ""),
     ("residual", "Residual", ""),
     ("penetration", "Penetration of a rigid wall", "m"),
-    ("impact_estimate", "Energy of the hardest impact", ""),
+    ("impact_estimate", "Energy of the strongest impact", ""),
     ("combination_frequency", "Smallest combination frequency", "rad/s"),
     ("n_harmonics", "Harmonics", ""),
     ("n_unknowns", "Unknowns", ""),
