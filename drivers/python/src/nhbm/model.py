@@ -108,7 +108,7 @@ class Model(Laws):
     Examples
     --------
     >>> import nhbm
-    >>> oscillator = nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1)
+    >>> oscillator = nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0)
     >>> model = nhbm.Model(oscillator, tones=[0.9])
     >>> model.load("x1", 1, cos=0.3)
     >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
@@ -522,8 +522,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
-        ...                               damping_mass=0.1, ends="free"), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
         >>> model.load("x1", 1, cos=0.1)
         >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
         >>> value, slopes = model.gradient("x1 (1)", ["spring.stiffness"], order=7)
@@ -604,8 +603,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
-        ...                               damping_mass=0.1, ends="free"), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
         >>> model.load("x1", 1, cos=0.1)
         >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
         >>> found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.8, 1.6, order=7)
@@ -679,7 +677,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> oscillator = nhbm.Chain(n_masses=1, ends="fixed-free", mass=1.0, coupling_stiffness=1.0, damping_mass=0.05)
+        >>> oscillator = nhbm.Matrices(mass=1.0, damping=0.05, stiffness=1.0)
         >>> model = nhbm.Model(oscillator, tones=[0.5])
         >>> model.load("x1", 1, cos=0.18)
         >>> model.law("cubic_spring", "x1", stiffness=0.1)
@@ -819,7 +817,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, stiffness=2.0), tones=[0.9])
         >>> model.check()
         ['no load acts and no tone is unknown: only laws can cause a motion']
         """
@@ -842,7 +840,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=2.0), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, stiffness=4.0), tones=[0.9])
         >>> model.natural_frequencies()
         array([2.])
         """
