@@ -191,6 +191,8 @@ def test_laws_have_a_row_in_the_overview():
     page = (ROOT / "docs" / "user" / "input.md").read_text(encoding="utf-8")
     overview = page.partition("| law | coordinates | force | smooth |\n")[2].partition("\n\n")[0]
     assert sorted(re.findall(r"^\| (\w+) \|", overview, re.MULTILINE)) == sorted(types)
+    sheet = (ROOT / "docs" / "user" / "cheat_sheet.md").read_text(encoding="utf-8")
+    assert not [name for name in types if f"`{name}`" not in sheet]
 
 
 def test_events_of_curves_have_a_mark():

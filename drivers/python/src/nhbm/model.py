@@ -568,8 +568,8 @@ class Model(Laws):
         Returns
         -------
         Peak
-            The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve ends before
-            its range does.
+            The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve stops
+            before the end of its range.
         """
         keys = {**_range(start, stop), **keys}
         return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
@@ -599,6 +599,8 @@ class Model(Laws):
         PeakGradient
             The response, the value of the parameter there, and the derivatives of both; those of the value are zero if the
             maximum is at an end of the range. NaN, with the warning NotConverged, if the curve stops before the end of its range.
+            `at_slopes` alone is NaN with several tones, and for friction with memory or rigid contact where the peak of a value
+            3 % off is not found.
 
         Examples
         --------
