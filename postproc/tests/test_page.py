@@ -38,7 +38,7 @@ def data_of(page):
 
 def coefficients_of(data):
     raw = np.frombuffer(base64.b64decode(data["coefficients"]), "<f4")
-    return raw.reshape(-1, len(data["dofs"]), len(data["tuples"]), 2)
+    return raw.reshape(-1, len(data["dofs"]) + len(data["forces"]), len(data["tuples"]), 2)
 
 
 def test_page_holds_the_motions(tmp_path, sweep, capsys):
@@ -214,6 +214,31 @@ def test_a_click_shows_the_point(tmp_path, chromium):
     n_jumps = sum(len(curve["falls"]) for curve in data["curves"])
     assert n_jumps > 0 and chromium.run("document.querySelectorAll('#response .jump').length") == n_jumps
     assert not chromium.errors
+
+
+@in_browser
+def test_values_are_shown_under_the_mouse(tmp_path, chromium):
+    path = curve_file(tmp_path / "curve.h5")
+    assert main(["report", str(path)]) == 0
+    chromium.open(tmp_path / "curve.html")
+    place = "document.querySelector('#response svg').getBoundingClientRect()"
+    left, top = chromium.run(f"{place}.left"), chromium.run(f"{place}.top")
+    x, y, point = chromium.run("positions[2]")
+    assert chromium.run("document.querySelectorAll('#hint text').length") == 0
+    chromium.hover(left + x + 2, top + y + 1)
+    words = chromium.run("[...document.querySelectorAll('#hint text')].map(e => e.textContent)")
+    assert words[0].startswith(f"point {chromium.run(f'D.points[{point}].number')}") and len(words) == 3 and ":" in words[1]
+    chromium.hover(2, 2)
+    assert chromium.run("document.querySelectorAll('#hint text').length") == 0
+    assert not chromium.errors
+
+
+@in_browser
+def test_hertz_are_shown_as_given(tmp_path, chromium):
+    path = curve_file(tmp_path / "curve.h5")
+    assert main(["report", str(path)]) == 0
+    chromium.open(tmp_path / "curve.html")
+    assert chromium.run("[600, 9e3, 2e4].map(v => scaled(v, 'Hz')[1])") == ["Hz", "Hz", "kHz"]
 
 
 @in_browser
