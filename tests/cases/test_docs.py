@@ -146,6 +146,7 @@ def test_the_table_is_there_for_programs(tmp_path):
     assert json.loads(run("keys", "--json", cwd=tmp_path).stdout) == [dict(zip(names, row)) for row in rows]
     assert {row["section"] for row in json.loads(run("keys", "law hertz", "--json", cwd=tmp_path).stdout)} == {"law hertz"}
     assert run("keys", "no such word", "--json", cwd=tmp_path).stdout == ""
+    assert "did you mean 'clearance'?" in run("keys", "clearence", cwd=tmp_path).stderr
 
 
 def test_a_key_has_one_row():
