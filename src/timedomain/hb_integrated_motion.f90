@@ -475,7 +475,8 @@ contains
       select case (steady%status)
       case (outcome%integrated)
          if (finds_lines) then
-            steady%message = integrated_for//": relative residual of the series "//rounded(steady%spread)//" (worst quarter of the record)"
+            steady%message = integrated_for//": relative residual of the series "//rounded(steady%spread)// &
+                              " (worst quarter of the record)"
          else
             steady%message = integrated_for//": the averages scatter by "//rounded(steady%spread)// &
                               ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
