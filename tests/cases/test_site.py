@@ -54,7 +54,7 @@ def test_every_law_has_a_page_with_a_sketch(laws, tmp_path):
     for name in names:
         text = (tmp_path / f"{name}.md").read_text()
         assert f"[{name}]({name}.md)" in index and "| key | type |" in text and f"hb_law_{name}.f90" in text
-        for link in re.findall(r"\]\((\.\./[^)#]+)", text):
+        for link in re.findall(r"\]\((\.\./(?!docs/user/input/)[^)#]+)", text):  # but those to pages that are made, tested below
             assert (tmp_path / link).exists() or (ROOT / link.removeprefix("../")).exists(), f"{name}: {link}"
 
 
