@@ -41,11 +41,11 @@ def tuples(path: Path) -> None:
     left.axhline(0.5, color=GREY, lw=0.8)
     left.text(60.0, 0.52, "stop", color=GREY, fontsize=8, ha="right", va="bottom")
     left.set(xlabel="Time [s]", ylabel="Displacement [m]", title="The motion never repeats ...")
-    chosen = [(1, 0), (0, 1), (-1, 1), (2, 0), (0, 2), (1, 1), (2, -1), (0, 0), (0, 3), (1, 2)]
+    chosen = [(1, 0), (0, 1), (-1, 1), (2, 0), (0, 2), (1, 1), (0, 0), (0, 3), (1, 2)]
     for j in chosen:
         size, at = float(motion.nhbm.amplitude("x1", j)), abs(np.dot(j, TONES))
         right.semilogy([at, at], [1e-4, size], color=RED if j in ((1, 0), (0, 1)) else BLUE, lw=2)
-        right.annotate(f"({j[0]},{j[1]})".replace("-", "−"), (at, size), (0, 13 if j == (2, -1) else 3), textcoords="offset points", ha="center", fontsize=8)
+        right.annotate(f"({j[0]},{j[1]})".replace("-", "−"), (at, size), (0, 3), textcoords="offset points", ha="center", fontsize=8)
     right.set(xlabel=r"Frequency $|j_1\omega_1 + j_2\omega_2|$ [rad/s]", ylabel="Amplitude [m]", ylim=(1e-4, 3.0), xlim=(-0.2, 5.2),
               title="... but has a few lines, each named by a tuple")  # fmt: skip
     fig.savefig(path / "concept_tuples.png", dpi=110)
@@ -64,6 +64,7 @@ def hypertime(path: Path) -> None:
     fig, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.1), layout="constrained", width_ratios=(1.15, 1))
     shown = left.pcolormesh(tau, tau, surface.T, cmap="RdBu_r", vmin=-np.abs(surface).max(), vmax=np.abs(surface).max(), rasterized=True)
     left.contour(tau, tau, surface.T, levels=[0.5], colors="k", linewidths=1.0)
+    left.text(0.9, 2.9, "at the stop", fontsize=8, ha="center", color="w")
     fig.colorbar(shown, ax=left, label="Displacement [m]")
     times = np.linspace(0.0, 30.0, 6000)
     one, two = (np.mod(w * times, 2 * np.pi) for w in TONES)
@@ -79,14 +80,14 @@ def hypertime(path: Path) -> None:
 
 def estimates(path: Path) -> None:
     """True and estimated error over the order, for a mass and its stop; the true one against order 200."""
-    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[1.2])
-    model.load("x1", 1, cos=0.3)
-    model.law("elastic_stop", "x1", stiffness=5.0, gap=0.3)
+    model, fine = (nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[1.2]) for _ in range(2))
+    for one in (model, fine):
+        one.load("x1", 1, cos=0.3)
+        one.law("elastic_stop", "x1", stiffness=5.0, gap=0.3)
+        one.set("error_estimate", truncation=1.0, aliasing=1.0)
+    fine.set("sampling", samples=8192)
     orders = np.array([3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40])
-    model.set("error_estimate", truncation=1.0, aliasing=1.0)
-    model.set("sampling", samples=8192)
-    best = _line(model.solve(order=200), 200)
-    del model["sampling.samples"]
+    best = _line(fine.solve(order=200), 200)
     true, estimated = [], []
     for order in orders:
         motion = model.solve(order=int(order))
