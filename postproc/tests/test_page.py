@@ -234,6 +234,25 @@ def test_values_are_shown_under_the_mouse(tmp_path, chromium):
 
 
 @in_browser
+def test_forces_of_laws_are_drawn_over_the_motion(tmp_path, chromium):
+    """Where the file has forces, the choice over a degree of freedom offers them, with the coefficients of the file."""
+    path = curve_file(tmp_path / "curve.h5")
+    with h5py.File(path, "r+") as file:
+        if "force_coefficients" not in file:
+            file["force_coefficients"] = 2.0 * file["coefficients"][:, : file["law_dof"].size]
+            file["force_coefficients"].attrs["units"] = "N"
+        forces = file["force_coefficients"][:]
+    data = opened(chromium, path)
+    with Results(path) as results:
+        assert [force["name"] for force in data["forces"]] == [f"Force of laws at {dof}" for dof in results.law_dofs]
+    values, row = coefficients_of(data), data["rows"].index(0)
+    assert np.nanmax(np.abs(values[row, len(data["dofs"]) :])) == pytest.approx(np.abs(forces[row]).max(), rel=1e-6)
+    chromium.run("$('other').value = D.dofs.length; $('other').dispatchEvent(new Event('change'))")
+    assert chromium.run("$('orbit-title').textContent").startswith("Force of laws at ")
+    assert chromium.run("document.querySelectorAll('#orbit .orbit').length") == 1 and not chromium.errors
+
+
+@in_browser
 def test_hertz_are_shown_as_given(tmp_path, chromium):
     path = curve_file(tmp_path / "curve.h5")
     assert main(["report", str(path)]) == 0

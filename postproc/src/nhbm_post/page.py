@@ -265,7 +265,7 @@ def _rows(results: Results, points: list[int], is_solved: np.ndarray, frequencie
     for m, omega in enumerate(factor * frequencies.T):
         yield f"Tone {m + 1}", [f"{w:.7g} {hertz}" if solved else None for w, solved in zip(omega, is_solved)]
     for column, label, unit in _ERROR_ESTIMATE:
-        if not results.has(column):
+        if not results.has(column) or (column == "combination_frequency" and results.n_tones == 1):
             continue
         values = (factor if unit == "rad/s" else 1.0) * results.per_point(column)[points]
         is_shown = is_solved & np.isfinite(values) & ((values != 0.0) | (column not in _ONLY_IF_ANY))
