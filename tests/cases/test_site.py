@@ -127,3 +127,12 @@ def test_random_inputs_with_each_law_are_read(laws, tmp_path):
     assert {path.stem.rpartition("_")[0] for path in tmp_path.glob("*.nml")} == set(laws.SKETCHES)
     for path in tmp_path.glob("*.nml"):
         nhbm.Session().read(path.read_text())
+
+
+@pytest.mark.long
+def test_pictures_of_the_concepts_are_drawn(tmp_path):
+    """Those in docs/pictures are of this script."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(str(ROOT / path) for path in ("postproc/src", "drivers/python/src"))}
+    subprocess.run([sys.executable, ROOT / "docs" / "site" / "concepts.py", tmp_path], check=True, env=environment)
+    drawn = {path.name for path in tmp_path.glob("*.png")}
+    assert drawn == {path.name for path in (ROOT / "docs" / "pictures").glob("concept_*.png")} and len(drawn) == 4
