@@ -113,7 +113,7 @@ class Model(Laws):
     >>> model.load("x1", 1, cos=0.3)
     >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
     >>> model
-    <nhbm.Model: structure chain; frequency [0.9]; 1 load; 1 law (cubic_spring)>
+    <nhbm.Model: structure matrices; frequency [0.9]; 1 load; 1 law (cubic_spring)>
     >>> motion = model.solve(order=7)
     >>> print(f"{float(motion.nhbm.amplitude('x1', 1)):.6f} m, {motion['stability'].item()}")
     0.737765 m, stable
