@@ -3,7 +3,8 @@ module key_table
    use console, only: say
    use hb_error, only: error_t, fail
    use hb_key_rows, only: key_row, n_key_rows
-   use hb_text, only: lower
+   use hb_similar_word, only: closest_word
+   use hb_text, only: lower, string_t
    implicit none
    private
    public :: print_keys
@@ -34,11 +35,30 @@ contains
          is_reported = .true.
       end do
       if (.not. is_reported) then
-         call fail(error, "no row of the table of keys has '"//word//"'; nhbm keys prints all")
+         call fail(error, "no row contains '"//word//"';"//suggestion(word)//" nhbm keys prints all")
       else if (is_json) then
          call say("]")
       end if
    end subroutine print_keys
+
+   !> The key or section that was probably meant; empty if none is close.
+   function suggestion(word) result(text)
+      character(*), intent(in) :: word
+      character(:), allocatable :: text
+      type(string_t) :: known(2*n_key_rows())
+      character(:), allocatable :: row
+      integer :: i, first
+
+      do i = 1, n_key_rows()
+         row = key_row(i)
+         first = index(row, separator)
+         known(2*i - 1)%value = row(:first - 1)
+         row = row(first + len(separator):)
+         known(2*i)%value = row(:index(row, separator) - 1)
+      end do
+      text = closest_word(word, known)
+      if (text /= "") text = " did you mean '"//text//"'?"
+   end function suggestion
 
    !> A row as an object with a text for each column.
    pure function json_object(row) result(object)

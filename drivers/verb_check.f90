@@ -254,7 +254,7 @@ contains
          call say("natural     frequencies are not known: some part has neither mass nor support")
       else
          call say("natural     "//list_text(frequencies(:n), 1.0_wp)//" rad/s"//note)
-         call say("frequencies "//list_text(frequencies(:n), two_pi)//" Hz")
+         call say("            "//list_text(frequencies(:n), two_pi)//" Hz")
          if (any(frequencies < 0.0_wp) .and. .not. any(abs(structure%damping - transpose(structure%damping)) > 0.0_wp)) &
             call say("            negative: the structure at rest is unstable, disturbances grow at this rate")
       end if

@@ -1,5 +1,6 @@
 """Sphinx configuration of the site; drivers/site builds it in build/site/source, with the pages of the repository at the same relative paths."""
 
+import json
 import os
 import re
 from pathlib import Path
@@ -37,3 +38,25 @@ pygments_style = "tango"
 suppress_warnings = ["toc.not_included"]  # docs/README.md is for readers of the files
 if nb_execution_mode == "off":
     suppress_warnings += ["myst-nb.lexer"]
+
+
+def add_excerpts(app, pagename, templatename, context, doctree):
+    """Scripts of the search page."""
+    if pagename == "search":
+        app.add_js_file("texts.js")
+        app.add_js_file("search.js")
+
+
+def write_texts(app, exception):
+    """The text of each page that the search finds, for its excerpts (search.js)."""
+    if exception or app.builder.format != "html":
+        return
+    names = [name for name in sorted(app.env.found_docs) if "nosearch" not in app.env.metadata[name]]
+    texts = {name: re.sub(r"\s+", " ", app.env.get_doctree(name).astext()) for name in names}
+    path = Path(app.outdir) / "_static" / "texts.js"
+    path.write_text(f"window.NHBM_TEXTS = {json.dumps(texts, ensure_ascii=False)};\n", encoding="utf-8")
+
+
+def setup(app):
+    app.connect("html-page-context", add_excerpts)
+    app.connect("build-finished", write_texts)

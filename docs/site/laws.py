@@ -3,7 +3,7 @@
 
 usage: laws.py FOLDER      writes FOLDER/index.md, and FOLDER/LAW.md and FOLDER/LAW.svg for each type of &law
 
-Formula and keys are the section of the law in docs/user/input.md. The sketch is the force of the program itself along a motion that the
+Formula and keys are the section of the law in docs/user/input.md; index.md has what stands there for all laws. The sketch is the force of the program itself along a motion that the
 law does not change, with the numbers of SKETCHES: a new law needs an entry there. NHBM_LIBRARY names libnhbm.so.
 """
 
@@ -18,6 +18,9 @@ import matplotlib
 import numpy as np
 
 import nhbm
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import groups  # noqa: E402
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
@@ -101,27 +104,18 @@ def draw(kind: str, path: Path) -> None:
         plt.close(figure)
 
 
-def sections() -> dict[str, str]:
-    """Text of the manual below the heading of each law."""
-    text = MANUAL.read_text(encoding="utf-8")
-    text = text[text.index("### `&law`") :]
-    text = text[: re.search(r"^### `&(?!law`)", text, re.MULTILINE).start()]
-    parts = re.split(r"^#### `type = '(\w+)'`\n", text, flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2]))
+def sections() -> tuple[str, dict[str, str]]:
+    """Text of the manual below the heading of &law and of each type of it."""
+    text = groups.divided(MANUAL.read_text(encoding="utf-8"))[1]["law"]
+    head, *parts = re.split(r"^#### `type = '(\w+)'`\n", text, flags=re.MULTILINE)
+    return head, dict(zip(parts[::2], parts[1::2]))
 
 
-def from_here(text: str) -> str:
-    """Links of docs/user/input.md as they are from the folder of the catalogue."""
+def from_here(text: str, name: str) -> str:
+    """Links of docs/user/input.md as they are from a page of the catalogue."""
+    places = groups.homes(groups.divided(MANUAL.read_text(encoding="utf-8"))[1])
+    return groups.moved(text, groups.PAGE, groups.LAWS / f"{name}.md", places)
 
-    def moved(match: re.Match[str]) -> str:
-        target = match[1]
-        if target.startswith("#"):
-            return f"](../docs/user/input.md{target})"
-        if target.startswith("../../"):
-            return f"](../{target.removeprefix('../../')})"
-        return f"](../docs/{target.removeprefix('../')})" if target.startswith("../") else f"](../docs/user/{target})"
-
-    return re.sub(r"\]\((?!https?:)([^)]+)\)", moved, text)
 
 def examples(kind: str) -> list[Path]:
     """Inputs that have the law, short ones first."""
@@ -139,7 +133,7 @@ def page(kind: str, text: str, has_sketch: bool) -> str:
     lines = [f"# {kind}\n"]
     if has_sketch:
         lines.append(f"![Force of {kind} over the {SKETCHES[kind].over}]({kind}.svg)\n")
-    lines.append(from_here(text.strip()) + "\n")
+    lines.append(from_here(text.strip(), kind) + "\n")
     found = examples(kind)
     if found:
         lines.append("## Examples\n")
@@ -154,18 +148,16 @@ def page(kind: str, text: str, has_sketch: bool) -> str:
 
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    overview = re.search(r"^\| law \| coordinates \| force \| smooth \|\n\|[-|]+\|\n((?:\|.*\n)+)", MANUAL.read_text(encoding="utf-8"), re.MULTILINE)
-    rows = [re.sub(r"^\| (\w+) \|", r"| [\1](\1.md) |", row) for row in overview[1].splitlines()]
-    texts = sections()
+    head, texts = sections()
     for kind, text in texts.items():
         if kind in SKETCHES:
             draw(kind, folder / f"{kind}.svg")
         (folder / f"{kind}.md").write_text(page(kind, text, kind in SKETCHES), encoding="utf-8")
+    head = re.sub(r"^\| (\w+) \|(?= (?:one|two|several|x and y)\b)", r"| [\1](\1.md) |", from_here(head.strip(), "index"), flags=re.MULTILINE)
     contents = "\n".join(sorted(texts))
     (folder / "index.md").write_text(
-        "# Laws\n\nNonlinear forces between coordinates. Each page has the force, its formula, its keys and examples.\n\n"
-        "| law | coordinates | force | smooth |\n|---|---|---|---|\n" + "\n".join(rows)
-        + f"\n\n```{{toctree}}\n:hidden:\n\n{contents}\n```\n", encoding="utf-8")  # fmt: skip
+        f"# Laws: `&law`\n\n{head}\n\nEach page has a sketch of the force, its formula, its keys, examples and the source.\n\n"
+        f"```{{toctree}}\n:hidden:\n\n{contents}\n```\n", encoding="utf-8")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@
 #include "nhbm.h"
 
 static const char *const text =
-   "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,\n"
+   "&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0,\n"
    " damping_mass = 0.1 /\n"
    "&tones frequency = 0.9 /\n"
    "&load dof = 'x1', tuple = 1, cos = 0.3 /\n"

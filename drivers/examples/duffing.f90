@@ -7,7 +7,7 @@ program duffing
    implicit none
    character, parameter :: line = new_line("a")
    character(*), parameter :: text = &
-      "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0, "// &
+      "&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0, "// &
       "damping_mass = 0.1 /"//line// &
       "&tones frequency = 0.9 /"//line// &
       "&load dof = 'x1', tuple = 1, cos = 0.3 /"//line// &

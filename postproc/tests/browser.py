@@ -68,8 +68,11 @@ class Browser:
 
     def open(self, path, width: int = 1200, height: int = 900) -> None:
         self.size(width, height)
-        self.call("Page.navigate", url=path.resolve().as_uri())
-        self.wait("document.readyState === 'complete' && typeof state === 'object'")
+        self.load(path.resolve().as_uri(), "typeof state === 'object'")
+
+    def load(self, address: str, condition: str = "true") -> None:
+        self.call("Page.navigate", url=address)
+        self.wait(f"document.readyState === 'complete' && ({condition})")
 
     def size(self, width: int, height: int) -> None:
         is_phone = width < 500
@@ -98,6 +101,9 @@ class Browser:
             position = {"x": x + k * (to_x - x), "y": y + k * (to_y - y)}
             self.call("Input.dispatchMouseEvent", type="mouseMoved", button="left", buttons=1, **position)
         self.call("Input.dispatchMouseEvent", type="mouseReleased", x=to_x, y=to_y, button="left", clickCount=1)
+
+    def hover(self, x: float, y: float) -> None:
+        self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
 
     def press(self, key: str) -> None:
         for kind in ("keyDown", "keyUp"):

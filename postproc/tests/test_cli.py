@@ -334,3 +334,9 @@ def test_titles_and_names_do_not_command_the_terminal(sweep, tmp_path):
         printed = (done.stdout + done.stderr).decode()
         assert not [c for c in printed if c != "\n" and not c.isprintable()], (words, printed)
         assert "Traceback" not in printed, printed
+
+
+def test_a_misspelt_command_is_recognised(capsys):
+    with pytest.raises(SystemExit):
+        main(["respons", "run.h5"])
+    assert "did you mean 'response'?" in capsys.readouterr().err

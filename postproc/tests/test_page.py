@@ -38,7 +38,7 @@ def data_of(page):
 
 def coefficients_of(data):
     raw = np.frombuffer(base64.b64decode(data["coefficients"]), "<f4")
-    return raw.reshape(-1, len(data["dofs"]), len(data["tuples"]), 2)
+    return raw.reshape(-1, len(data["dofs"]) + len(data["forces"]), len(data["tuples"]), 2)
 
 
 def test_page_holds_the_motions(tmp_path, sweep, capsys):
@@ -214,6 +214,50 @@ def test_a_click_shows_the_point(tmp_path, chromium):
     n_jumps = sum(len(curve["falls"]) for curve in data["curves"])
     assert n_jumps > 0 and chromium.run("document.querySelectorAll('#response .jump').length") == n_jumps
     assert not chromium.errors
+
+
+@in_browser
+def test_values_are_shown_under_the_mouse(tmp_path, chromium):
+    path = curve_file(tmp_path / "curve.h5")
+    assert main(["report", str(path)]) == 0
+    chromium.open(tmp_path / "curve.html")
+    place = "document.querySelector('#response svg').getBoundingClientRect()"
+    left, top = chromium.run(f"{place}.left"), chromium.run(f"{place}.top")
+    x, y, point = chromium.run("positions[2]")
+    assert chromium.run("document.querySelectorAll('#hint text').length") == 0
+    chromium.hover(left + x + 2, top + y + 1)
+    words = chromium.run("[...document.querySelectorAll('#hint text')].map(e => e.textContent)")
+    assert words[0].startswith(f"point {chromium.run(f'D.points[{point}].number')}") and len(words) == 3 and ":" in words[1]
+    chromium.hover(2, 2)
+    assert chromium.run("document.querySelectorAll('#hint text').length") == 0
+    assert not chromium.errors
+
+
+@in_browser
+def test_forces_of_laws_are_drawn_over_the_motion(tmp_path, chromium):
+    """Where the file has forces, the choice over a degree of freedom offers them, with the coefficients of the file."""
+    path = curve_file(tmp_path / "curve.h5")
+    with h5py.File(path, "r+") as file:
+        if "force_coefficients" not in file:
+            file["force_coefficients"] = 2.0 * file["coefficients"][:, : file["law_dof"].size]
+            file["force_coefficients"].attrs["units"] = "N"
+        forces = file["force_coefficients"][:]
+    data = opened(chromium, path)
+    with Results(path) as results:
+        assert [force["name"] for force in data["forces"]] == [f"Force of laws at {dof}" for dof in results.law_dofs]
+    values, row = coefficients_of(data), data["rows"].index(0)
+    assert np.nanmax(np.abs(values[row, len(data["dofs"]) :])) == pytest.approx(np.abs(forces[row]).max(), rel=1e-6)
+    chromium.run("$('other').value = D.dofs.length; $('other').dispatchEvent(new Event('change'))")
+    assert chromium.run("$('orbit-title').textContent").startswith("Force of laws at ")
+    assert chromium.run("document.querySelectorAll('#orbit .orbit').length") == 1 and not chromium.errors
+
+
+@in_browser
+def test_hertz_are_shown_as_given(tmp_path, chromium):
+    path = curve_file(tmp_path / "curve.h5")
+    assert main(["report", str(path)]) == 0
+    chromium.open(tmp_path / "curve.html")
+    assert chromium.run("[600, 9e3, 2e4].map(v => scaled(v, 'Hz')[1])") == ["Hz", "Hz", "kHz"]
 
 
 @in_browser

@@ -51,7 +51,7 @@ module hb_error_estimate
       real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
       real(wp) :: parameter_error = 0.0_wp                            !! of the value along a curve, by both
       type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
-      real(wp) :: impact = 0.0_wp                                     !! energy of the hardest impact against a rigid wall, relative
+      real(wp) :: impact = 0.0_wp                                     !! energy of the strongest impact on a rigid wall, relative
                                                                       !! to that of the motion there
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]

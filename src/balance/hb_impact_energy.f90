@@ -18,7 +18,7 @@ module hb_impact_energy
 
 contains
 
-   !> Energy of the hardest impact against a rigid wall, m v**2, relative to the mean of m z'**2 + k z**2 with the
+   !> Energy of the strongest impact against a rigid wall, m v**2, relative to the mean of m z'**2 + k z**2 with the
    !> static stiffness k of the structure at the coordinate z; 0 without impacts. The forces of the laws are those of
    !> the motion.
    real(wp) function impact_energy(structure, balance, u)

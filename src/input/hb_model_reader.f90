@@ -255,7 +255,8 @@ contains
 
       !> What a key requests and a &dynamic_stiffness has no equations for.
       subroutine refuse_integration()
-         character(*), parameter :: reason = "'integration' needs equations in time, which a &dynamic_stiffness has not"
+         character(*), parameter :: reason = &
+            "'integration' is not available with &dynamic_stiffness, which is defined in the frequency domain only"
 
          group => document%optional_group("solver")
          if (self%options%start%from_integration) call group%problem("first_guess", reason)

@@ -351,8 +351,8 @@ contains
       steady%status = outcome%pending
       steady%is_out_of_work = .true.
       steady%message = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone: a series of "// &
-                        to_text(n_candidates)//" harmonics misses the record by "//rounded(steady%spread)// &
-                        " in its worst quarter, and no work is left for a longer series; raise &solver fallback_work"
+                        to_text(n_candidates)//" harmonics has the relative residual "//rounded(steady%spread)// &
+                        " (worst quarter of the record), and no work is left for a longer one; raise &solver fallback_work"
    end subroutine leave_open
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance it has fewer candidates than

@@ -203,7 +203,7 @@ contains
             "estimated aliasing error, relative to the motion", found%aliasing)
          call t%real("penetration", "m", "", "largest penetration into a rigid wall", found%defects%penetration)
          call t%real("impact_estimate", "1", "", &
-            "energy of the hardest impact against a rigid wall, relative to that of the motion there", found%impact)
+            "energy of the strongest impact against a rigid wall, relative to that of the motion there", found%impact)
          call t%real("tension", "N", "", "largest tensile reaction of a rigid wall", found%defects%tension)
          call t%real("complementarity", "N m", "", "largest product of reaction and gap of a rigid wall", &
             found%defects%complementarity)

@@ -1,4 +1,6 @@
-!> Samples of a motion at phases of its tones that are spread evenly over the torus.
+!> Samples of a motion at phases of its tones that are spread evenly over the torus. Source: multiples of the powers of 1/g, where
+!> g**(d + 1) = g + 1 for d tones, of which g is the golden ratio for one (M. Roberts, "The unreasonable effectiveness of
+!> quasirandom sequences", 2018). Powers of one number for all d do not do: the squared golden ratio has the same fraction.
 module hb_motion_samples
    use hb_discretisation, only: discretisation_t
    use hb_kinds, only: two_pi, wp
@@ -6,8 +8,6 @@ module hb_motion_samples
    implicit none
    private
    public :: sample_motion
-
-   real(wp), parameter :: golden = 0.618033988749895_wp               ! its multiples are spread evenly over the circle
 
 contains
 
@@ -20,7 +20,7 @@ contains
       real(wp), allocatable, intent(out) :: phases(:, :)              !! [rad], (n_tones, n_samples)
       real(wp), allocatable, intent(out) :: q(:, :), v(:, :)          !! [m], [m/s], (n_samples, n_law_dofs)
       integer, allocatable :: tuples(:, :)
-      real(wp) :: phase(n), rate
+      real(wp) :: base, phase(n), rate
       integer :: d, h, k, s
 
       if (.not. (allocated(motion%corrected_coefficients) .and. allocated(motion%frequency))) return
@@ -28,9 +28,10 @@ contains
       if (allocated(motion%harmonics%tuples)) tuples = motion%harmonics%tuples
       if (size(motion%corrected_coefficients, 2) /= size(tuples, 2)) return
       allocate (phases(size(tuples, 1), n))
+      base = spreading_base(size(tuples, 1))
       do s = 1, n
          do k = 1, size(tuples, 1)
-            phases(k, s) = two_pi*modulo(s*golden**k, 1.0_wp)
+            phases(k, s) = two_pi*modulo(s/base**k, 1.0_wp)
          end do
       end do
       allocate (q(n, size(motion%corrected_coefficients, 3)), source=0.0_wp)
@@ -46,4 +47,15 @@ contains
          end do
       end do
    end subroutine sample_motion
+
+   !> The root g > 1 of g**(d + 1) = g + 1.
+   pure real(wp) function spreading_base(d) result(g)
+      integer, intent(in) :: d
+      integer :: i
+
+      g = 1.5_wp
+      do i = 1, 60                                                    ! contracts by less than 1/2
+         g = (1.0_wp + g)**(1.0_wp/(d + 1))
+      end do
+   end function spreading_base
 end module hb_motion_samples

@@ -53,7 +53,7 @@ module hb_options
       real(wp) :: truncation = 1.0e-2_wp                              !! largest estimated error, relative to the motion
       real(wp) :: aliasing = 1.0e-2_wp                                !! largest estimated error, relative to the motion
       real(wp) :: penetration = 1.0e-2_wp                             !! largest, relative to the largest harmonic
-      real(wp) :: impact = 1.0e-2_wp                                  !! hardest impact against a rigid wall, its energy relative to
+      real(wp) :: impact = 1.0e-2_wp                                  !! strongest impact on a rigid wall, its energy relative to
                                                                       !! that of the motion there
       integer :: improvement_steps = 0                                !! steps towards the motion in a wider set
       real(wp) :: commensurability = 1.0e-3_wp                        !! smallest |k.omega| relative to the largest tone

@@ -252,7 +252,7 @@ contains
          call group%get("spacing", spacing)
          self%range%is_log = spacing == "log"
          if (self%range%is_log .and. .not. self%range%first*self%range%last > 0.0_wp) &
-            call group%problem("spacing", "a logarithmic range needs 'from' and 'to' of one sign, and not zero")
+            call group%problem("spacing", "'from' and 'to' of a logarithmic range must be nonzero and have the same sign")
       end if
    end subroutine read_values
 

@@ -475,7 +475,8 @@ contains
       select case (steady%status)
       case (outcome%integrated)
          if (finds_lines) then
-            steady%message = integrated_for//": the series misses the record by "//rounded(steady%spread)//" in its worst quarter"
+            steady%message = integrated_for//": relative residual of the series "//rounded(steady%spread)// &
+                              " (worst quarter of the record)"
          else
             steady%message = integrated_for//": the averages scatter by "//rounded(steady%spread)// &
                               ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
@@ -486,8 +487,8 @@ contains
       case (outcome%broadband)
          if (finds_lines) then
             steady%message = integrated_for//": the motion is none of these tones, a series of "// &
-                              to_text(discretisation%harmonics%n_harmonics)//" harmonics misses the record by "// &
-                              rounded(steady%spread)//" in its worst quarter"
+                              to_text(discretisation%harmonics%n_harmonics)//" harmonics has the relative residual "// &
+                              rounded(steady%spread)//" (worst quarter of the record)"
          else
             steady%message = integrated_for//": the motion does not repeat, its averages scatter by "//rounded(steady%spread)
          end if

@@ -147,6 +147,7 @@ def test_the_table_is_there_for_programs(tmp_path):
     assert json.loads(run("keys", "--json", cwd=tmp_path).stdout) == [dict(zip(names, row)) for row in rows]
     assert {row["section"] for row in json.loads(run("keys", "law hertz", "--json", cwd=tmp_path).stdout)} == {"law hertz"}
     assert run("keys", "no such word", "--json", cwd=tmp_path).stdout == ""
+    assert "did you mean 'clearance'?" in run("keys", "clearence", cwd=tmp_path).stderr
 
 
 def test_a_key_has_one_row():
@@ -192,6 +193,8 @@ def test_laws_have_a_row_in_the_overview():
     page = (ROOT / "docs" / "user" / "input.md").read_text(encoding="utf-8")
     overview = page.partition("| law | coordinates | force | smooth |\n")[2].partition("\n\n")[0]
     assert sorted(re.findall(r"^\| (\w+) \|", overview, re.MULTILINE)) == sorted(types)
+    sheet = (ROOT / "docs" / "user" / "cheat_sheet.md").read_text(encoding="utf-8")
+    assert not [name for name in types if f"`{name}`" not in sheet]
 
 
 def test_marks_of_located_points_can_be_drawn():

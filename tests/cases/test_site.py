@@ -6,6 +6,8 @@ import fnmatch
 import importlib.util
 import os
 import re
+import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -52,8 +54,61 @@ def test_every_law_has_a_page_with_a_sketch(laws, tmp_path):
     for name in names:
         text = (tmp_path / f"{name}.md").read_text()
         assert f"[{name}]({name}.md)" in index and "| key | type |" in text and f"hb_law_{name}.f90" in text
-        for link in re.findall(r"\]\((\.\./[^)#]+)", text):
+        for link in re.findall(r"\]\((\.\./(?!docs/user/input/)[^)#]+)", text):  # but those to pages that are made, tested below
             assert (tmp_path / link).exists() or (ROOT / link.removeprefix("../")).exists(), f"{name}: {link}"
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """The pages of the site as drivers/site puts them together, divided."""
+    folder = tmp_path_factory.mktemp("source")
+    for page in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "postproc" / "README.md"]:
+        copy = folder / page.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(page, copy)
+    shutil.copy(ROOT / "docs" / "site" / "index.md", folder)
+    subprocess.run([sys.executable, ROOT / "docs" / "site" / "groups.py", folder], check=True)
+    return folder
+
+
+def rows_of(text: str) -> list[str]:
+    return re.findall(r"^\| (`\w+` \| [^|]*) \|", text, re.MULTILINE)
+
+
+def test_every_group_of_the_input_has_a_page(source):
+    """A page a group, with the rows of its keys; laws are in the catalogue; nothing is lost, and no page is long."""
+    keys = runpy.run_path(str(ROOT / "tests" / "keys"))["keys"]()
+    groups = {key.section.partition(" ")[0] for key in keys} - {"law"}
+    pages = {path.stem: path.read_text() for path in (source / "docs" / "user" / "input").glob("*.md")}
+    assert set(pages) == groups
+    for group, text in pages.items():
+        mine = [f"`{key.name}` | {key.type}" for key in keys if key.section.partition(" ")[0] == group]
+        assert sorted(set(mine) & set(rows_of(text))) == sorted(set(mine)), group
+        assert text.startswith(f"# `&{group}`\n") and len(text.split()) < 2500, group
+    rest = (source / "docs" / "user" / "input.md").read_text()
+    assert len(rest.split()) < 3000 and all(f"\ninput/{group}\n" in rest for group in groups) and "### `&" not in rest
+
+
+def test_links_follow_the_headings_that_move(source):
+    """Of all pages; those to the catalogue of laws lead to one that is made later."""
+    pages = {path.relative_to(source): path.read_text() for path in source.rglob("*.md")}
+    assert not [name for name, text in pages.items() if re.search(r"\]\([^)]*input\.md#(law|curve|type--|chains-of)", text)]
+    moved = [page for page in pages if page.parent.name == "input"]
+    for page in [*moved, Path("docs/user/input.md"), Path("docs/user/curves.md"), Path("docs/howto/sweep_one.md"), Path("README.md")]:
+        text = re.sub(r"^```.*?^```", "", pages[page], flags=re.DOTALL | re.MULTILINE)
+        for name, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", text):
+            target = (source / page.parent / name).resolve() if name else source / page
+            if target.parent.name in ("laws", "pictures") or target.suffix != ".md":
+                continue
+            assert target.is_file(), f"{page}: {name}"
+            headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
+            assert not anchor or anchor in {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}, f"{page}: {name}#{anchor}"
+
+
+def test_recipes_are_named_by_their_verbs(source):
+    contents = (source / "index.md").read_text()
+    recipes = {path.stem for path in (ROOT / "docs" / "howto").glob("*.md")} - {"README"}
+    assert set(re.findall(r"^[A-Z][^<\n]* <docs/howto/(\w+)>$", contents, re.MULTILINE)) == recipes
 
 
 def test_sketches_are_the_formulas(laws):
@@ -72,3 +127,12 @@ def test_random_inputs_with_each_law_are_read(laws, tmp_path):
     assert {path.stem.rpartition("_")[0] for path in tmp_path.glob("*.nml")} == set(laws.SKETCHES)
     for path in tmp_path.glob("*.nml"):
         nhbm.Session().read(path.read_text())
+
+
+@pytest.mark.long
+def test_pictures_of_the_concepts_are_drawn(tmp_path):
+    """Those in docs/pictures are of this script."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(str(ROOT / path) for path in ("postproc/src", "drivers/python/src"))}
+    subprocess.run([sys.executable, ROOT / "docs" / "site" / "concepts.py", tmp_path], check=True, env=environment)
+    drawn = {path.name for path in tmp_path.glob("*.png")}
+    assert drawn == {path.name for path in (ROOT / "docs" / "pictures").glob("concept_*.png")} and len(drawn) == 4

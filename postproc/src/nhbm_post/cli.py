@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import errno
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -28,9 +30,12 @@ beam_spectrum.png; --output chooses another name, and its ending the format (.pn
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argparse parser that reports an error in one line, with status 2."""
+    """An argparse parser that reports an error in one line, with status 2, and names the closest choice to a misspelt one."""
 
     def error(self, message):
+        wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        close = difflib.get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), 1) if wrong else []
+        message += f"; did you mean '{close[0]}'?" if close else ""
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 

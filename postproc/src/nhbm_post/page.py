@@ -30,6 +30,7 @@ LARGEST = 5_000_000  # [bytes] of a page
 _COEFFICIENTS, _POINTS, _TEXT = 300_000, 6_000, 200_000
 _LEAST = 1e-6  # harmonics that are smaller everywhere, relative to the largest, are omitted
 _N_DOFS = 60
+_N_FORCES = 12
 _N_CURVES = 14
 _N_SHAPES, _N_SHAPE_HARMONICS, _SHAPE_NUMBERS = 12, 5, 120_000
 
@@ -39,7 +40,7 @@ _ERROR_ESTIMATE = (
     ("aliasing_estimate", "Estimated error by aliasing", ""),
     ("residual", "Residual", ""),
     ("penetration", "Penetration of a rigid wall", "m"),
-    ("impact_estimate", "Energy of the hardest impact", ""),
+    ("impact_estimate", "Energy of the strongest impact", ""),
     ("combination_frequency", "Smallest combination frequency", "rad/s"),
     ("n_harmonics", "Harmonics", ""),
     ("n_unknowns", "Unknowns", ""),
@@ -80,7 +81,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
     kinds = results.curve_kind() if results.curve else np.full(results.n_points, "")
     found, axis, curve_notes = _curves(results)
     points, point_notes = _some_points(results, kinds, found, int(share * _POINTS))
-    dofs, tuples, rows, coefficients, notes = _coefficients(results, points, int(share * _COEFFICIENTS))
+    dofs, forces, tuples, rows, coefficients, notes = _coefficients(results, points, int(share * _COEFFICIENTS))
     factor, hertz = results.frequency_scale()
     sizes = {dof: Measure().values(results, dof, points) for dof in dofs}
     tones = {
@@ -102,7 +103,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
         "curves": _drawn(results, found, points),
         "dofs": [
             {
-                "name": dof,
+                "name": results.as_written(dof),
                 "units": results.units("motion", dof),
                 "what": results.series(_first(results), dof).words,
                 "size": _numbers(sizes[dof][points]),
@@ -110,6 +111,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
             }
             for dof in dofs
         ],
+        "forces": [{"name": f"Force of laws at {results.as_written(dof)}", "units": results.units("force", dof)} for dof in forces],
         "tones": [{"name": name, "values": _numbers(values[points])} for name, values in tones.items()],
         "measure": len(dofs) if tones and axis and axis.path.startswith("normal_mode%") else 0,
         "tuples": tuples.tolist(),
@@ -165,7 +167,8 @@ def _cut(text: str, most: int) -> str:
 
 
 def _coefficients(results: Results, points: list[int], max_pairs: int):
-    """Degrees of freedom, tuples, row of each point (-1: none) and coefficients (rows, dofs, tuples, 2), NaN for missing ones."""
+    """Degrees of freedom, those with forces of laws, tuples, row of each point (-1: none) and coefficients (rows, dofs and then
+    forces, tuples, 2), NaN for missing ones."""
     _first(results)
     labels = results.labels()
     first = [label for label in results.law_dofs if label in labels]
@@ -185,21 +188,22 @@ def _coefficients(results: Results, points: list[int], max_pairs: int):
     row_of[shown] = np.arange(shown.size)
     notes = []
     n_dofs = int(np.clip(max_pairs // (len(solved) * shown.size), 1, min(_N_DOFS, len(dofs))))
+    forces = first[: min(_N_FORCES, n_dofs)] if results.has("force_coefficients") else []
     if n_dofs < len(dofs):
         notes.append(f"{n_dofs} of {len(dofs)} degrees of freedom are in this page")
-    most = max(1, max_pairs // (n_dofs * shown.size))
+    most = max(1, max_pairs // ((n_dofs + len(forces)) * shown.size))
     if most < len(solved):
         notes.append(f"{most} of {len(solved)} solved points have their motion in this page")
         solved = _evenly(solved, most)
     row = {point: i for i, point in enumerate(solved)}
-    values = np.full((len(solved), n_dofs, shown.size, 2), np.nan, dtype=np.float32)
-    for d, dof in enumerate(dofs[:n_dofs]):
-        for point, series in results.all_series(dof, points=solved):
-            series = series.without_noise(results.noise(point, units=series.units))
+    values = np.full((len(solved), n_dofs + len(forces), shown.size, 2), np.nan, dtype=np.float32)
+    for d, (quantity, dof) in enumerate([*(("motion", dof) for dof in dofs[:n_dofs]), *(("force", dof) for dof in forces)]):
+        for point, series in results.all_series(dof, quantity, solved):
+            series = series.without_noise(results.noise(point, quantity, series.units))
             at = row_of[[by_tuple[tuple(int(k) for k in j)] for j in series.tuples]]
             values[row[point], d, at[at >= 0], 0] = series.cos[at >= 0]
             values[row[point], d, at[at >= 0], 1] = series.sin[at >= 0]
-    return dofs[:n_dofs], results.tuples[shown], [row.get(point, -1) for point in points], values, notes
+    return dofs[:n_dofs], forces, results.tuples[shown], [row.get(point, -1) for point in points], values, notes
 
 
 def _curves(results: Results) -> tuple[list, Parameter | None, list[str]]:
@@ -261,7 +265,7 @@ def _rows(results: Results, points: list[int], is_solved: np.ndarray, frequencie
     for m, omega in enumerate(factor * frequencies.T):
         yield f"Tone {m + 1}", [f"{w:.7g} {hertz}" if solved else None for w, solved in zip(omega, is_solved)]
     for column, label, unit in _ERROR_ESTIMATE:
-        if not results.has(column):
+        if not results.has(column) or (column == "combination_frequency" and results.n_tones == 1):
             continue
         values = (factor if unit == "rad/s" else 1.0) * results.per_point(column)[points]
         is_shown = is_solved & np.isfinite(values) & ((values != 0.0) | (column not in _ONLY_IF_ANY))

@@ -406,7 +406,7 @@ class Results:
         labels = self.labels(quantity)
         if not labels:
             raise ReaderError(f"{self.path}: no degree of freedom with {QUANTITIES[quantity].words}")
-        return self._as_written(next((label for label in self.law_dofs if label in labels), labels[0]))
+        return self.as_written(next((label for label in self.law_dofs if label in labels), labels[0]))
 
     def labels(self, quantity: str = "motion") -> list[str]:
         """Labels of the degrees of freedom for which `quantity` is stored."""
@@ -571,11 +571,19 @@ class Results:
             )
         return labels.index(named[0])
 
-    def _as_written(self, label: str) -> str:
+    def as_written(self, label: str) -> str:
         """The name that the input has for a degree of freedom: its label, or a set of one node and a direction."""
+        return self._names_of_sets.get(label, label)
+
+    @cached_property
+    def _names_of_sets(self) -> dict[str, str]:
         words = dict.fromkeys(re.findall(r"'([^'\s]+\.\w+)'", self.input_text))
-        names = [word for word in words if word not in self.dofs and word not in self.law_dofs]
-        return next((name for name in names if self._dofs_of_set(name) == [label]), label)
+        names: dict[str, str] = {}
+        for word in words:
+            labels = [] if word in self.dofs or word in self.law_dofs else self._dofs_of_set(word)
+            if len(labels) == 1:
+                names.setdefault(labels[0], word)
+        return names
 
     def _dofs_of_set(self, name: str) -> list[str]:
         """Labels of a set of nodes and a direction, as `tip.z` in the input; none if the model file has no such set or is not

@@ -195,7 +195,7 @@ def _check_output(options: Any) -> None:
     if path.is_dir():
         raise ModelError(f"'{path}' is a folder")
     if path.exists() and not path.is_file():
-        raise ModelError(f"'{path}' is no regular file")
+        raise ModelError(f"'{path}' is not a regular file")
     if path.exists() and not options.overwrite:
         raise ModelError(f"file '{path}' exists; --overwrite replaces it")
     stem = vars(options).get("calculix")

@@ -299,7 +299,7 @@ def _table(path: Any, n_columns: Any, n_whole: Any) -> np.ndarray:
             raise ModelError(f"file '{path}', line {number} has {len(words)} numbers, expected {n_columns}")
         for word, value in zip(words[:n_whole], rows[-1]):
             if not (value.is_integer() and abs(value) < 2**53):
-                raise ModelError(f"file '{path}', line {number}: {word} is no whole number")
+                raise ModelError(f"file '{path}', line {number}: {word} is not an integer")
         for word, value in zip(words[n_whole:], rows[-1][n_whole:]):
             if not np.isfinite(value):
                 raise ModelError(f"file '{path}', line {number}: {word} is not a finite number")

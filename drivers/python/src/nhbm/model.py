@@ -108,12 +108,12 @@ class Model(Laws):
     Examples
     --------
     >>> import nhbm
-    >>> oscillator = nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1)
+    >>> oscillator = nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0)
     >>> model = nhbm.Model(oscillator, tones=[0.9])
     >>> model.load("x1", 1, cos=0.3)
     >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
     >>> model
-    <nhbm.Model: structure chain; frequency [0.9]; 1 load; 1 law (cubic_spring)>
+    <nhbm.Model: structure matrices; frequency [0.9]; 1 load; 1 law (cubic_spring)>
     >>> motion = model.solve(order=7)
     >>> print(f"{float(motion.nhbm.amplitude('x1', 1)):.6f} m, {motion['stability'].item()}")
     0.737765 m, stable
@@ -522,8 +522,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
-        ...                               damping_mass=0.1, ends="free"), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
         >>> model.load("x1", 1, cos=0.1)
         >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
         >>> value, slopes = model.gradient("x1 (1)", ["spring.stiffness"], order=7)
@@ -569,8 +568,8 @@ class Model(Laws):
         Returns
         -------
         Peak
-            The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve ends before
-            its range does.
+            The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve stops
+            before the end of its range.
         """
         keys = {**_range(start, stop), **keys}
         return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
@@ -600,12 +599,13 @@ class Model(Laws):
         PeakGradient
             The response, the value of the parameter there, and the derivatives of both; those of the value are zero if the
             maximum is at an end of the range. NaN, with the warning NotConverged, if the curve stops before the end of its range.
+            `at_slopes` alone is NaN with several tones, and for friction with memory or rigid contact where the peak of a value
+            3 % off is not found.
 
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
-        ...                               damping_mass=0.1, ends="free"), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
         >>> model.load("x1", 1, cos=0.1)
         >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
         >>> found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.8, 1.6, order=7)
@@ -679,7 +679,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> oscillator = nhbm.Chain(n_masses=1, ends="fixed-free", mass=1.0, coupling_stiffness=1.0, damping_mass=0.05)
+        >>> oscillator = nhbm.Matrices(mass=1.0, damping=0.05, stiffness=1.0)
         >>> model = nhbm.Model(oscillator, tones=[0.5])
         >>> model.load("x1", 1, cos=0.18)
         >>> model.law("cubic_spring", "x1", stiffness=0.1)
@@ -819,7 +819,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, stiffness=2.0), tones=[0.9])
         >>> model.check()
         ['no load acts and no tone is unknown: only laws can cause a motion']
         """
@@ -842,7 +842,7 @@ class Model(Laws):
         Examples
         --------
         >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=2.0), tones=[0.9])
+        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, stiffness=4.0), tones=[0.9])
         >>> model.natural_frequencies()
         array([2.])
         """

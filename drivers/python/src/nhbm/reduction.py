@@ -117,7 +117,7 @@ def _relative(model: Any, keep: Any) -> tuple[Structure, sp.csr_matrix]:
         name, one, other = pair
         a, b = model.dofs_of(one), model.dofs_of(other)
         if len(a) != len(b) or set(a) & set(first + second + b) or set(b) & set(first):
-            raise ModelError(f"'{one}' and '{other}' are no pair: they differ in number, or share nodes with each other or another")
+            raise ModelError(f"'{one}' and '{other}' are no pair: the sets must have equal sizes and be disjoint")
         if name not in sets:
             sets[name] = len(numbers) + np.arange(len(a))
             numbers = np.concatenate([numbers, max(numbers) + 1 + np.arange(len(a))])
