@@ -207,7 +207,7 @@ class Fit:
             color, mark = f"C{conditions.index(one.conditions)}", {"up": "^", "down": "v"}.get(one.sweep, "o")
             style = {"marker": mark, "ls": "none", "color": color, "mfc": "none", "ms": 5}
             if self.force:
-                top.plot(one.at, np.abs(predicted), color=color, lw=1.2)
+                top.plot(one.at, np.abs(predicted), "+", color=color, ms=9, label="fitted")
             top.plot(one.at, one.measured, label=one.name or "measured", **style)
             sigma = deviation * one.sigma * one.measured / one.amplitude
             bottom.plot(one.at, (np.abs(predicted) - one.measured) / sigma, **style)
