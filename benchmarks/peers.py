@@ -1,7 +1,7 @@
 """Times of other programs on systems of systems.py, by a Python that has them: python peers.py pyharm|ross
 
-Prints one JSON object: seconds of processor time from the model in memory to the result, and what was computed. Compilation is not counted: the second
-of two runs is reported.
+Prints one JSON object: seconds of processor time from the model in memory to the result, and what was computed. Compilation is
+not counted: the second of two runs is reported.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Systems that others have published with numbers: their number as it is printed, its source, and the same number by nhbm.
 
-A system is a function that returns the numbers of nhbm in the order of `printed`. Inputs are those of the repository or of the folder
-inputs/; the others are built in the function.
+A system is a function that returns the numbers of nhbm in the order of `printed`. Inputs are those of the repository or of the
+folder inputs/; the others are built in the function.
 """
 
 from __future__ import annotations
@@ -59,10 +59,12 @@ def of_repository(name: str) -> nhbm.Model:
 # The method
 
 
-@system("Beam with a cubic spring, two tones", "the paper of the method, table 2 ([theory](../docs/why/theory.md))", "direct expansion",
+@system("Beam with a cubic spring, two tones", "the paper of the method, table 2 ([theory](../docs/why/theory.md))",
+        "direct expansion",
         [("cos of tone 1 [m]", "1.190871824484995e-3"), ("cos of tone 2 [m]", "1.191004700829494e-3"),
          ("sin of tone 1 [m]", "1.159230995878226e-6"), ("sin of tone 2 [m]", "1.340061751905898e-6")],
-        "[paper/table2](../inputs/paper/table2.nml)", "the beam's data are not printed: those of the input reproduce these digits")  # fmt: skip
+        "[paper/table2](../inputs/paper/table2.nml)",
+        "the beam's data are not printed: those of the input reproduce these digits")  # fmt: skip
 def beam_of_the_paper() -> list[float]:
     motion = of_repository("paper/table2").solve()
     first, second = (complex(motion.nhbm.harmonic("v3", j)) for j in ((1, 0), (0, 1)))
@@ -132,10 +134,11 @@ def josephson_gain() -> list[float]:
 
 
 @system("Block on a vibrating plane, Coulomb friction", f"[code_aster, SDND104]({ASTER}/sdnd104a.comm)", "quasi-analytic",
-        [("wear power, 15 m/s2 [W]", "15.2671"), ("wear power, 1.5 m/s2 [W]", "0.409062"), ("wear power, 1.01 m/s2 [W]", "2.26164e-4")],
+        [("wear power, 15 m/s2 [W]", "15.2671"), ("wear power, 1.5 m/s2 [W]", "0.409062"),
+         ("wear power, 1.01 m/s2 [W]", "2.26164e-4")],
         "[sdnd104](inputs/sdnd104.nml)",
-        "normal force times mean sliding speed from 4 to 12 s after a start at rest, by nhbm's time integration: at 15 m/s2 the motion is "
-        "not steady by then; the balance gives 15.1147 W")  # fmt: skip
+        "normal force times mean sliding speed from 4 to 12 s after a start at rest, by nhbm's time integration: at 15 m/s2 the "
+        "motion is not steady by then; the balance gives 15.1147 W")  # fmt: skip
 def coulomb_block() -> list[float]:
     model, found = own("sdnd104"), []
     for acceleration in (15.0, 1.5, 1.01):
@@ -155,7 +158,9 @@ def aster_frequency(energy: float, k: float, stop: float, gap: float) -> float:
 @system("Normal mode of a mass with a stop", f"[code_aster, SDND122]({ASTER}/sdnd122a.comm)", "closed form; their balance",
         [("frequency, closed form [Hz]", f"{aster_frequency(0.00650108331626, 10.0, 50.0, 0.01):.10g}"),
          ("frequency, MODE_NON_LINE [Hz]", "0.64669392749957")],
-        "[sdnd122](inputs/sdnd122.nml)", "their closed form has 2 e (k + K) where the motion behind the gap gives 2 e (k + K) - K; with this term it is 0.6466310406 Hz; "
+        "[sdnd122](inputs/sdnd122.nml)",
+        "their closed form has 2 e (k + K) where the motion behind the gap gives 2 e (k + K) - K; with this term it is "
+        "0.6466310406 Hz; "
         "their balance rounds the stop off")  # fmt: skip
 def mode_with_stop() -> list[float]:
     frequency = float(own("sdnd122").solve()["frequency"][0]) / (2 * math.pi)
@@ -165,7 +170,8 @@ def mode_with_stop() -> list[float]:
 @system("Jenkins element, 3:1 superharmonic resonance",
         "[tmdsimpy, tests/test_vprnm.py](https://github.com/tmd-lab/tmdsimpy/blob/main/tests/test_vprnm.py)",
         "their balance, residual below 6e-5 and 4e-4",
-        [("x(1), 1 N [m]", f"{math.hypot(1.28497308, 0.2842021):.9g}"), ("x(3), 1 N [m]", f"{math.hypot(0.50030017, 0.22542694):.9g}"),
+        [("x(1), 1 N [m]", f"{math.hypot(1.28497308, 0.2842021):.9g}"),
+         ("x(3), 1 N [m]", f"{math.hypot(0.50030017, 0.22542694):.9g}"),
          ("x(1), 100 N [m]", f"{math.hypot(150.01064345, 1.0314443):.11g}"),
          ("x(3), 100 N [m]", f"{math.hypot(9.20507502, 2.65110885):.9g}")],
         "[jenkins_3to1](inputs/jenkins_3to1.nml)")  # fmt: skip
@@ -209,7 +215,8 @@ def flip_of_shaw_and_holmes(damping: float = 0.1, restitution: float = 0.8) -> f
 
 
 @system("Impact oscillator: period doubling", "S. W. Shaw, P. J. Holmes, J. Sound Vib. 90 (1983) 129", "closed form of their map",
-        [("flip [rad/s]", f"{flip_of_shaw_and_holmes():.10f}")], "[gallery/bouncing_mass](../inputs/gallery/bouncing_mass.nml)")  # fmt: skip
+        [("flip [rad/s]", f"{flip_of_shaw_and_holmes():.10f}")],
+        "[gallery/bouncing_mass](../inputs/gallery/bouncing_mass.nml)")  # fmt: skip
 def shaw_holmes() -> list[float]:
     model = of_repository("gallery/bouncing_mass")
     curve = model.curve("tones[0]", 2.5, 2.8, points=30, order=12)
@@ -245,7 +252,8 @@ def named(words: str, values: str) -> list[tuple[str, str]]:
 
 
 @system("Friswell's rotor 5.9.1, equal bearings", f"[ROSS]({ROSS}), example 3 of its manual", "finite elements",
-        named("whirl at 4000 rpm,", "85.389467 87.7958637 251.78460413 294.71333087 600.17936195 827.07536193"), peer="ross")  # fmt: skip
+        named("whirl at 4000 rpm,", "85.389467 87.7958637 251.78460413 294.71333087 600.17936195 827.07536193"),
+        peer="ross")  # fmt: skip
 def friswell_1() -> list[float]:
     return whirls(two_disk_rotor(1e6), 4000)
 
@@ -324,6 +332,7 @@ PUBLIC = {
     "Ueda": "Y. Ueda, J. Stat. Phys. 20 (1979) 181",
 }
 for _case, _source in PUBLIC.items():
-    SYSTEMS.append(System(_case[0].upper() + _case[1:], _source, "AUTO, collocation", "[auto_reference.py](../tests/cases/auto_reference.py)",
+    SYSTEMS.append(System(_case[0].upper() + _case[1:], _source, "AUTO, collocation",
+                          "[auto_reference.py](../tests/cases/auto_reference.py)",
                           by_auto(_case), beside_auto(_case), *(("nhbm: 41 harmonics, stability, bifurcations located", "pyharm")
                           if _case.endswith("pyHarm") else ())))  # fmt: skip

@@ -207,7 +207,7 @@ class Fit:
             color, mark = f"C{conditions.index(one.conditions)}", {"up": "^", "down": "v"}.get(one.sweep, "o")
             style = {"marker": mark, "ls": "none", "color": color, "mfc": "none", "ms": 5}
             if self.force:
-                top.plot(one.at, np.abs(predicted), color=color, lw=1.2)
+                top.plot(one.at, np.abs(predicted), "+", color=color, ms=9, label="fitted")
             top.plot(one.at, one.measured, label=one.name or "measured", **style)
             sigma = deviation * one.sigma * one.measured / one.amplitude
             bottom.plot(one.at, (np.abs(predicted) - one.measured) / sigma, **style)
@@ -380,8 +380,9 @@ def _systematic(fit: Fit) -> list[str]:
 
     found, products = [], []
     if not fit.is_scaled and chi2.sf(fit.chi_square, fit.degrees_of_freedom) < _UNLIKELY:
-        found.append(f"the noise does not explain the misfit: chi-square {fit.chi_square:.4g} of {fit.degrees_of_freedom} degrees of "
-                     "freedom; the standard errors are too small")  # fmt: skip
+        n = fit.degrees_of_freedom
+        found.append(f"the noise does not explain the misfit: chi-square {fit.chi_square:.4g} of {n} degrees of freedom; the "
+                     "standard errors are too small")  # fmt: skip
     rows, end = fit.residuals.reshape(-1, 3), 0
     for one in fit.sets:
         here, end = rows[end : end + len(one.at)], end + len(one.at)
