@@ -21,6 +21,7 @@ program nhbm
    use hb_version, only: git_commit, program_version
    use key_table, only: print_keys
    use starters, only: starter_names, starter_text
+   use verb_census, only: run_census
    use verb_check, only: run_check
    use verb_info, only: run_info
    use verb_integrate, only: run_integrate
@@ -177,7 +178,9 @@ contains
 
    subroutine run_known_verb(verb)
       character(*), intent(in) :: verb
-      if (verb == "check") then
+      if (verb == "census") then
+         call run_census(options, comm, status, error)
+      else if (verb == "check") then
          call run_check(options, comm, status, error)
       else if (verb == "info") then
          call run_info(options, comm, status, error)
