@@ -90,6 +90,8 @@ contains
    !> one from a terminal, as its group does, and again from the process that has started it.
    subroutine expect_signals()
       if (.not. (allocated(options%verb) .and. allocated(options%input))) return
+      if (options%verb == "census") &
+         call catch_signals("nhbm: ended by a second signal", incomplete, error, 0.0_wp)
       if (options%verb /= "solve" .and. options%verb /= "resume") return
       call catch_signals("nhbm: ended by a second signal; nhbm resume "// &
          printable(options%result_path())//" continues it", incomplete, error, &

@@ -3,19 +3,19 @@ module verb_census
    use arguments, only: arguments_t
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
+   use hb_cancellation, only: cancellation_t
    use hb_census, only: census_config_t, census_t, take_census
    use hb_census_estimate, only: completeness_t
    use hb_census_file, only: study_of_point, write_census
    use hb_census_starts, only: start_kind_names
-   use hb_clock, only: wall_clock
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_target
-   use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, size_of
    use hb_outcome, only: is_solved, outcome_name
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_stability, only: verdict
+   use hb_signals, only: signal_caught, wait_for_points
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
    use result_location, only: place_result
@@ -25,7 +25,7 @@ module verb_census
    private
    public :: run_census
 
-   type, extends(interruption_t) :: shown_starts_t
+   type, extends(cancellation_t) :: shown_starts_t
       type(progress_t) :: line
       logical :: is_begun = .false.
       integer :: level = log_level%normal
@@ -64,23 +64,17 @@ contains
       config%n_starts = options%n_starts
       config%seed = options%seed
       config%time_limit = options%time_limit
-      call new_interruption(progress%interruption_t, huge(1.0_wp), comm, error)
-      if (allocated(error)) return
+      config%ends_starts => signal_caught
       progress%level = options%level
+      call wait_for_points()
       call progress%enter(huge(1.0_wp))
       call take_census(alone%model, config, census, error)
       call progress%leave()
       if (progress%is_begun) call progress%line%finish(progress%n_steps, 0)
-      if (progress%reason == interruption%signal) status = incomplete
-      call progress%destroy()
       call annotate(error, options%input)
       if (allocated(error)) return
-      if (status == incomplete) then
-         call print_error("stopped by a signal: "//number_of(size(census%motions), "motion")//" found so far, no result file")
-         return
-      end if
-      if (census%n_left > 0) status = incomplete
       if (.not. all([(is_solved(census%motions(i)%result%status), i=1, size(census%motions))])) status = not_all_right
+      if (census%n_left > 0) status = incomplete
       if (size(census%motions) == 0) then
          status = not_all_right
          call print_error("no start led to a motion")
@@ -90,8 +84,8 @@ contains
       if (allocated(error) .or. options%level < log_level%normal) return
       call write_table(alone, census)
       call write_completeness(census, config)
-      if (census%n_left > 0) call print_error("stopped by the time limit: "//number_of(census%n_left, "random start")// &
-                                              " were not made")
+      if (census%n_left > 0) call print_error("stopped by "//trim(merge("a signal      ", "the time limit", signal_caught()))//": "// &
+                                              number_of(census%n_left, "random start")//" not made")
       call say("results in "//path)
    end subroutine run_census
 

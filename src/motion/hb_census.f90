@@ -1,16 +1,16 @@
 !> A census: the coexisting motions of a model at its values, and an estimate of how many were missed.
 !>
 !> Newton's method runs from the first guess of the model, from directed and from random starts (hb_census_starts), without
-!> fallbacks. A start that leads to a known motion is repeated with deflation of all known ones (hb_deflation). Mirror images of
-!> motions found are tried. Motions that differ by a period of the loads are the same. Each motion is then described like that
-!> of a point, to the requested tolerance if there is one. How often random starts have found each motion gives the estimate
-!> (hb_census_estimate); finds by deflation do not count, because they exclude the known motions.
+!> fallbacks; from multiples with other phases of each motion found, with deflation of all known ones (hb_deflation), which
+!> finds partners at folds; mirror images are tried. Motions that differ by a period of the loads are the same. Each motion is
+!> then described like that of a point, to the requested tolerance if there is one. How often random starts have found each
+!> motion gives the estimate (hb_census_estimate); other finds do not count, because they depend on those before.
 module hb_census
    use hb_balance, only: balance_t, new_balance
    use hb_cancellation, only: note_progress, work_is_over
-   use hb_clock, only: wall_clock
    use hb_census_estimate, only: completeness_t, estimate_completeness
    use hb_census_starts, only: new_starts, start_kind, starts_t
+   use hb_clock, only: wall_clock
    use hb_deflation, only: follow_deflated, is_apart, scale_of, shifted
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
@@ -39,14 +39,15 @@ module hb_census
    type :: census_config_t
       integer :: n_starts = 200                                       !! random ones
       integer :: seed = 1                                             !! of the random numbers
-      logical :: deflates = .true.                                    !! starts that lead to known motions
+      integer :: n_deflated = 16                                      !! starts near each motion found, with deflation
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the starts and the descriptions [s]
+      procedure(is_requested), pointer, nopass :: ends_starts => null() !! for what has been found so far
    end type census_config_t
 
    type :: census_motion_t
       type(motion_result_t) :: result
       integer :: n_random = 0                                         !! random starts that led to it
-      integer :: n_directed = 0                                       !! other starts, except deflated ones and mirror images
+      integer :: n_directed = 0                                       !! directed starts, likewise
       integer :: first_kind = start_kind%given                        !! of the start that found it, hb_census_starts
       integer :: mirror_of = 0                                        !! number of the motion whose mirror image it is; 0: of none
       real(wp) :: size_of_motion = 0.0_wp                             !! largest amplitude of an oscillation with the same root
@@ -64,11 +65,18 @@ module hb_census
       type(completeness_t) :: completeness
    end type census_t
 
+   abstract interface
+      !> Whether no further start is wanted.
+      logical function is_requested()
+      end function is_requested
+   end interface
+
    !> The search, on one set.
    type :: search_t
       type(balance_t) :: balance
       type(discretisation_t) :: here
       type(starts_t) :: starts
+      integer :: n_deflated = 0                                       ! starts near each motion
       type(solver_config_t) :: config
       integer :: subharmonic = 1
       real(wp), allocatable :: linear(:)                              ! the motion without laws
@@ -121,7 +129,7 @@ contains
       if (allocated(level%unknowns)) then
          x = carry(level%set, search%here%harmonics, level%unknowns, size(model%system%tones%omega))
          x = x(:search%balance%n_unknowns)
-         call search%try(x, start_kind%given, config%deflates, census%n_directed_lost)
+         call search%try(x, start_kind%given, census%n_directed_lost)
       else
          census%n_directed_lost = 1
       end if
@@ -130,14 +138,14 @@ contains
          if (is_over()) exit
          call note_progress(i, n_steps)
          call search%starts%directed(i, x, kind)
-         call search%try(x, kind, config%deflates, census%n_directed_lost)
+         call search%try(x, kind, census%n_directed_lost)
          census%n_directed = census%n_directed + 1
       end do
       do while (census%n_random < config%n_starts)
          if (is_over()) exit
          call note_progress(1 + search%starts%n_directed + census%n_random, n_steps)
          call search%starts%draw(search%balance, x)
-         call search%try(x, start_kind%random, config%deflates, census%n_random_lost)
+         call search%try(x, start_kind%random, census%n_random_lost)
          census%n_random = census%n_random + 1
       end do
       census%n_left = config%n_starts - census%n_random
@@ -150,6 +158,7 @@ contains
       !> Whether no further start may be made: the motions found so far are still to be described.
       logical function is_over()
          is_over = work_is_over()
+         if (.not. is_over .and. associated(config%ends_starts)) is_over = config%ends_starts()
          if (.not. is_over) is_over = wall_clock() - started + size(search%motions)*of_motion >= config%time_limit
       end function is_over
    end subroutine take_census
@@ -204,6 +213,7 @@ contains
          self%balance%continues_in_order_first = .false.
          call new_starts(self%starts, self%balance, here%harmonics, 0.0_wp*self%linear, config%seed)
       end associate
+      self%n_deflated = config%n_deflated
       self%config = model%options%solver
       self%config%fallback = .false.
       self%config%max_iterations = min(self%config%max_iterations, max_iterations)
@@ -244,48 +254,71 @@ contains
       call put_on_level(here, model%system, model%discretisation, model%options, joined, error)
    end subroutine choose_set
 
-   !> Makes a start: the motion to which it leads is counted, and added if it is a new one.
-   subroutine search_try(self, x, kind, deflates, n_lost)
+   !> Makes a start: the motion to which it leads is counted, and added if it is a new one, with those found from it.
+   subroutine search_try(self, x, kind, n_lost)
       class(search_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: x(:)                     !! first guess, on return arbitrary
       integer, intent(in) :: kind                                     !! one of `start_kind`
-      logical, intent(in) :: deflates
       integer, intent(inout) :: n_lost
-      type(report_t) :: report
-      real(wp) :: guess(size(x))
-      integer :: i
+      integer :: i, n_before
       logical :: is_found
 
-      guess = x
+      call find_motion(self, x, is_found)
+      if (.not. is_found) then
+         n_lost = n_lost + 1
+         return
+      end if
+      n_before = size(self%motions)
+      i = self%index_of(x)
+      if (i == 0) then
+         i = n_before + 1
+         call self%add(x, kind)
+      end if
+      if (kind == start_kind%random) then
+         self%motions(i)%n_random = self%motions(i)%n_random + 1
+      else
+         self%motions(i)%n_directed = self%motions(i)%n_directed + 1
+      end if
+      i = n_before + 1
+      do while (i <= size(self%motions))                              ! those found from it follow
+         call try_mirror_images(self, self%motions(i)%x)
+         call try_near(self, self%motions(i)%x)
+         i = i + 1
+      end do
+   end subroutine search_try
+
+   !> Newton's method from x.
+   subroutine find_motion(self, x, is_found)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: x(:)
+      logical, intent(out) :: is_found
+      type(report_t) :: report
+
       self%balance%law_set%is_given_up = .false.
       call solve(self%balance, self%config, self%linear, x, report)
       is_found = report%status == outcome%converged
       if (is_found) is_found = self%balance%drifting(reshape(x, [size(x)/self%balance%n_dofs, self%balance%n_dofs]), &
                                                      self%config%tolerance) == 0
-      if (is_found) then
-         i = self%index_of(x)
-         if (i == 0) then
-            call self%add(x, kind)
-            i = size(self%motions)
-            call try_mirror_images(self, x)
-         end if
-         if (kind == start_kind%random) then
-            self%motions(i)%n_random = self%motions(i)%n_random + 1
-         else
-            self%motions(i)%n_directed = self%motions(i)%n_directed + 1
-         end if
-      else
-         n_lost = n_lost + 1
-      end if
-      if (.not. deflates .or. size(self%motions) == 0 .or. self%balance%n_unknowns > self%balance%largest_dense) return
-      if (work_is_over()) return
-      x = guess
-      call follow_deflated(self%balance, self%config, self%known(), self%scale(), x, is_found)
-      if (.not. is_found) return
-      if (self%index_of(x) > 0) return
-      call self%add(x, start_kind%deflated)
-      call try_mirror_images(self, x)
-   end subroutine search_try
+   end subroutine find_motion
+
+   !> Starts near a motion, with deflation of all known ones.
+   subroutine try_near(self, motion)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:)
+      real(wp) :: x(size(motion))
+      integer :: i
+      logical :: is_found
+
+      if (self%balance%n_unknowns > self%balance%largest_dense) return
+      do i = 1, self%n_deflated
+         if (work_is_over()) return
+         call self%starts%draw_near(self%balance, motion, x)
+         self%balance%law_set%is_given_up = .false.
+         call follow_deflated(self%balance, self%config, self%known(), self%scale(), x, is_found)
+         if (.not. is_found) cycle
+         if (self%index_of(x) == 0) call self%add(x, start_kind%deflated)
+      end do
+   end subroutine try_near
 
    !> Adds the mirror images of a motion, -x with phases by which the loads change their sign, where they satisfy the balance.
    subroutine try_mirror_images(self, x)

@@ -6,13 +6,15 @@
 !>
 !> - *Directed*: static equilibria under the mean loads; then vibrations about each of them in one low harmonic, with shapes that
 !>   are eigenvectors of the tangent there, in four phases.
-!> - *Random*: about a random equilibrium, in one to three low harmonics, with random shapes, phases and mean values.
+!> - *Random*: about a random equilibrium, in one to three low harmonics, with random shapes and mean values; the size is mostly such
+!>   a root, and the phases are mostly such that the loads supply the power that damping takes.
 !>
 !> Random numbers are those of a generator of its own, so that a seed gives the same starts with every compiler: P. L'Ecuyer,
 !> Communications of the ACM 31 (1988) 742-774, figure 3.
 module hb_census_starts
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: work_is_over
+   use hb_deflation, only: shifted
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgeev, dgetrf, dgetrs
@@ -28,7 +30,7 @@ module hb_census_starts
       integer :: mode = 3
       integer :: random = 4
       integer :: mirror = 5                                           !! the mirror image of a known motion
-      integer :: deflated = 6                                         !! a start that led to a known motion, repelled from it
+      integer :: deflated = 6                                         !! near a known motion, repelled from all of these
    end type start_kind_t
    type(start_kind_t), parameter :: start_kind = start_kind_t()
    character(*), parameter :: start_kind_names(6) = [character(16) :: "first guess", "equilibrium", "mode", "random start", &
@@ -42,6 +44,9 @@ module hb_census_starts
    integer, parameter :: max_single = 4                               ! harmonics of modes
    integer, parameter :: max_shapes = 4                               ! of each harmonic
    integer, parameter :: max_roots = 6                                ! sizes of a direction
+   integer, parameter :: n_scan = 24                                  ! phases at which the power of a guess is evaluated
+   real(wp), parameter :: share_at_roots = 0.8_wp                     ! of random starts; others have any size, or any phase
+   real(wp), parameter :: spread_of_sizes = 0.5_wp, spread_near = 0.1_wp ! of their logarithms
    integer, parameter :: n_phases = 4                                 ! of a mode
    real(wp), parameter :: smallest = 1.0e-3_wp, largest = 1.0e4_wp    ! motion of a guess, relative to the typical one
    real(wp), parameter :: ratio = 1.5_wp                              ! of consecutive sizes
@@ -65,6 +70,7 @@ module hb_census_starts
    contains
       procedure :: directed => starts_directed
       procedure :: draw => starts_draw
+      procedure :: draw_near => starts_draw_near
       procedure, private :: number => starts_number
       procedure, private :: normal => starts_normal
    end type starts_t
@@ -149,11 +155,70 @@ contains
       size_of_motion = exp(log(10.0_wp)*(2.0_wp*self%number() - 1.0_wp))
       if (n_roots > 0) then
          i = 1 + int(n_roots*self%number())
-         if (self%number() < 0.8_wp) size_of_motion = exp(0.5_wp*self%normal())
+         if (self%number() < share_at_roots) size_of_motion = exp(spread_of_sizes*self%normal())
          size_of_motion = size_of_motion*sizes(i)
       end if
       x = x + size_of_motion*direction
+      if (self%number() < share_at_roots) call turn_to_root(self, problem, x)
    end subroutine starts_draw
+
+   !> A motion of nearly the same size with other phases; its mean values remain.
+   subroutine starts_draw_near(self, problem, motion, x)
+      class(starts_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in) :: motion(:)
+      real(wp), intent(out), contiguous :: x(:)
+      real(wp) :: factor
+      integer :: i, n
+
+      n = self%n_dofs*self%harmonics%n_coefficients
+      factor = exp(spread_near*self%normal())
+      x = motion
+      x(:n) = factor*motion(:n)
+      if (self%harmonics%has_zero) then
+         do i = 1, n, self%harmonics%n_coefficients
+            x(i) = motion(i)
+         end do
+      end if
+      call turn_to_root(self, problem, x)
+   end subroutine starts_draw_near
+
+   !> Shifts the phases of a guess to where the loads supply the power that damping takes: the power of the residual,
+   !> (dx/dtau).r(x), as a function of a common shift of all phases changes its sign there. Phases are random if it never does.
+   subroutine turn_to_root(self, problem, x)
+      class(starts_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(inout), contiguous :: x(:)
+      real(wp), dimension(size(x)) :: begun, r, there
+      real(wp) :: before, phases(self%harmonics%n_tones), power, roots(n_scan), turn(self%harmonics%n_tones)
+      complex(wp) :: rate(self%harmonics%n_harmonics)
+      integer :: i, m, n, n_roots
+
+      n = self%n_dofs*self%harmonics%n_coefficients
+      phases = [(two_pi*self%number(), m=1, size(phases))]
+      turn = 0.0_wp
+      turn(1 + int(self%number()*size(turn))) = 1.0_wp
+      begun = x
+      begun(:n) = shifted(x(:n), self%harmonics, phases)
+      rate = cmplx(0.0_wp, matmul(turn, real(self%harmonics%tuples, wp)), wp)
+      n_roots = 0
+      before = 0.0_wp
+      there = begun
+      do i = 0, n_scan
+         there(:n) = shifted(begun(:n), self%harmonics, i*two_pi/n_scan*turn)
+         call problem%residual(there, r)
+         power = sum(self%harmonics%times(rate, reshape(there(:n), [self%harmonics%n_coefficients, self%n_dofs]))* &
+                     reshape(r(:n), [self%harmonics%n_coefficients, self%n_dofs]))
+         if (.not. ieee_is_finite(power)) exit
+         if (before*power < 0.0_wp .and. n_roots < size(roots)) then
+            n_roots = n_roots + 1
+            roots(n_roots) = (i - abs(power)/(abs(power) + abs(before)))*two_pi/n_scan
+         end if
+         before = power
+      end do
+      x = begun
+      if (n_roots > 0) x(:n) = shifted(begun(:n), self%harmonics, roots(1 + int(self%number()*n_roots))*turn)
+   end subroutine turn_to_root
 
    !> Sizes a > 0 at which the balance along a direction, d.r(x + a d), changes its sign.
    subroutine find_sizes(problem, x, direction, sizes, n)

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from program import ALL_CONVERGED, INPUT_ERROR, run
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, run
 
 from nhbm import Model, ModelError
 
@@ -56,7 +56,7 @@ def test_a_census_of_a_swept_point_and_of_a_curve(folder):
     swept = OSCILLATOR + "&sweep parameter = 'tones%frequency', values = 0.5, 1.2 /\n"
     (folder / "swept.nml").write_text(swept)
     done = run("census", "swept.nml", cwd=folder)
-    assert done.status == INPUT_ERROR and "--point" in done.stderr
+    assert done.status == BAD_INPUT and "--point" in done.stderr
     assert "3 motions" in run("census", "swept.nml", "--point", "1", cwd=folder).stdout
     assert "1 motion from" in run("census", "swept.nml", "--point", "0", "--overwrite", cwd=folder).stdout
     curve = OSCILLATOR + "&curve parameter = 'tones%frequency', from = 1.2, to = 0.5 /\n"
@@ -67,13 +67,13 @@ def test_a_census_of_a_swept_point_and_of_a_curve(folder):
 def test_what_a_census_refuses(folder):
     (folder / "free.nml").write_text(OSCILLATOR.replace("frequency = 1.2", "unknown = .true."))
     done = run("census", "free.nml", cwd=folder)
-    assert done.status == INPUT_ERROR and "given tones" in done.stderr
-    assert run("census", "duffing.nml", "--starts", "-1", cwd=folder).status == INPUT_ERROR
+    assert done.status == BAD_INPUT and "given tones" in done.stderr
+    assert run("census", "duffing.nml", "--starts", "-1", cwd=folder).status == BAD_INPUT
     with pytest.raises(ModelError, match="starts must be"):
         Model.from_namelist(OSCILLATOR).census(starts=-1)
 
 
 def test_time_ends_a_census(folder):
     done = run("census", "duffing.nml", "--time-limit", "0", cwd=folder)
-    assert done.status == 3 and "200 random starts were not made" in done.stderr
+    assert done.status == INCOMPLETE and "200 random starts not made" in done.stderr
     assert "1 motion from" in done.stdout
