@@ -7,7 +7,7 @@ module verb_census
    use hb_census, only: census_config_t, census_t, take_census
    use hb_census_estimate, only: completeness_t
    use hb_census_file, only: study_of_point, write_census
-   use hb_census_starts, only: start_kind_names
+   use hb_census_starts, only: start_kind, start_kind_names
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_target
    use hb_kinds, only: wp
@@ -95,7 +95,7 @@ contains
       type(census_t), intent(in) :: census
       character(16), allocatable :: labels(:)
       character(200) :: line
-      character(:), allocatable :: mirror
+      character(:), allocatable :: mirror                             ! the start, and the motion of which it is the image
       character(10) :: stable
       real(wp) :: amplitude, mean
       integer :: dof, i
@@ -114,10 +114,13 @@ contains
             stable = "?"
             if (motion%result%stability%verdict == verdict%stable) stable = "yes"
             if (motion%result%stability%verdict == verdict%unstable) stable = "no"
-            mirror = ""
-            if (motion%mirror_of > 0) mirror = ", mirror image of "//to_text(motion%mirror_of - 1)
+            mirror = trim(start_kind_names(motion%first_kind))
+            if (motion%mirror_of > 0) then
+               if (motion%first_kind /= start_kind%mirror) mirror = mirror//", "//trim(start_kind_names(start_kind%mirror))
+               mirror = mirror//" of "//to_text(motion%mirror_of - 1)
+            end if
             write (line, "(i6, 2es15.4, 3x, a6, 3x, a12, i8, 3x, a)") i - 1, mean, amplitude, stable, &
-               outcome_name(motion%result%status), motion%n_random, trim(start_kind_names(motion%first_kind))//mirror
+               outcome_name(motion%result%status), motion%n_random, mirror
             call say(trim(line))
          end associate
       end do
@@ -147,7 +150,6 @@ contains
    subroutine write_completeness(census, config)
       type(census_t), intent(in) :: census
       type(census_config_t), intent(in) :: config
-      character(300) :: line
 
       if (census%is_complete) then
          call say("the model has no law: there is no other motion")
@@ -158,11 +160,10 @@ contains
                to_text(census%n_directed_lost)//" and "//to_text(census%n_random_lost)//" did not converge")
       if (census%n_spurious > 0) call say(number_of(census%n_spurious, "solution")//" of few harmonics did not persist on larger sets")
       associate (found => census%completeness)
-         call say(to_text(found%n_once)//" found by one random start only, "//to_text(found%n_only_directed)//" by none; "// &
+         call say(to_text(found%n_once)//" found by one random start only, "//to_text(found%n_never)//" by none; "// &
                   "estimated number of missed motions: "//rounded(found%missed)//trim(merge(" or more", "        ", found%n_once > 1)))
-         write (line, "(a, f0.1, a, f0.1, a)") "a further random start finds an unknown motion with a probability of about ", &
-            100.0_wp*found%unseen, " %, at most ", 100.0_wp*found%unseen_bound, " % (95 % confidence)"
-         call say(trim(line))
+         call say("a further random start finds an unknown motion with a probability of about "//rounded(100.0_wp*found%unseen)// &
+                  " %, at most "//rounded(100.0_wp*found%unseen_bound)//" % (95 % confidence)")
          if (.not. found%is_reliable) call say("these estimates are unreliable: too few motions were found again; use more --starts")
       end associate
    end subroutine write_completeness

@@ -32,7 +32,7 @@ module hb_c_computations
    !> struct nhbm_census.
    type, bind(c) :: c_census_t
       integer(c_size_t) :: n_motions
-      integer(c_int) :: n_random, n_random_lost, n_directed, n_directed_lost, n_left, n_once, n_only_directed, is_reliable
+      integer(c_int) :: n_random, n_random_lost, n_directed, n_directed_lost, n_left, n_once, n_never, is_reliable
       real(c_double) :: unseen, unseen_bound, missed
    end type c_census_t
 
@@ -168,7 +168,7 @@ contains
       if (.not. allocated(error)) then
          associate (taken => handle%session%census, completeness => handle%session%census%completeness)
             found = c_census_t(size(taken%motions, kind=c_size_t), taken%n_random, taken%n_random_lost, taken%n_directed, &
-                               taken%n_directed_lost, taken%n_left, completeness%n_once, completeness%n_only_directed, &
+                               taken%n_directed_lost, taken%n_left, completeness%n_once, completeness%n_never, &
                                merge(1_c_int, 0_c_int, completeness%is_reliable), completeness%unseen, completeness%unseen_bound, &
                                completeness%missed)
          end associate

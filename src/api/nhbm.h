@@ -279,13 +279,13 @@ typedef struct nhbm_motion {
 /* As nhbm_verify, for such a motion of the model with its present values. Ends a curve. */
 NHBM_EXPORT int nhbm_verify_motion(nhbm_model *model, const nhbm_motion *motion, int max_periods);
 
-/* What a census has found, and how complete it is (docs/howto/census.md). */
+/* What a census has found, and how complete it is (docs/howto/other_solution.md). */
 typedef struct nhbm_census {
    size_t n_motions;
    int n_random, n_random_lost;     /* random starts; those that led to no motion */
    int n_directed, n_directed_lost; /* directed ones, likewise */
    int n_left;                      /* random starts that the time limit did not permit */
-   int n_once, n_only_directed;     /* motions that one random start has found, and none */
+   int n_once, n_never;             /* motions that one random start has found, and none */
    int is_reliable;                 /* 1: there were enough finds for the estimates */
    double unseen, unseen_bound;     /* probability that a further random start finds an unknown motion; its bound with 95 % */
    double missed;                   /* estimated number of motions that were missed, at least */

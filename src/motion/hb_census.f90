@@ -4,7 +4,7 @@
 !> fallbacks; from multiples with other phases of each motion found, with deflation of all known ones (hb_deflation), which
 !> finds partners at folds; mirror images are tried. Motions that differ by a period of the loads are the same. Each motion is
 !> then described like that of a point, to the requested tolerance if there is one. How often random starts have found each
-!> motion gives the estimate (hb_census_estimate); other finds do not count, because they depend on those before.
+!> motion gives the estimate (hb_census_estimate); all other finds together are the other capture.
 module hb_census
    use hb_balance, only: balance_t, new_balance
    use hb_cancellation, only: note_progress, work_is_over
@@ -39,7 +39,7 @@ module hb_census
    type :: census_config_t
       integer :: n_starts = 200                                       !! random ones
       integer :: seed = 1                                             !! of the random numbers
-      integer :: n_deflated = 16                                      !! starts near each motion found, with deflation
+      integer :: n_deflated = 40                                      !! starts near each motion found, with deflation
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the starts and the descriptions [s]
       procedure(is_requested), pointer, nopass :: ends_starts => null() !! for what has been found so far
    end type census_config_t
@@ -102,7 +102,7 @@ contains
       type(level_t) :: level
       type(motion_result_t) :: first
       type(model_t) :: own
-      real(wp), allocatable :: x(:)
+      real(wp), allocatable :: given(:), x(:)
       real(wp) :: of_motion, started
       integer :: i, kind, n_steps
 
@@ -126,14 +126,14 @@ contains
       if (allocated(error)) return
       census%n_directed = 1
       n_steps = 1 + search%starts%n_directed + config%n_starts
+      allocate (x(search%balance%n_unknowns))
       if (allocated(level%unknowns)) then
-         x = carry(level%set, search%here%harmonics, level%unknowns, size(model%system%tones%omega))
-         x = x(:search%balance%n_unknowns)
+         allocate (given, source=carry(level%set, search%here%harmonics, level%unknowns, size(model%system%tones%omega)))
+         x = given(:search%balance%n_unknowns)
          call search%try(x, start_kind%given, census%n_directed_lost)
       else
          census%n_directed_lost = 1
       end if
-      if (.not. allocated(x)) allocate (x(search%balance%n_unknowns))
       do i = 1, search%starts%n_directed
          if (is_over()) exit
          call note_progress(i, n_steps)
@@ -151,7 +151,8 @@ contains
       census%n_left = config%n_starts - census%n_random
       call describe(search, model, census)
       call search%balance%destroy()
-      census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed)
+      census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed + &
+                                                  merge(1, 0, census%motions%first_kind >= start_kind%mirror))
 
    contains
 
@@ -469,7 +470,7 @@ contains
       type(level_t), intent(in) :: level
       real(wp), allocatable :: there(:)
 
-      there = carry(level%set, self%here%harmonics, level%unknowns, self%here%harmonics%n_tones)
+      allocate (there, source=carry(level%set, self%here%harmonics, level%unknowns, self%here%harmonics%n_tones))
       has_moved = is_apart(x, reshape(there(:size(x)), [size(x), 1]), self%scale(), same_motion)
    end function has_moved
 

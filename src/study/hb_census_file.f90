@@ -6,6 +6,8 @@ module hb_census_file
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_model, only: model_t
+   use hb_model_reader, only: read_model
    use hb_mpi, only: comm_t
    use hb_namelist, only: write_complete_text
    use hb_results, only: create_results, results_t
@@ -25,6 +27,7 @@ contains
       type(study_t), intent(out) :: alone
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
+      type(model_t) :: model
       character(:), allocatable :: text
 
       if (size(study%plan%parameters) == 0 .and. .not. allocated(study%plan%curve)) then
@@ -33,6 +36,8 @@ contains
       end if
       document = study%document
       call study%plan%apply(point, document)
+      call read_model(model, document, error, study%available_memory, study%callbacks) ! keys that are read are complete
+      if (allocated(error)) return
       call write_complete_text(document, text)
       text = without_group(without_group(text, "sweep"), "curve")
       call new_study(alone, study%document%file_name, text, [string_t ::], error, study%available_memory)

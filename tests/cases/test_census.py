@@ -46,7 +46,7 @@ def test_python_finds_the_motions_of_the_command(folder):
     assert run("census", "duffing.nml", "--seed", "3", "--quiet", cwd=folder).status == ALL_CONVERGED
     found = Model.from_namelist(OSCILLATOR).census(seed=3)
     with h5py.File(folder / "duffing.h5") as file:
-        assert np.array_equal(found["coefficients"].values, file["coefficients"][()])
+        assert np.allclose(found["coefficients"].values, file["coefficients"][()], rtol=0.0, atol=1e-10)
         assert list(found["census_found"].values) == list(file["census_found"][()])
     assert list(found["stability"].values) == ["stable", "unstable", "stable"]
     assert found.attrs["census_missed"] == 0.0 and 0.0 < found.attrs["census_unseen_bound"] < 0.05
@@ -65,7 +65,8 @@ def test_a_census_of_a_swept_point_and_of_a_curve(folder):
 
 
 def test_what_a_census_refuses(folder):
-    (folder / "free.nml").write_text(OSCILLATOR.replace("frequency = 1.2", "unknown = .true."))
+    free = OSCILLATOR.replace("frequency = 1.2", "unknown = .true.").replace("&load dof = 'x1', tuple = 1, cos = 0.18 /\n", "")
+    (folder / "free.nml").write_text(free)
     done = run("census", "free.nml", cwd=folder)
     assert done.status == BAD_INPUT and "given tones" in done.stderr
     assert run("census", "duffing.nml", "--starts", "-1", cwd=folder).status == BAD_INPUT

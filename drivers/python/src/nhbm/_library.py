@@ -77,7 +77,7 @@ class Census(ctypes.Structure):
         ("n_directed_lost", ctypes.c_int),
         ("n_left", ctypes.c_int),
         ("n_once", ctypes.c_int),
-        ("n_only_directed", ctypes.c_int),
+        ("n_never", ctypes.c_int),
         ("is_reliable", ctypes.c_int),
         ("unseen", ctypes.c_double),
         ("unseen_bound", ctypes.c_double),
