@@ -54,14 +54,16 @@ module command_table
          "end the run after this time; nhbm resume solves the remaining points"), &
       option_t("--workers", "", "N", "solve resume verify", &
          "processes of this computer that share the points, where nhbm was built without MPI (pip); else mpirun -n N"), &
-      option_t("--set", "", "PATH=VALUE", "solve check plan integrate census", "change one input value, such as law(1)%gap=1.5e-3 "// &
-         "or solver%method='broyden'; may be given several times"), &
-      option_t("--unset", "", "PATH", "solve check plan integrate census", "remove one key of the input, such as harmonics%order"), &
+      option_t("--set", "", "PATH=VALUE", "solve check plan integrate census", &
+         "change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden'; may be given several times"), &
+      option_t("--unset", "", "PATH", "solve check plan integrate census", &
+         "remove one key of the input, such as harmonics%order"), &
       option_t("--quiet", "", "", all_verbs, "print errors only, neither progress nor summary; as --log-level quiet"), &
       option_t("--verbose", "", "", all_verbs, "also print the time spent by each rank; as --log-level verbose"), &
       option_t("--log-level", "", "LEVEL", all_verbs, &
          "quiet, normal (progress, summary, warnings), verbose, debug (also a line per point)"), &
-      option_t("--point", "", "N", "why integrate census", "the point of a sweep to be explained, integrated or searched, from 0"), &
+      option_t("--point", "", "N", "why integrate census", &
+         "the point of a sweep to be explained, integrated or searched, from 0"), &
       option_t("--starts", "", "N", "census", "number of random starts; default 200"), &
       option_t("--seed", "", "N", "census", "of the random starts; default 1"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &

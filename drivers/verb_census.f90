@@ -84,8 +84,8 @@ contains
       if (allocated(error) .or. options%level < log_level%normal) return
       call write_table(alone, census)
       call write_completeness(census, config)
-      if (census%n_left > 0) call print_error("stopped by "//trim(merge("a signal      ", "the time limit", signal_caught()))//": "// &
-                                              number_of(census%n_left, "random start")//" not made")
+      if (census%n_left > 0) call print_error("stopped by "//trim(merge("a signal      ", "the time limit", signal_caught()))// &
+                                              ": "//number_of(census%n_left, "random start")//" not made")
       call say("results in "//path)
    end subroutine run_census
 
@@ -158,13 +158,15 @@ contains
       call say(number_of(size(census%motions), "motion")//" from "//number_of(census%n_directed, "directed start")//" and "// &
                number_of(census%n_random, "random start")//" (seed "//to_text(config%seed)//"), of which "// &
                to_text(census%n_directed_lost)//" and "//to_text(census%n_random_lost)//" did not converge")
-      if (census%n_spurious > 0) call say(number_of(census%n_spurious, "solution")//" of few harmonics did not persist on larger sets")
+      if (census%n_spurious > 0) call say(number_of(census%n_spurious, "solution")// &
+                                          " of few harmonics did not persist on larger sets")
       associate (found => census%completeness)
          call say(to_text(found%n_once)//" found by one random start only, "//to_text(found%n_never)//" by none; "// &
-                  "estimated number of missed motions: "//rounded(found%missed)//trim(merge(" or more", "        ", found%n_once > 1)))
+                  "estimated number of missed motions: "//rounded(found%missed))
          call say("a further random start finds an unknown motion with a probability of about "//rounded(100.0_wp*found%unseen)// &
                   " %, at most "//rounded(100.0_wp*found%unseen_bound)//" % (95 % confidence)")
-         if (.not. found%is_reliable) call say("these estimates are unreliable: too few motions were found again; use more --starts")
+         if (.not. found%is_reliable) &
+            call say("these estimates are unreliable: too few motions were found again; use more --starts")
       end associate
    end subroutine write_completeness
 

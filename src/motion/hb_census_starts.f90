@@ -6,8 +6,8 @@
 !>
 !> - *Directed*: static equilibria under the mean loads; then vibrations about each of them in one low harmonic, with shapes that
 !>   are eigenvectors of the tangent there, in four phases.
-!> - *Random*: about a random equilibrium, in one to three low harmonics, with random shapes and mean values; the size is mostly such
-!>   a root, and the phases are mostly such that the loads supply the power that damping takes.
+!> - *Random*: about a random equilibrium, in one to three low harmonics, with random shapes and mean values; the size is mostly
+!>   such a root, and the phases are mostly such that the loads supply the power that damping takes.
 !>
 !> Random numbers are those of a generator of its own, so that a seed gives the same starts with every compiler: P. L'Ecuyer,
 !> Communications of the ACM 31 (1988) 742-774, figure 3.
