@@ -5,7 +5,6 @@ module verb_census
    use exit_status, only: incomplete, not_all_right, success
    use hb_cancellation, only: cancellation_t
    use hb_census, only: census_config_t, census_t, take_census
-   use hb_census_estimate, only: completeness_t
    use hb_census_file, only: study_of_point, write_census
    use hb_census_starts, only: start_kind, start_kind_names
    use hb_error, only: annotate, error_t, fail
@@ -14,8 +13,8 @@ module verb_census
    use hb_mpi, only: comm_t, size_of
    use hb_outcome, only: is_solved, outcome_name
    use hb_progress, only: log_level, new_progress, progress_t
-   use hb_stability, only: verdict
    use hb_signals, only: signal_caught, wait_for_points
+   use hb_stability, only: verdict
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
    use result_location, only: place_result
@@ -100,7 +99,7 @@ contains
       real(wp) :: amplitude, mean
       integer :: dof, i
 
-      labels = study%model%system%structure%labels(study%model%options%output%dofs)
+      allocate (labels, source=study%model%system%structure%labels(study%model%options%output%dofs))
       dof = largest_dof(census)
       call say("motion   mean of "//labels(dof)(:9)//"   amplitude   stable   status         found   first found by")
       do i = 1, size(census%motions)
