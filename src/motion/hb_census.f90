@@ -144,7 +144,7 @@ contains
       do while (census%n_random < config%n_starts)
          if (is_over()) exit
          call note_progress(1 + search%starts%n_directed + census%n_random, n_steps)
-         call search%starts%draw(search%balance, x)
+         call search%starts%draw(search%balance, census%n_random + 1, x)
          call search%try(x, start_kind%random, census%n_random_lost)
          census%n_random = census%n_random + 1
       end do
@@ -261,6 +261,7 @@ contains
       real(wp), intent(inout), contiguous :: x(:)                     !! first guess, on return arbitrary
       integer, intent(in) :: kind                                     !! one of `start_kind`
       integer, intent(inout) :: n_lost
+      real(wp) :: guess(size(x))
       integer :: i, n_before
       logical :: is_found
 
@@ -282,8 +283,9 @@ contains
       end if
       i = n_before + 1
       do while (i <= size(self%motions))                              ! those found from it follow
-         call try_mirror_images(self, self%motions(i)%x)
-         call try_near(self, self%motions(i)%x)
+         guess = self%motions(i)%x                                    ! a copy: the list grows
+         call try_mirror_images(self, guess)
+         call try_near(self, guess)
          i = i + 1
       end do
    end subroutine search_try

@@ -16,7 +16,7 @@ module hb_census_starts
    use hb_cancellation, only: work_is_over
    use hb_deflation, only: shifted
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: int64, two_pi, wp
    use hb_lapack, only: dgeev, dgetrf, dgetrs
    use hb_problem, only: problem_t
    use hb_thresholds, only: faint
@@ -66,12 +66,14 @@ module hb_census_starts
       integer, private :: n_dofs = 0
       integer, allocatable, private :: lowest(:)                      ! harmonics with the lowest tuples, except the zero tuple
       type(mode_t), allocatable, private :: modes(:)
+      integer, private :: seed = 0
       integer, private :: state(2) = 1                                ! of the random numbers
    contains
       procedure :: directed => starts_directed
       procedure :: draw => starts_draw
       procedure :: draw_near => starts_draw_near
       procedure, private :: number => starts_number
+      procedure, private :: restart => starts_restart
       procedure, private :: normal => starts_normal
    end type starts_t
 
@@ -85,14 +87,11 @@ contains
       type(harmonics_t), intent(in) :: harmonics
       real(wp), intent(in), contiguous :: base(:)                     !! coefficients zero, (n_unknowns)
       integer, intent(in) :: seed                                     !! >= 0
-      integer :: i
 
       self%harmonics = harmonics
       self%n_dofs = size(base)/harmonics%n_coefficients
-      self%state = [1 + modulo(seed, 2147483000), 1 + modulo(7919*modulo(seed, 100003) + 12345, 2147483000)]
-      do i = 1, 20
-         if (self%number() > 1.0_wp) exit                             ! never: neighbouring seeds begin with similar numbers
-      end do
+      self%seed = seed
+      call self%restart(0)
       self%lowest = lowest_harmonics(harmonics, max_lowest)
       allocate (self%modes(0))
       call find_equilibria(self, problem, base)
@@ -121,15 +120,17 @@ contains
       end associate
    end subroutine starts_directed
 
-   !> A random start.
-   subroutine starts_draw(self, problem, x)
+   !> A random start: it depends on the seed and its number alone, whatever was found before.
+   subroutine starts_draw(self, problem, number, x)
       class(starts_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
+      integer, intent(in) :: number                                   !! from 1
       real(wp), intent(out), contiguous :: x(:)                       !! (n_unknowns)
       real(wp) :: direction(size(x)), sizes(max_roots), size_of_motion
       integer :: base, c, d, h, i, n, n_roots, s
       logical :: is_in_phase
 
+      call self%restart(number)
       base = 1 + int(self%number()*size(self%equilibria, 2))
       x = self%equilibria(:, base)
       direction = 0.0_wp
@@ -449,6 +450,22 @@ contains
          end do
       end do
    end function lowest_harmonics
+
+   !> Begins the random numbers of a start.
+   subroutine starts_restart(self, number)
+      class(starts_t), intent(inout) :: self
+      integer, intent(in) :: number                                   !! >= 0
+      real(wp) :: ignored
+      integer :: i
+
+      associate (s => int(self%seed, int64), n => int(number, int64))
+         self%state(1) = 1 + int(modulo(1000003_int64*s + 7919_int64*n, 2147483562_int64))
+         self%state(2) = 1 + int(modulo(69621_int64*s + 1000033_int64*n + 12345_int64, 2147483398_int64))
+      end associate
+      do i = 1, 20                                                    ! neighbouring states begin with similar numbers
+         ignored = self%number()
+      end do
+   end subroutine starts_restart
 
    !> A random number between 0 and 1, both excluded.
    real(wp) function starts_number(self) result(number)

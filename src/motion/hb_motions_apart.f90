@@ -182,7 +182,7 @@ contains
          if (i <= starts%n_directed) then
             call starts%directed(i, guessed, kind)
          else
-            call starts%draw(problem, guessed)
+            call starts%draw(problem, i - starts%n_directed, guessed)
          end if
          x = guessed
          call solve_newton(problem, config, x, report)
