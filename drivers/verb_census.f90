@@ -99,7 +99,7 @@ contains
       real(wp) :: amplitude, mean
       integer :: dof, i
 
-      allocate (labels, source=study%model%system%structure%labels(study%model%options%output%dofs))
+      allocate (labels, source=[character(16) :: study%model%system%structure%labels(study%model%options%output%dofs)])
       dof = largest_dof(census)
       call say("motion   mean of "//labels(dof)(:9)//"   amplitude   stable   status         found   first found by")
       do i = 1, size(census%motions)
