@@ -341,6 +341,7 @@ contains
       end do
    end subroutine try_mirror_images
 
+   !> Adds a motion to the known ones.
    subroutine search_add(self, x, kind)
       class(search_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
@@ -383,6 +384,7 @@ contains
       end do
    end function search_known
 
+   !> Amplitudes of the known motions; typical ones without any.
    function search_scale(self) result(scale)
       class(search_t), intent(in) :: self
       real(wp) :: scale(self%balance%n_unknowns)
