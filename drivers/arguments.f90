@@ -17,6 +17,7 @@ module arguments
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
       integer :: n_periods = 0                                        !! 0: not given
+      integer :: n_starts = 200, seed = 1                             !! of census
       logical :: overwrite = .false.
       logical :: resumes = .false.                                    !! continue with an existing result file
       logical :: retries = .false.                                    !! also solve again the points that did not converge
@@ -176,6 +177,12 @@ contains
       case ("--periods")
          call read_numbers(option, value, 2, numbers, error)
          if (.not. allocated(error)) self%n_periods = numbers(1)
+      case ("--starts")
+         call read_numbers(option, value, 0, numbers, error)
+         if (.not. allocated(error)) self%n_starts = numbers(1)
+      case ("--seed")
+         call read_numbers(option, value, 0, numbers, error)
+         if (.not. allocated(error)) self%seed = numbers(1)
       case ("--workers")
          call read_numbers(option, value, 1, numbers, error)
          if (.not. allocated(error) .and. size(numbers) /= 1) call fail(error, "--workers needs one number, not '"//value//"'")

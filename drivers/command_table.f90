@@ -21,7 +21,7 @@ module command_table
       character(200) :: text
    end type option_t
 
-   type(verb_t), parameter :: verbs(14) = [ &
+   type(verb_t), parameter :: verbs(15) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the remaining points of an interrupted run"), &
       verb_t("info", "RESULT", "contents of a result file, and whether it is complete"), &
@@ -31,6 +31,8 @@ module command_table
          "the derivatives of the laws, and measure the cost of the tolerance at the first point"), &
       verb_t("plan", "INPUT", "estimate the size of the result and the time of a run on many ranks"), &
       verb_t("integrate", "INPUT", "integrate the motion in time as &integration specifies, write an HDF5 record"), &
+      verb_t("census", "INPUT", "search for all coexisting motions at the values of the input, report how often each was found "// &
+         "and how many were probably missed; write them to an HDF5 file"), &
       verb_t("verify", "RESULT", "integrate in time from the points of a result file and report whether the motions agree"), &
       verb_t("fit", "INPUT", "fit parameters of an input to measured responses over the frequency, a CSV file; a "// &
          "command of the Python package, whose options nhbm fit --help lists"), &
@@ -41,27 +43,31 @@ module command_table
       verb_t("version", "", "version, commit, build and libraries; also --version"), &
       verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb; nhbm help man: all as a manual page, for man")]
 
-   character(*), parameter :: all_verbs = "solve resume info why check plan integrate verify"
+   character(*), parameter :: all_verbs = "solve resume info why check plan integrate census verify"
 
-   type(option_t), parameter :: options(22) = [ &
-      option_t("--output", "-o", "FILE", "solve integrate", &
+   type(option_t), parameter :: options(24) = [ &
+      option_t("--output", "-o", "FILE", "solve integrate census", &
          "result file; default: name of the input with .h5, in the current folder"), &
-      option_t("--overwrite", "", "", "solve integrate", "replace an existing result file"), &
+      option_t("--overwrite", "", "", "solve integrate census", "replace an existing result file"), &
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
       option_t("--resume", "", "", "solve", "continue an existing result file; the input must be the same"), &
       option_t("--retry", "", "", "solve resume", "when resuming: also repeat the points that did not converge"), &
-      option_t("--time-limit", "", "SECONDS", "solve resume check verify", &
+      option_t("--time-limit", "", "SECONDS", "solve resume check census verify", &
          "end the run after this time; nhbm resume solves the remaining points"), &
       option_t("--workers", "", "N", "solve resume verify", &
          "processes of this computer that share the points, where nhbm was built without MPI (pip); else mpirun -n N"), &
-      option_t("--set", "", "PATH=VALUE", "solve check plan integrate", "change one input value, such as law(1)%gap=1.5e-3 "// &
-         "or solver%method='broyden'; may be given several times"), &
-      option_t("--unset", "", "PATH", "solve check plan integrate", "remove one key of the input, such as harmonics%order"), &
+      option_t("--set", "", "PATH=VALUE", "solve check plan integrate census", &
+         "change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden'; may be given several times"), &
+      option_t("--unset", "", "PATH", "solve check plan integrate census", &
+         "remove one key of the input, such as harmonics%order"), &
       option_t("--quiet", "", "", all_verbs, "print errors only, neither progress nor summary; as --log-level quiet"), &
       option_t("--verbose", "", "", all_verbs, "also print the time spent by each rank; as --log-level verbose"), &
       option_t("--log-level", "", "LEVEL", all_verbs, &
          "quiet, normal (progress, summary, warnings), verbose, debug (also a line per point)"), &
-      option_t("--point", "", "N", "why integrate", "the point of a sweep to be explained or integrated, from 0"), &
+      option_t("--point", "", "N", "why integrate census", &
+         "the point of a sweep to be explained, integrated or searched, from 0"), &
+      option_t("--starts", "", "N", "census", "number of random starts; default 200"), &
+      option_t("--seed", "", "N", "census", "of the random starts; default 1"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
       option_t("--periods", "", "N", "verify", "longest time integration in periods of the slowest tone"), &
       option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 10000 by tens"), &

@@ -21,6 +21,7 @@ program nhbm
    use hb_version, only: git_commit, program_version
    use key_table, only: print_keys
    use starters, only: starter_names, starter_text
+   use verb_census, only: run_census
    use verb_check, only: run_check
    use verb_fit, only: run_fit
    use verb_info, only: run_info
@@ -95,6 +96,8 @@ contains
    !> one from a terminal, as its group does, and again from the process that has started it.
    subroutine expect_signals()
       if (.not. (allocated(options%verb) .and. allocated(options%input))) return
+      if (options%verb == "census") &
+         call catch_signals("nhbm: ended by a second signal", incomplete, error, 0.0_wp)
       if (options%verb /= "solve" .and. options%verb /= "resume") return
       call catch_signals("nhbm: ended by a second signal; nhbm resume "// &
          printable(options%result_path())//" continues it", incomplete, error, &
@@ -185,6 +188,8 @@ contains
       character(*), intent(in) :: verb
       if (verb == "fit") then
          call fail(error, "fit must be the first word: nhbm fit INPUT data.csv")
+      else if (verb == "census") then
+         call run_census(options, comm, status, error)
       else if (verb == "check") then
          call run_check(options, comm, status, error)
       else if (verb == "info") then

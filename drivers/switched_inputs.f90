@@ -5,6 +5,7 @@
 !> its origin: an ordinary input, whose run has its own result file. At a graze multipliers jump, and the motion there
 !> does not determine the other motions: these are found by time integration, slightly beyond the graze.
 module switched_inputs
+   use hb_census_file, only: without_group
    use hb_curve_table, only: leaving_t
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
@@ -51,7 +52,7 @@ contains
       call read_model(model, document, error, study%available_memory, run_callbacks(is_followed=allocated(plan%curve)))
       if (allocated(error)) return
       call write_complete_text(document, text)
-      text = without_sweeps(text)
+      text = without_group(text, "sweep")
       allocate (overrides(0))
       call document%begin()
       if (is_torus .and. model%system%tones%n_tones > 1) then
@@ -205,22 +206,6 @@ contains
       read (name(bracket + 1:index(name, ")") - 1), *, iostat=status) tuple
       if (status == 0) text = name(:bracket)//list_of(taken_over(tuple, is_torus))//")"
    end function response_text
-
-   !> A complete input without its groups `&sweep`: one line for each key, groups end with a separate line.
-   pure function without_sweeps(complete) result(text)
-      character(*), intent(in) :: complete
-      character(:), allocatable :: text
-      integer :: first, last
-      character(*), parameter :: line = new_line("a")
-
-      text = complete
-      do
-         first = index(line//text, line//"&sweep"//line)
-         if (first == 0) return
-         last = first + index(text(first:), line//"/"//line) + len("/")
-         text = text(:first - 1)//text(last + 1:)
-      end do
-   end function without_sweeps
 
    !> Formats numbers as the values of a key.
    pure function list_of(numbers) result(text)

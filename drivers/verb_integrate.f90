@@ -25,7 +25,7 @@ module verb_integrate
    use verb_solve, only: load_study
    implicit none
    private
-   public :: run_integrate
+   public :: choose_point, run_integrate
 
    type, extends(cancellation_t) :: shown_progress_t
       type(progress_t) :: line
@@ -45,10 +45,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       character(:), allocatable :: path
+      integer :: point
 
       call load_study(options, comm, study, error)
       if (allocated(error)) return
-      call choose_point(options, study, error)
+      call choose_point(options, study, point, error)
+      if (.not. allocated(error)) call take_point(study, point, error)
       if (allocated(error)) return
       call check_integration(study%model%system, study%model%options, error)
       call annotate(error, options%input)
@@ -59,25 +61,36 @@ contains
       call share_error(comm, error)
    end subroutine run_integrate
 
-   !> Sets the model of the study to that of the requested point; fails if a sweep leaves the choice open.
-   subroutine choose_point(options, study, error)
+   !> The requested point, from 1; that of the start of a single curve by default. Fails if a sweep leaves the choice open.
+   subroutine choose_point(options, study, point, error)
       type(arguments_t), intent(in) :: options
-      type(study_t), intent(inout) :: study
+      type(study_t), intent(in) :: study
+      integer, intent(out) :: point
       type(error_t), allocatable, intent(out) :: error
-      type(document_t), target :: document
 
+      point = max(1, options%point + 1)
       if (options%point < 0 .and. study%plan%n_points == 1) return
       if (options%point < 0 .and. allocated(study%plan%curve) .and. study%plan%n_points == study%plan%n_fastest()) return  ! start
       if (options%point < 0 .or. options%point >= study%plan%n_points) then
          call fail(error, "the input has the points 0 to "//to_text(study%plan%n_points - 1)// &
-                   "; time integration takes one of them, give its number by --point")
-         return
+                   "; "//options%verb// &
+                   " takes one of them, give its number by --point")
       end if
-      document = study%document
-      call study%plan%apply(options%point + 1, document)
-      call read_model(study%model, document, error, callbacks=run_callbacks(is_followed=allocated(study%plan%curve)))
-      call annotate(error, "point "//to_text(options%point))
    end subroutine choose_point
+
+   !> Sets the model of the study to that of a point.
+   subroutine take_point(study, point, error)
+      type(study_t), intent(inout) :: study
+      integer, intent(in) :: point                                    !! from 1
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+
+      if (point == 1) return                                          ! as it is read
+      document = study%document
+      call study%plan%apply(point, document)
+      call read_model(study%model, document, error, callbacks=run_callbacks(is_followed=allocated(study%plan%curve)))
+      call annotate(error, "point "//to_text(point - 1))
+   end subroutine take_point
 
    subroutine integrate_to_file(options, study, path, error)
       type(arguments_t), intent(in) :: options

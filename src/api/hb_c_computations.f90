@@ -4,6 +4,7 @@ module hb_c_computations
       c_size_t
    use hb_c_handles, only: c_status, release_handle
    use hb_c_model, only: address_of_reals, any_null, begin_call, end_call, end_call_with_text, handle_t
+   use hb_census, only: census_config_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
@@ -27,6 +28,18 @@ module hb_c_computations
       integer(c_int) :: status
       integer(c_int) :: n_unstable
    end type c_motion_t
+
+   !> struct nhbm_census.
+   type, bind(c) :: c_census_t
+      integer(c_size_t) :: n_motions
+      integer(c_int) :: n_random, n_random_lost, n_directed, n_directed_lost, n_left, n_once, n_never, is_reliable
+      real(c_double) :: unseen, unseen_bound, missed
+   end type c_census_t
+
+   !> struct nhbm_census_motion.
+   type, bind(c) :: c_census_motion_t
+      integer(c_int) :: n_random, n_directed, start, mirror_of
+   end type c_census_motion_t
 
 contains
 
@@ -125,6 +138,76 @@ contains
       end if
       status = end_call(model, error, c_status%invalid_input)
    end function nhbm_curve_next
+
+   integer(c_int) function nhbm_take_census(model, n_starts, seed, time_limit, census) &
+      bind(c, name="nhbm_take_census") result(status)
+      type(c_ptr), value :: model, census
+      integer(c_int), value :: n_starts, seed
+      real(c_double), value :: time_limit
+      type(handle_t), pointer :: handle
+      type(c_census_t), pointer :: found
+      type(census_config_t) :: config
+      type(error_t), allocatable :: error
+
+      nullify (found)
+      if (c_associated(census)) then
+         call c_f_pointer(census, found)
+         found = c_census_t(0_c_size_t, 0, 0, 0, 0, 0, 0, 0, 0, 0.0_c_double, 0.0_c_double, 0.0_c_double)
+      end if
+      status = begin_call(model, "nhbm_take_census", handle, texts=[census], needs_input=.true.)
+      if (status /= c_status%success) return
+      if (n_starts < 0_c_int .or. seed < 0_c_int .or. .not. time_limit >= 0.0_c_double) then
+         call fail(error, "nhbm_take_census: n_starts, seed and time_limit must not be negative")
+         status = end_call(model, error, c_status%invalid_argument)
+         return
+      end if
+      config%n_starts = int(n_starts)
+      config%seed = int(seed)
+      if (time_limit > 0.0_c_double) config%time_limit = real(time_limit, wp)
+      call handle%session%take_census(config, error)
+      if (.not. allocated(error)) then
+         associate (taken => handle%session%census, completeness => handle%session%census%completeness)
+            found = c_census_t(size(taken%motions, kind=c_size_t), taken%n_random, taken%n_random_lost, taken%n_directed, &
+                               taken%n_directed_lost, taken%n_left, completeness%n_once, completeness%n_never, &
+                               merge(1_c_int, 0_c_int, completeness%is_reliable), completeness%unseen, completeness%unseen_bound, &
+                               completeness%missed)
+         end associate
+      end if
+      status = end_call(model, error, c_status%invalid_input)
+   end function nhbm_take_census
+
+   integer(c_int) function nhbm_select_census_motion(model, index, found) &
+      bind(c, name="nhbm_select_census_motion") result(status)
+      type(c_ptr), value :: model, found
+      integer(c_size_t), value :: index
+      type(handle_t), pointer :: handle
+      type(c_census_motion_t), pointer :: motion
+      type(error_t), allocatable :: error
+
+      nullify (motion)
+      if (c_associated(found)) then
+         call c_f_pointer(found, motion)
+         motion = c_census_motion_t(0, 0, 0, -1)
+      end if
+      status = begin_call(model, "nhbm_select_census_motion", handle, texts=[found], needs_input=.true.)
+      if (status /= c_status%success) return
+      if (.not. allocated(handle%session%census)) then
+         call fail(error, "nhbm_select_census_motion: there is no census of the present values; call nhbm_take_census before")
+         status = end_call(model, error, c_status%invalid_state)
+         return
+      end if
+      associate (motions => handle%session%census%motions)
+         if (index >= 0_c_size_t .and. index < size(motions, kind=c_size_t)) then
+            associate (chosen => motions(int(index) + 1))
+               motion = c_census_motion_t(chosen%n_random, chosen%n_directed, chosen%first_kind, chosen%mirror_of - 1)
+            end associate
+            call handle%session%select_motion(int(index) + 1)
+         else
+            call fail(error, "nhbm_select_census_motion: the census has no motion with this index")
+         end if
+      end associate
+      status = end_call(model, error, c_status%invalid_argument)
+   end function nhbm_select_census_motion
 
    integer(c_int) function nhbm_integrate(model) bind(c, name="nhbm_integrate") result(status)
       type(c_ptr), value :: model

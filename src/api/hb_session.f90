@@ -8,6 +8,7 @@ module hb_session
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t, &
       c_null_funptr, c_null_ptr, c_ptr
    use hb_cancellation, only: cancellation_t, verdict
+   use hb_census, only: census_config_t, census_t, take_census
    use hb_clock, only: wall_clock
    use hb_column_view, only: column_view_t
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
@@ -94,6 +95,7 @@ module hb_session
       logical :: has_curve = .false.                                  !! `curve_next` may return a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
+      type(census_t), allocatable :: census                           !! of the present values
       type(session_cancellation_t) :: cancellation
       type(column_view_t) :: column                                   !! found last
       type(parameter_t), allocatable :: parameters(:)                 !! resolved parameters
@@ -130,6 +132,8 @@ module hb_session
       procedure :: solve => session_solve
       procedure :: curve_begin => session_curve_begin
       procedure :: curve_next => session_curve_next
+      procedure :: take_census => session_take_census
+      procedure :: select_motion => session_select_motion
       procedure :: integrate => session_integrate
       procedure :: verify => session_verify
       procedure :: verify_motion => session_verify_motion
@@ -500,6 +504,34 @@ contains
       call complete_result(self)
    end subroutine session_curve_next
 
+   !> Searches for all motions of the model with its present values.
+   subroutine session_take_census(self, config, error)
+      class(session_t), intent(inout), target :: self
+      type(census_config_t), intent(in) :: config
+      type(error_t), allocatable, intent(out) :: error
+
+      call end_curve(self)
+      if (allocated(self%census)) deallocate (self%census)
+      call share_time(self, self%n_points)
+      call self%update(error)
+      if (allocated(error)) return
+      allocate (self%census)
+      call begin_work(self, huge(1.0_wp))
+      call take_census(self%model, config, self%census, error)
+      call self%cancellation%leave()
+      call self%neighbour%forget()
+      if (allocated(error)) deallocate (self%census)
+   end subroutine session_take_census
+
+   !> Makes a motion of the census the last one.
+   subroutine session_select_motion(self, i)
+      class(session_t), intent(inout) :: self
+      integer, intent(in) :: i                                        !! from 1
+
+      self%result = self%census%motions(i)%result
+      call complete_result(self)
+   end subroutine session_select_motion
+
    !> Integrates the model in time with its present values, as defined by `&integration`. An interrupted integration
    !> leaves no record.
    subroutine session_integrate(self, error)
@@ -737,6 +769,7 @@ contains
       class(session_t), intent(inout) :: self
 
       call end_curve(self)
+      if (allocated(self%census)) deallocate (self%census)
       self%is_present = .false.
    end subroutine note_change
 

@@ -279,6 +279,42 @@ typedef struct nhbm_motion {
 /* As nhbm_verify, for such a motion of the model with its present values. Ends a curve. */
 NHBM_EXPORT int nhbm_verify_motion(nhbm_model *model, const nhbm_motion *motion, int max_periods);
 
+/* What a census has found, and how complete it is (docs/howto/other_solution.md). */
+typedef struct nhbm_census {
+   size_t n_motions;
+   int n_random, n_random_lost;     /* random starts; those that led to no motion */
+   int n_directed, n_directed_lost; /* directed ones, likewise */
+   int n_left;                      /* random starts that the time limit did not permit */
+   int n_once, n_never;             /* motions that one random start has found, and none */
+   int is_reliable;                 /* 1: there were enough finds for the estimates */
+   double unseen, unseen_bound;     /* probability that a further random start finds an unknown motion; its bound with 95 % */
+   double missed;                   /* estimated number of motions that were missed, at least */
+} nhbm_census;
+
+enum nhbm_census_start {
+   NHBM_FROM_FIRST_GUESS = 1, /* of the model */
+   NHBM_FROM_EQUILIBRIUM = 2,
+   NHBM_FROM_MODE = 3,
+   NHBM_FROM_RANDOM_START = 4,
+   NHBM_FROM_MIRROR_IMAGE = 5, /* of another motion */
+   NHBM_FROM_DEFLATION = 6     /* of the known motions */
+};
+
+typedef struct nhbm_census_motion {
+   int n_random, n_directed; /* starts that led to it */
+   int start;                /* that found it, one of enum nhbm_census_start */
+   int mirror_of;            /* index of the motion whose mirror image it is; -1: of none */
+} nhbm_census_motion;
+
+/* Searches for all coexisting motions of the model with its present values, from directed starts and `n_starts` random ones, in at
+ * most `time_limit` seconds; 0: no limit. The same `seed` gives the same starts. Ends a curve. NHBM_INVALID_INPUT: a value is
+ * invalid, or a tone is unknown. NHBM_INVALID_ARGUMENT: a number is negative. */
+NHBM_EXPORT int nhbm_take_census(nhbm_model *model, int n_starts, int seed, double time_limit, nhbm_census *census);
+
+/* Makes a motion of this census, by its index from 0 in the order of size, the last motion. NHBM_INVALID_STATE: there is no census,
+ * or a value has changed since. NHBM_INVALID_ARGUMENT: no such motion. */
+NHBM_EXPORT int nhbm_select_census_motion(nhbm_model *model, size_t index, nhbm_census_motion *found);
+
 /* ---- Checks ---- */
 
 /* Returns warnings about the model with its present values, one per line: tones with a common period, no load. Empty: none.

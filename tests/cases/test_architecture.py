@@ -381,7 +381,7 @@ def test_what_is_pointed_to_is_a_target(path):
 
 
 # Copies of a system whose numbers change: on both sides of a value, at the frequencies of a start, along its ties.
-MOVED_SYSTEMS = {("hb_gradient", "there"), ("hb_followed_motion", "found"), ("hb_impact_curve", "whole")}
+MOVED_SYSTEMS = {("hb_gradient", "there"), ("hb_followed_motion", "found"), ("hb_impact_curve", "whole"), ("hb_census", "own")}
 WHOLE = re.compile(r"^type\s*\(\s*(?:model_t|system_t)\s*\)(?!.*\bintent\b).*::\s*(\w+)", re.IGNORECASE)
 
 

@@ -67,6 +67,36 @@ class Motion(ctypes.Structure):
     ]
 
 
+class Census(ctypes.Structure):
+    """nhbm_census"""
+
+    _fields_ = [
+        ("n_motions", ctypes.c_size_t),
+        ("n_random", ctypes.c_int),
+        ("n_random_lost", ctypes.c_int),
+        ("n_directed", ctypes.c_int),
+        ("n_directed_lost", ctypes.c_int),
+        ("n_left", ctypes.c_int),
+        ("n_once", ctypes.c_int),
+        ("n_never", ctypes.c_int),
+        ("is_reliable", ctypes.c_int),
+        ("unseen", ctypes.c_double),
+        ("unseen_bound", ctypes.c_double),
+        ("missed", ctypes.c_double),
+    ]
+
+
+class CensusMotion(ctypes.Structure):
+    """nhbm_census_motion"""
+
+    _fields_ = [
+        ("n_random", ctypes.c_int),
+        ("n_directed", ctypes.c_int),
+        ("start", ctypes.c_int),
+        ("mirror_of", ctypes.c_int),
+    ]
+
+
 class LawInfo(ctypes.Structure):
     """nhbm_law_info_t"""
 
@@ -203,6 +233,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "integrate": (pointer,),
         "verify": (pointer, number),
         "verify_motion": (pointer, ctypes.POINTER(Motion), number),
+        "take_census": (pointer, number, number, ctypes.c_double, ctypes.POINTER(Census)),
+        "select_census_motion": (pointer, count, ctypes.POINTER(CensusMotion)),
         "get_warnings": (pointer, texts),
         "get_natural_frequencies": (pointer, ctypes.POINTER(count), ctypes.POINTER(pointer)),
         "get_column": (pointer, text, column),

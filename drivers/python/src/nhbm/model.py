@@ -46,6 +46,7 @@ from nhbm.sweeps import Progress
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 _CHECKED = "load", "start", "law", "bearing", "dynamic_stiffness"  # groups that are checked when they are added
 _CHECKED_DOFS = 100  # of the largest structure for it
+_CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation"  # nhbm_census_start
 _SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
 
@@ -715,6 +716,72 @@ class Model(Laws):
         doubts.warn_of_points(doubtful, len(points))
         doubts.warn_of_idle_laws(idle or [])
         return found
+
+    @_exclusive
+    @documented
+    def census(self, *, starts: int = 200, seed: int = 1, time_limit: float = 0.0, tolerance: float | None = None,
+               order: int | None = None) -> xr.Dataset:  # fmt: skip
+        """Searches for all coexisting motions, and estimates how many were missed.
+
+        Parameters
+        ----------
+        starts : int
+            Number of random starts, after directed ones: static equilibria, and vibrations about them.
+        seed : int
+            Of the random starts.
+        time_limit : float
+            Of the starts [s]; 0: none.
+        {tolerance and order}
+
+        Returns
+        -------
+        xarray.Dataset
+            The motions as for `solve`, with the dimension `point`, by size. `census_found` is the number of random starts that led
+            to each of them, `census_start` the start that found it, `census_mirror_of` the motion whose mirror image it is, or -1.
+            Attributes: `census_starts`, `census_lost`, starts that led to no motion, `census_unseen` and `census_unseen_bound`,
+            the probability that a further random start finds an unknown motion and its bound with 95 %, `census_missed`, the
+            estimated number of motions that were missed, and `census_is_reliable`, whether there were enough finds for it.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> oscillator = nhbm.Chain(n_masses=1, ends="fixed-free", mass=1.0, coupling_stiffness=1.0, damping_mass=0.05)
+        >>> model = nhbm.Model(oscillator, tones=[1.2])
+        >>> model.load("x1", 1, cos=0.18)
+        >>> model.law("cubic_spring", "x1", stiffness=0.1)
+        >>> found = model.census(order=7)
+        >>> print([f"{float(size):.4f}" for size in found.nhbm.amplitude("x1")])
+        ['0.4175', '2.2607', '2.5092']
+        """
+        for name, number in {"starts": starts, "seed": seed}.items():
+            if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 0 <= number < 2**31:
+                raise ModelError(f"{name} must be a whole number, 0 or more, not {number!r}")
+        session = self._begin(request(tolerance, order))
+        census = session.take_census(int(starts), int(seed), numbers_of("time_limit", time_limit)[0])
+        if not census.n_motions:
+            raise ModelError("no start led to a motion")
+        motions: list[xr.Dataset] = []
+        finds = []
+        for index in range(census.n_motions):
+            finds.append(session.select(index))
+            motions.append(dataset.motion_of(session))
+        described = {
+            "census_motion": (np.arange(len(finds), dtype=np.int32), "number of the motion, by size"),
+            "census_found": (np.array([find.n_random for find in finds], np.int32), "random starts that led to the motion"),
+            "census_start": (np.array([_CENSUS_STARTS[find.start] for find in finds]), "start that found the motion"),
+            "census_mirror_of": (np.array([find.mirror_of for find in finds], np.int32), "motion whose mirror image this is; -1: none"),
+        }
+        values = {name: (value, {"long_name": text, "units": "1"}) for name, (value, text) in described.items()}
+        estimates = {
+            "census_starts": census.n_random,
+            "census_lost": census.n_random_lost,
+            "census_directed_starts": census.n_directed,
+            "census_unseen": census.unseen,
+            "census_unseen_bound": census.unseen_bound,
+            "census_missed": census.missed,
+            "census_is_reliable": int(census.is_reliable),
+        }
+        return dataset.result_of(dataset.joined(motions), self._source(session), values, {**estimates, **self._attributes()})
 
     def _on_curve(self, points: list[xr.Dataset], path: str, source: dataset.Source) -> xr.Dataset:
         """Points of a curve as users get them."""

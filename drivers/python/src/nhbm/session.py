@@ -20,6 +20,8 @@ from nhbm._library import (
     INTERRUPT_CALLBACK,
     INVALID_ARGUMENT,
     STRUCTURE_CALLBACK,
+    Census,
+    CensusMotion,
     ColumnDescription,
     Motion,
     last_error,
@@ -170,6 +172,20 @@ class Session:
             self._call("curve_next", ctypes.byref(has_point))
         self.has_motion = self.has_motion or bool(has_point.value)
         return bool(has_point.value)
+
+    def take_census(self, n_starts: int, seed: int, time_limit: float) -> Census:
+        """Searches for all coexisting motions; `select` makes one of them the last motion."""
+        census = Census()
+        with self._interrupts:
+            self._call("take_census", n_starts, seed, time_limit, ctypes.byref(census))
+        return census
+
+    def select(self, index: int) -> CensusMotion:
+        """Makes a motion of the census the last motion; returns how it was found."""
+        found = CensusMotion()
+        self._call("select_census_motion", index, ctypes.byref(found))
+        self.has_motion = True
+        return found
 
     def integrate(self) -> None:
         """Integrates the model in time with the settings of the group &integration; `time_column` returns the record."""

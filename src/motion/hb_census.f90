@@ -1,0 +1,514 @@
+!> A census: the coexisting motions of a model at its values, and an estimate of how many were missed.
+!>
+!> Newton's method runs from the first guess of the model, from directed and from random starts (hb_census_starts), without
+!> fallbacks; from multiples with other phases of each motion found, with deflation of all known ones (hb_deflation), which
+!> finds partners at folds; mirror images are tried. Motions that differ by a period of the loads are the same. Each motion is
+!> then described like that of a point, to the requested tolerance if there is one. How often random starts have found each
+!> motion gives the estimate (hb_census_estimate); all other finds together are the other capture.
+module hb_census
+   use hb_balance, only: balance_t, new_balance
+   use hb_cancellation, only: note_progress, work_is_over
+   use hb_census_estimate, only: completeness_t, estimate_completeness
+   use hb_census_starts, only: new_starts, start_kind, starts_t
+   use hb_clock, only: wall_clock
+   use hb_deflation, only: follow_deflated, is_apart, scale_of, shifted
+   use hb_discretisation, only: discretisation_t, symmetry
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t, new_box, new_of_parity
+   use hb_kinds, only: two_pi, wp
+   use hb_law_coordinates, only: laws_at
+   use hb_level, only: degree_of, join, level_t, put_on_level, put_on_set, transferred
+   use hb_model, only: model_t
+   use hb_model_basis, only: coordinates_of
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: is_solved, outcome
+   use hb_point, only: solve_point
+   use hb_solver, only: solve
+   use hb_solver_types, only: report_t, solver_config_t
+   use hb_thresholds, only: agreement, faint, rounding, same_motion
+   use hb_torus, only: samples_for
+   use hb_tuple_choice, only: lowest_order
+   implicit none
+   private
+   public :: census_config_t, census_motion_t, census_t, take_census
+
+   integer, parameter :: max_iterations = 50                         ! from one start
+   integer, parameter :: max_copies = 64                              ! of a motion, by periods of the loads
+
+   type :: census_config_t
+      integer :: n_starts = 200                                       !! random ones
+      integer :: seed = 1                                             !! of the random numbers
+      integer :: n_deflated = 40                                      !! starts near each motion found, with deflation
+      real(wp) :: time_limit = huge(1.0_wp)                           !! of the starts and the descriptions [s]
+      procedure(is_requested), pointer, nopass :: ends_starts => null() !! for what has been found so far
+   end type census_config_t
+
+   type :: census_motion_t
+      type(motion_result_t) :: result
+      integer :: n_random = 0                                         !! random starts that led to it
+      integer :: n_directed = 0                                       !! directed starts, likewise
+      integer :: first_kind = start_kind%given                        !! of the start that found it, hb_census_starts
+      integer :: mirror_of = 0                                        !! number of the motion whose mirror image it is; 0: of none
+      real(wp) :: size_of_motion = 0.0_wp                             !! largest amplitude of an oscillation with the same root
+                                                                      !! mean square
+      real(wp), allocatable :: x(:)                                   !! coefficients at the laws' coordinates, on one set
+   end type census_motion_t
+
+   type :: census_t
+      type(census_motion_t), allocatable :: motions(:)                !! by size
+      integer :: n_random = 0, n_directed = 0                         !! starts
+      integer :: n_random_lost = 0, n_directed_lost = 0               !! those of them that led to no motion
+      integer :: n_left = 0                                           !! random starts that time did not permit
+      integer :: n_spurious = 0                                       !! solutions without a motion near them on larger sets
+      logical :: is_complete = .false.                                !! the model is linear: there is no other motion
+      type(completeness_t) :: completeness
+   end type census_t
+
+   abstract interface
+      !> Whether no further start is wanted.
+      logical function is_requested()
+      end function is_requested
+   end interface
+
+   !> The search, on one set.
+   type :: search_t
+      type(balance_t) :: balance
+      type(discretisation_t) :: here
+      type(starts_t) :: starts
+      integer :: n_deflated = 0                                       ! starts near each motion
+      type(solver_config_t) :: config
+      integer :: subharmonic = 1
+      real(wp), allocatable :: linear(:)                              ! the motion without laws
+      type(census_motion_t), allocatable :: motions(:)
+   contains
+      procedure :: index_of => search_index_of
+      procedure :: try => search_try
+      procedure :: add => search_add
+      procedure :: known => search_known
+      procedure :: scale => search_scale
+   end type search_t
+
+contains
+
+   !> Takes a census. An `error` is one of the model, such as a structure that cannot be condensed. Work that ends early
+   !> (hb_cancellation) leaves the motions found so far, those that are not described with status `pending`.
+   subroutine take_census(model, config, census, error)
+      type(model_t), intent(in) :: model
+      type(census_config_t), intent(in) :: config
+      type(census_t), intent(out) :: census
+      type(error_t), allocatable, intent(out) :: error
+      type(search_t), target :: search
+      type(level_t) :: level
+      type(motion_result_t) :: first
+      type(model_t) :: own
+      real(wp), allocatable :: given(:), x(:)
+      real(wp) :: of_motion, started
+      integer :: i, kind, n_steps
+
+      started = wall_clock()
+      allocate (census%motions(0))
+      if (any(model%system%tones%is_unknown) .or. model%system%normal_mode%is_requested) then
+         call fail(error, "a census needs given tones; of self-excited motions and normal modes trace a &curve")
+         return
+      end if
+      own = model
+      own%options%chain%is_on = .false.
+      call solve_point(own, first, error, level)
+      of_motion = wall_clock() - started
+      if (allocated(error) .and. size(model%system%laws) == 0) return
+      if (size(model%system%laws) == 0) then
+         call add_linear(first, model%discretisation%harmonics%has_zero, census)
+         return
+      end if
+      if (allocated(error)) deallocate (error)                        ! of this motion; that of the model is found again
+      call begin(search, model, level, config, error)
+      if (allocated(error)) return
+      census%n_directed = 1
+      n_steps = 1 + search%starts%n_directed + config%n_starts
+      allocate (x(search%balance%n_unknowns))
+      if (allocated(level%unknowns)) then
+         allocate (given, source=transferred(level%set, search%here%harmonics, level%unknowns, size(model%system%tones%omega)))
+         x = given(:search%balance%n_unknowns)
+         call search%try(x, start_kind%given, census%n_directed_lost)
+      else
+         census%n_directed_lost = 1
+      end if
+      do i = 1, search%starts%n_directed
+         if (is_over()) exit
+         call note_progress(i, n_steps)
+         call search%starts%directed(i, x, kind)
+         call search%try(x, kind, census%n_directed_lost)
+         census%n_directed = census%n_directed + 1
+      end do
+      do while (census%n_random < config%n_starts)
+         if (is_over()) exit
+         call note_progress(1 + search%starts%n_directed + census%n_random, n_steps)
+         call search%starts%draw(search%balance, census%n_random + 1, x)
+         call search%try(x, start_kind%random, census%n_random_lost)
+         census%n_random = census%n_random + 1
+      end do
+      census%n_left = config%n_starts - census%n_random
+      call describe(search, model, census)
+      call search%balance%destroy()
+      census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed + &
+                                                  merge(1, 0, census%motions%first_kind >= start_kind%mirror))
+
+   contains
+
+      !> Whether no further start may be made: the motions found so far are still to be described.
+      logical function is_over()
+         is_over = work_is_over()
+         if (.not. is_over .and. associated(config%ends_starts)) is_over = config%ends_starts()
+         if (.not. is_over) is_over = wall_clock() - started + size(search%motions)*of_motion >= config%time_limit
+      end function is_over
+   end subroutine take_census
+
+   !> The only motion of a model without laws.
+   subroutine add_linear(result, has_zero, census)
+      type(motion_result_t), intent(in) :: result
+      logical, intent(in) :: has_zero
+      type(census_t), intent(inout) :: census
+      type(census_motion_t) :: motion
+
+      census%n_directed = 1
+      census%is_complete = is_solved(result%status)
+      if (.not. census%is_complete) return
+      motion%result = result
+      motion%n_directed = 1
+      motion%size_of_motion = size_of(result, has_zero)
+      census%motions = [motion]
+   end subroutine add_linear
+
+   !> Prepares the balance and its starts: on the set of the model, or on that of its motion and a small box.
+   subroutine begin(self, model, level, config, error)
+      type(search_t), intent(inout) :: self
+      type(model_t), intent(in) :: model
+      type(level_t), intent(in) :: level                              !! of the motion from its first guess, if there is one
+      type(census_config_t), intent(in) :: config
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+      type(harmonics_t) :: odd
+      real(wp), allocatable :: u(:, :)
+
+      allocate (self%motions(0))
+      self%subharmonic = model%system%tones%subharmonic
+      self%here = model%discretisation
+      if (model%options%accuracy%is_on) call choose_set(self%here, model, level, error)
+      if (allocated(error)) return
+      if (self%here%symmetry == symmetry%odd) then
+         call new_of_parity(odd, self%here%harmonics, 1, error)
+         if (allocated(error)) return
+         call put_on_set(self%here, model%discretisation, odd)
+      end if
+      associate (here => self%here, omega => model%system%tones%omega)
+         call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), &
+                                    here%harmonics%frequencies(omega), here%loads, error)
+         if (allocated(error)) return
+         call new_balance(self%balance, here%harmonics, here%torus, omega, stiffness, &
+                          laws_at(coordinates_of(model%system), model%system%laws), error)
+         if (allocated(error)) return
+         allocate (u(here%harmonics%n_coefficients, self%balance%n_dofs))
+         call self%balance%linear_solution(u)
+         self%linear = [u]
+         self%balance%continues_in_order_first = .false.
+         call new_starts(self%starts, self%balance, here%harmonics, 0.0_wp*self%linear, config%seed)
+      end associate
+      self%n_deflated = config%n_deflated
+      self%config = model%options%solver
+      self%config%fallback = .false.
+      self%config%max_iterations = min(self%config%max_iterations, max_iterations)
+   end subroutine begin
+
+   !> Sets the discretisation for a requested tolerance: all motions must have room in it, not only the first one.
+   subroutine choose_set(here, model, level, error)
+      type(discretisation_t), intent(inout) :: here
+      type(model_t), intent(in) :: model
+      type(level_t), intent(in) :: level
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: box
+      type(level_t) :: joined
+      integer :: m
+      logical :: is_new
+
+      if (allocated(level%unknowns)) then
+         joined = level
+      else
+         joined%set = model%discretisation%harmonics
+         joined%n_samples = model%discretisation%torus%n_samples
+         allocate (joined%unknowns(0))
+      end if
+      if (model%options%accuracy%grows_set) then
+         associate (n_tones => model%system%tones%n_tones)
+            call new_box(box, [(lowest_order(n_tones)*merge(model%system%tones%subharmonic, 1, n_tones == 1), m=1, n_tones)], &
+                         .false., error)
+         end associate
+         if (allocated(error)) return
+         if (allocated(level%unknowns)) then
+            call join(joined, box, is_new)
+         else
+            joined%set = box
+         end if
+      end if
+      if (model%options%accuracy%refines_grid) &
+         joined%n_samples = max(joined%n_samples, samples_for(joined%set%highest, degree_of(model%system)))
+      call put_on_level(here, model%system, model%discretisation, model%options, joined, error)
+   end subroutine choose_set
+
+   !> Makes a start: the motion to which it leads is counted, and added if it is a new one, with those found from it.
+   subroutine search_try(self, x, kind, n_lost)
+      class(search_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: x(:)                     !! first guess, on return arbitrary
+      integer, intent(in) :: kind                                     !! one of `start_kind`
+      integer, intent(inout) :: n_lost
+      real(wp) :: guess(size(x))
+      integer :: i, n_before
+      logical :: is_found
+
+      call find_motion(self, x, is_found)
+      if (.not. is_found) then
+         n_lost = n_lost + 1
+         return
+      end if
+      n_before = size(self%motions)
+      i = self%index_of(x)
+      if (i == 0) then
+         i = n_before + 1
+         call self%add(x, kind)
+      end if
+      if (kind == start_kind%random) then
+         self%motions(i)%n_random = self%motions(i)%n_random + 1
+      else
+         self%motions(i)%n_directed = self%motions(i)%n_directed + 1
+      end if
+      i = n_before + 1
+      do while (i <= size(self%motions))                              ! those found from it follow
+         guess = self%motions(i)%x                                    ! a copy: the list grows
+         call try_mirror_images(self, guess)
+         call try_near(self, guess)
+         i = i + 1
+      end do
+   end subroutine search_try
+
+   !> Newton's method from x.
+   subroutine find_motion(self, x, is_found)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: x(:)
+      logical, intent(out) :: is_found
+      type(report_t) :: report
+
+      self%balance%law_set%is_given_up = .false.
+      call solve(self%balance, self%config, self%linear, x, report)
+      is_found = report%status == outcome%converged
+      if (is_found) is_found = self%balance%drifting(reshape(x, [size(x)/self%balance%n_dofs, self%balance%n_dofs]), &
+                                                     self%config%tolerance) == 0
+   end subroutine find_motion
+
+   !> Starts near a motion, with deflation of all known ones.
+   subroutine try_near(self, motion)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:)
+      real(wp) :: x(size(motion))
+      integer :: i
+      logical :: is_found
+
+      if (self%balance%n_unknowns > self%balance%largest_dense) return
+      do i = 1, self%n_deflated
+         if (work_is_over()) return
+         call self%starts%draw_near(self%balance, motion, x)
+         self%balance%law_set%is_given_up = .false.
+         call follow_deflated(self%balance, self%config, self%known(), self%scale(), x, is_found)
+         if (.not. is_found) cycle
+         if (self%index_of(x) == 0) call self%add(x, start_kind%deflated)
+      end do
+   end subroutine try_near
+
+   !> Adds the mirror images of a motion, -x with phases by which the loads change their sign, where they satisfy the balance.
+   subroutine try_mirror_images(self, x)
+      class(search_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), dimension(size(x)) :: image, r
+      real(wp) :: before
+      integer :: copy
+
+      call self%balance%residual(x, r)
+      before = self%balance%norm(r)
+      do copy = 1, n_copies(self, 2) - 1
+         image = -shifted(x, self%here%harmonics, phases_of(self, copy, 2))
+         call self%balance%residual(image, r)
+         if (.not. self%balance%norm(r) <= max(10.0_wp*before, rounding)) cycle
+         if (self%index_of(image) == 0) call self%add(image, start_kind%mirror)
+      end do
+   end subroutine try_mirror_images
+
+   !> Adds a motion to the known ones.
+   subroutine search_add(self, x, kind)
+      class(search_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      integer, intent(in) :: kind
+      type(census_motion_t) :: motion
+
+      motion%x = x
+      motion%first_kind = kind
+      self%motions = [self%motions, motion]
+   end subroutine search_add
+
+   !> Number of the known motion that x is, or is after periods of the loads; 0: none.
+   integer function search_index_of(self, x) result(found)
+      class(search_t), intent(in) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: moved(size(x), 1), scale(size(x))
+      integer :: copy, i
+
+      scale = self%scale()
+      do copy = 0, n_copies(self, 1) - 1
+         moved(:, 1) = x
+         if (copy > 0) moved(:, 1) = shifted(x, self%here%harmonics, phases_of(self, copy, 1))
+         do i = 1, size(self%motions)
+            found = i
+            if (.not. is_apart(self%motions(i)%x, moved, scale, faint)) return
+         end do
+      end do
+      found = 0
+   end function search_index_of
+
+   !> Known motions, (n_unknowns, any).
+   function search_known(self) result(known)
+      class(search_t), intent(in) :: self
+      real(wp), allocatable :: known(:, :)
+      integer :: i
+
+      allocate (known(self%balance%n_unknowns, size(self%motions)))
+      do i = 1, size(self%motions)
+         known(:, i) = self%motions(i)%x
+      end do
+   end function search_known
+
+   !> Amplitudes of the known motions; typical ones without any.
+   function search_scale(self) result(scale)
+      class(search_t), intent(in) :: self
+      real(wp) :: scale(self%balance%n_unknowns)
+
+      scale = self%balance%x_scale
+      if (size(self%motions) > 0) scale = scale_of(self%known(), self%here%harmonics, self%balance%x_scale)
+   end function search_scale
+
+   !> Number of motions that are the same but for a multiple of a part of the loads' periods; 1 if there are too many.
+   pure integer function n_copies(self, parts) result(n)
+      type(search_t), intent(in) :: self
+      integer, intent(in) :: parts                                    !! of a period
+
+      n = 1
+      associate (n_tones => self%here%harmonics%n_tones)
+         if (real(parts*self%subharmonic, wp)**n_tones <= max_copies) n = (parts*self%subharmonic)**n_tones
+      end associate
+   end function n_copies
+
+   !> Phases of a copy, by its number from 0.
+   pure function phases_of(self, copy, parts) result(phases)
+      type(search_t), intent(in) :: self
+      integer, intent(in) :: copy, parts
+      real(wp) :: phases(self%here%harmonics%n_tones)
+      integer :: m
+
+      associate (n => parts*self%subharmonic)
+         phases = two_pi/n*[(modulo(copy/n**(m - 1), n), m=1, size(phases))]
+      end associate
+   end function phases_of
+
+   !> Describes the motions like those of points; solutions that do not persist to the tolerance are dropped.
+   subroutine describe(self, model, census)
+      type(search_t), intent(inout) :: self
+      type(model_t), intent(in) :: model
+      type(census_t), intent(inout) :: census
+      type(census_motion_t), allocatable :: accepted(:)
+      type(model_t) :: own
+      type(error_t), allocatable :: error
+      type(level_t) :: below, level
+      integer :: i, k
+
+      allocate (accepted(0))
+      do i = 1, size(self%motions)
+         associate (motion => self%motions(i))
+            own = model
+            own%options%chain%is_on = .false.
+            own%options%may_integrate = .false.
+            own%options%solver%fallback = .false.
+            below = level_t(self%here%harmonics, self%here%torus%n_samples)
+            below%unknowns = [motion%x, model%system%tones%omega]
+            if (.not. work_is_over()) then
+               if (self%here%symmetry == symmetry%odd) then
+                  call solve_point(own, motion%result, error, level, below, &
+                     transferred(self%here%harmonics, model%discretisation%harmonics, &
+                                 below%unknowns, size(model%system%tones%omega)))
+               else
+                  call solve_point(own, motion%result, error, level, below, below%unknowns)
+               end if
+            end if
+            if (allocated(error)) then
+               motion%result%status = outcome%failed
+               motion%result%message = error%message
+            end if
+            motion%size_of_motion = size_of(motion%result, model%discretisation%harmonics%has_zero)
+            if (allocated(level%unknowns) .and. is_solved(motion%result%status)) then
+               if (model%options%accuracy%is_on .and. has_moved(self, motion%x, level)) then
+                  census%n_spurious = census%n_spurious + 1
+                  cycle
+               end if
+            end if
+         end associate
+         k = 1
+         do while (k <= size(accepted))                               ! by size
+            if (accepted(k)%size_of_motion > self%motions(i)%size_of_motion) exit
+            k = k + 1
+         end do
+         accepted = [accepted(:k - 1), self%motions(i), accepted(k:)]
+      end do
+      call find_mirror_images(self, accepted)
+      call move_alloc(accepted, census%motions)
+   end subroutine describe
+
+   !> Whether the motion to the tolerance is another one.
+   logical function has_moved(self, x, level)
+      type(search_t), intent(in) :: self
+      real(wp), intent(in) :: x(:)
+      type(level_t), intent(in) :: level
+      real(wp), allocatable :: there(:)
+
+      allocate (there, source=transferred(level%set, self%here%harmonics, level%unknowns, self%here%harmonics%n_tones))
+      has_moved = is_apart(x, reshape(there(:size(x)), [size(x), 1]), self%scale(), same_motion)
+   end function has_moved
+
+   !> Notes which motions are mirror images of earlier ones.
+   subroutine find_mirror_images(self, motions)
+      type(search_t), intent(in) :: self
+      type(census_motion_t), intent(inout) :: motions(:)
+      real(wp) :: image(self%balance%n_unknowns, 1), scale(self%balance%n_unknowns)
+      integer :: copy, i, k
+
+      scale = self%scale()
+      do i = 2, size(motions)
+         search: do copy = 1, n_copies(self, 2) - 1
+            image(:, 1) = -shifted(motions(i)%x, self%here%harmonics, phases_of(self, copy, 2))
+            do k = 1, i - 1
+               if (is_apart(motions(k)%x, image, scale, 10.0_wp*agreement)) cycle
+               motions(i)%mirror_of = k
+               exit search
+            end do
+         end do search
+      end do
+   end subroutine find_mirror_images
+
+   !> Amplitude of an oscillation with the same root mean square, for the stored degree of freedom with the largest one.
+   pure real(wp) function size_of(result, has_zero) result(amplitude)
+      type(motion_result_t), intent(in) :: result
+      logical, intent(in) :: has_zero                                 !! the set has the zero tuple, as its first one
+      integer :: d
+
+      amplitude = 0.0_wp
+      if (.not. allocated(result%coefficients)) return
+      do d = 1, size(result%coefficients, 3)
+         amplitude = max(amplitude, norm2(result%coefficients(:, merge(2, 1, has_zero):, d)))
+      end do
+   end function size_of
+end module hb_census

@@ -1,0 +1,80 @@
+"""`nhbm census` and `Model.census`: coexisting motions, how often each was found, and what may be missing."""
+
+from __future__ import annotations
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, run
+
+from nhbm import Model, ModelError
+
+OSCILLATOR = """&structure type = 'matrices', n_dofs = 1, mass = 1, damping = 0.05, stiffness = 1 /
+&tones frequency = 1.2 /
+&harmonics order = 7 /
+&load dof = 'x1', tuple = 1, cos = 0.18 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "duffing.nml").write_text(OSCILLATOR)
+    return tmp_path
+
+
+def test_table_and_file_have_the_same_motions(folder):
+    done = run("census", "duffing.nml", "--starts", "60", cwd=folder)
+    assert done.status == ALL_CONVERGED, done.stderr
+    rows = re.findall(r"^ +(\d+) +(\S+) +(\S+) +(yes|no) +converged +(\d+) +\w+", done.stdout, re.M)
+    assert [row[3] for row in rows] == ["yes", "no", "yes"]
+    with h5py.File(folder / "duffing.h5") as file:
+        amplitudes = np.hypot(*file["coefficients"][:, 0, 1].T)
+        found = file["census_found"][()]
+        assert list(file["census_start"].asstr()[()])[0]
+    assert [float(row[2]) for row in rows] == pytest.approx(amplitudes, rel=0.05)
+    assert [int(row[4]) for row in rows] == list(found)
+    assert "at most" in done.stdout and "3 motions from" in done.stdout
+    assert run("verify", "duffing.h5", cwd=folder).stdout.count("unstable") >= 1
+    assert run("info", "duffing.h5", cwd=folder).status == ALL_CONVERGED
+
+
+def test_python_finds_the_motions_of_the_command(folder):
+    assert run("census", "duffing.nml", "--seed", "3", "--quiet", cwd=folder).status == ALL_CONVERGED
+    found = Model.from_namelist(OSCILLATOR).census(seed=3)
+    with h5py.File(folder / "duffing.h5") as file:
+        assert np.allclose(found["coefficients"].values, file["coefficients"][()], rtol=0.0, atol=1e-10)
+        assert list(found["census_found"].values) == list(file["census_found"][()])
+    assert list(found["stability"].values) == ["stable", "unstable", "stable"]
+    assert found.attrs["census_missed"] == 0.0 and 0.0 < found.attrs["census_unseen_bound"] < 0.05
+
+
+def test_a_census_of_a_swept_point_and_of_a_curve(folder):
+    swept = OSCILLATOR + "&sweep parameter = 'tones%frequency', values = 0.5, 1.2 /\n"
+    (folder / "swept.nml").write_text(swept)
+    done = run("census", "swept.nml", cwd=folder)
+    assert done.status == BAD_INPUT and "--point" in done.stderr
+    assert "3 motions" in run("census", "swept.nml", "--point", "1", cwd=folder).stdout
+    assert "1 motion from" in run("census", "swept.nml", "--point", "0", "--overwrite", cwd=folder).stdout
+    curve = OSCILLATOR + "&curve parameter = 'tones%frequency', from = 1.2, to = 0.5 /\n"
+    (folder / "curve.nml").write_text(curve)
+    assert "3 motions" in run("census", "curve.nml", cwd=folder).stdout
+
+
+def test_what_a_census_refuses(folder):
+    free = OSCILLATOR.replace("frequency = 1.2", "unknown = .true.").replace("&load dof = 'x1', tuple = 1, cos = 0.18 /\n", "")
+    (folder / "free.nml").write_text(free)
+    done = run("census", "free.nml", cwd=folder)
+    assert done.status == BAD_INPUT and "given tones" in done.stderr
+    assert run("census", "duffing.nml", "--starts", "-1", cwd=folder).status == BAD_INPUT
+    with pytest.raises(ModelError, match="starts must be"):
+        Model.from_namelist(OSCILLATOR).census(starts=-1)
+
+
+def test_time_ends_a_census(folder):
+    done = run("census", "duffing.nml", "--time-limit", "0", cwd=folder)
+    assert done.status == INCOMPLETE and "200 random starts not made" in done.stderr
+    assert "from 1 directed start and 0 random starts" in done.stdout
