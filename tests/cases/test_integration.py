@@ -253,7 +253,9 @@ def test_record_without_a_tone_of_its_own_says_so(tmp_path):
 # Known motions
 
 
-@pytest.mark.parametrize(("strength", "period"), [(1, 6.6632868593231361), (5, 11.6122306677196)])
+@pytest.mark.parametrize(
+    ("strength", "period"), [(1, 6.6632868593231361), pytest.param(5, 11.6122306677196, marks=pytest.mark.long)]
+)
 def test_van_der_pol_has_its_period(tmp_path, strength, period):
     text = f"&law type='van_der_pol', dof='x1', strength={strength} /\n&start dof='x1', tuple=1, cos=2 /\n"
     group = "&integration start='given', transient=100, duration=1000, step=0.02, tolerance=1e-13, n_peaks=1 /"
@@ -507,7 +509,8 @@ def test_verify_needs_all_degrees_of_freedom(tmp_path):
     assert done.status == BAD_INPUT and "1 of 2; solve again" in done.stderr
 
 
-@pytest.mark.parametrize("method", [pytest.param("cvode", marks=pytest.mark.long), "central_differences"])
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["cvode", "central_differences"])
 def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, method):
     """Both tones have their maximum at t = 0, where the series of order 5 is 3e-5 m beyond the wall."""
     text = (INPUTS / "paper" / "wall.nml").read_text()
@@ -553,7 +556,7 @@ def forced_blades(frame: str, order: int) -> str:
         ("cvode", 0.02, 1e-9),
         ("runge_kutta_4", 0.005, 1e-6),
         ("central_differences", 0.002, 5e-4),
-        ("generalized_alpha", 0.002, 5e-4),
+        pytest.param("generalized_alpha", 0.002, 5e-4, marks=pytest.mark.long),
     ],
 )
 def test_blades_are_integrated_alike_in_all_frames(tmp_path, method, step, tolerance):
