@@ -516,7 +516,8 @@ contains
       call self%update(error)
       if (allocated(error)) return
       allocate (self%census)
-      call begin_work(self, huge(1.0_wp))
+      call begin_work(self)
+      call self%cancellation%enter(huge(1.0_wp))
       call take_census(self%model, config, self%census, error)
       call self%cancellation%leave()
       call self%neighbour%forget()
