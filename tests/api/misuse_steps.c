@@ -88,6 +88,8 @@ static const double *frequencies;
 static const int32_t first_tuple[] = {1};
 static const double frequency[] = {0.9}, pair[] = {0.1, 0.0};
 static const nhbm_motion motion = {1, 1, 1, frequency, first_tuple, pair, 1e-3, 1e-3, NULL, 1, 0};
+static nhbm_census census;
+static nhbm_census_motion census_motion;
 
 static int read_input(nhbm_model *m) { return nhbm_read_input(m, duffing, "duffing"); }
 static int get_input(nhbm_model *m) { return nhbm_get_input(m, &text); }
@@ -109,6 +111,8 @@ static int curve_next(nhbm_model *m) { return nhbm_curve_next(m, &has_point); }
 static int integrate(nhbm_model *m) { return nhbm_integrate(m); }
 static int verify(nhbm_model *m) { return nhbm_verify(m, 1); }
 static int verify_motion(nhbm_model *m) { return nhbm_verify_motion(m, &motion, 1); }
+static int take_census(nhbm_model *m) { return nhbm_take_census(m, 3, 1, 0.0, &census); }
+static int select_census_motion(nhbm_model *m) { return nhbm_select_census_motion(m, 0, &census_motion); }
 static int get_warnings(nhbm_model *m) { return nhbm_get_warnings(m, &text); }
 static int get_natural_frequencies(nhbm_model *m) { return nhbm_get_natural_frequencies(m, &n_frequencies, &frequencies); }
 static int describe_column(nhbm_model *m) { return nhbm_describe_column(m, "coefficients", &description); }
@@ -139,7 +143,7 @@ static const struct {
    {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false}, {curve_begin, true},
    {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
    {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
-   {verify_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
+   {verify_motion, true}, {take_census, true}, {select_census_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
    {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {input_add_group, true}, {input_set_text, true},
    {input_set_logical, true}, {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true},
    {input_begin, false}, {read_input, false}, {destroy, false},
@@ -382,6 +386,14 @@ int range_step(void)
    CHECK(nhbm_verify(model, -5) == NHBM_INVALID_ARGUMENT && SAYS("-5"));
    CHECK(nhbm_verify(model, INT_MIN) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_verify(model, INT_MAX) == NHBM_SUCCESS);
+   CHECK(nhbm_select_census_motion(model, 0, &census_motion) == NHBM_INVALID_STATE && SAYS("nhbm_take_census"));
+   CHECK(nhbm_take_census(model, -1, 1, 0.0, &census) == NHBM_INVALID_ARGUMENT && SAYS("negative"));
+   CHECK(nhbm_take_census(model, 3, 1, NAN, &census) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_take_census(model, 3, 1, 0.0, NULL) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_take_census(model, 3, 1, 0.0, &census) == NHBM_SUCCESS && census.n_motions >= 1);
+   CHECK(nhbm_select_census_motion(model, census.n_motions, &census_motion) == NHBM_INVALID_ARGUMENT && SAYS("index"));
+   CHECK(nhbm_select_census_motion(model, 0, NULL) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_select_census_motion(model, 0, &census_motion) == NHBM_SUCCESS && census_motion.start != 0);
    CHECK(nhbm_set_point_count(model, SIZE_MAX) == NHBM_INVALID_ARGUMENT && nhbm_set_point_count(model, INT_MAX) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && nhbm_set_point_count(model, 0) == NHBM_SUCCESS);
    CHECK(nhbm_get_key_row(nhbm_get_key_count(), row, sizeof row) == NHBM_INVALID_ARGUMENT && row[0] == '\0');

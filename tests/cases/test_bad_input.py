@@ -141,7 +141,7 @@ CASES = [
     ),
     Bad(
         "logarithmic range through zero",
-        (line(AFTER), "spacing", "one sign"),
+        (line(AFTER), "spacing", "same sign"),
         sweep("parameter = 'law(1)%gap', from = -1.0, to = 1.0, n = 3, spacing = 'log'"),
     ),
     Bad(

@@ -203,7 +203,7 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
         ),
         (
             FORCED + "&integration duration=10 /\n&sweep parameter='law(1)%stiffness', values=1,2 /",
-            "points 0 to 1; time integration takes one",
+            "points 0 to 1; integrate takes one",
         ),
     ],
 )

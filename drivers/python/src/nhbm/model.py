@@ -751,7 +751,7 @@ class Model(Laws):
         >>> model.law("cubic_spring", "x1", stiffness=0.1)
         >>> found = model.census(order=7)
         >>> print([f"{float(size):.4f}" for size in found.nhbm.amplitude("x1")])
-        ['0.4175', '2.2607', '2.5092']
+        ['0.4175', '2.2605', '2.5092']
         """
         for name, number in {"starts": starts, "seed": seed}.items():
             if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 0 <= number < 2**31:
