@@ -2,6 +2,7 @@
 module hb_c_computations
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funptr, c_int, c_null_ptr, c_ptr, &
       c_size_t
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_c_handles, only: c_status, release_handle
    use hb_c_model, only: address_of_reals, any_null, begin_call, end_call, end_call_with_text, handle_t
    use hb_census, only: census_config_t
@@ -148,6 +149,7 @@ contains
       type(c_census_t), pointer :: found
       type(census_config_t) :: config
       type(error_t), allocatable :: error
+      logical :: is_wrong
 
       nullify (found)
       if (c_associated(census)) then
@@ -156,7 +158,9 @@ contains
       end if
       status = begin_call(model, "nhbm_take_census", handle, texts=[census], needs_input=.true.)
       if (status /= c_status%success) return
-      if (n_starts < 0_c_int .or. seed < 0_c_int .or. .not. time_limit >= 0.0_c_double) then
+      is_wrong = ieee_is_nan(time_limit) .or. n_starts < 0_c_int .or. seed < 0_c_int
+      if (.not. is_wrong) is_wrong = time_limit < 0.0_c_double        ! comparing a NaN is trapped in the debug build
+      if (is_wrong) then
          call fail(error, "nhbm_take_census: n_starts, seed and time_limit must not be negative")
          status = end_call(model, error, c_status%invalid_argument)
          return
