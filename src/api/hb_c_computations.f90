@@ -1,8 +1,8 @@
 !> The functions of nhbm.h that compute, and the callbacks during computations. The header documents them.
 module hb_c_computations
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funptr, c_int, c_null_ptr, c_ptr, &
       c_size_t
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_c_handles, only: c_status, release_handle
    use hb_c_model, only: address_of_reals, any_null, begin_call, end_call, end_call_with_text, handle_t
    use hb_census, only: census_config_t
