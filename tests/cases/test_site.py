@@ -62,7 +62,8 @@ def test_every_law_has_a_page_with_a_sketch(laws, tmp_path):
 def source(tmp_path_factory):
     """The pages of the site as drivers/site puts them together, divided."""
     folder = tmp_path_factory.mktemp("source")
-    for page in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "postproc" / "README.md"]:
+    others = [ROOT / folder / "README.md" for folder in ("benchmarks", "postproc")]
+    for page in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *others]:
         copy = folder / page.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(page, copy)
