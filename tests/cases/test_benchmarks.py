@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -54,7 +55,8 @@ def test_what_is_slower_or_another_is_said(tmp_path, seconds, status, expected, 
 @pytest.mark.parametrize("words, message", [
     ((), "name a commit by --against, or a build by --program"),
     (("--against", "main", "--program", "."), "name a commit by --against, or a build by --program"),
-    (("--against", "no-such-commit", "--only", "figure 4"), "no commit 'no-such-commit'"),
+    (("--against", "no-such-commit", "--only", "figure 4"),
+     "no commit 'no-such-commit'" if shutil.which("git") else "--against needs git"),
     (("--program", "/nowhere"), "no such program: /nowhere/bin/nhbm"),
     (("--program", "/nowhere", "--only", "no such row"), "no row has 'no such row' in its name"),
     (("--program", "/nowhere", "--rounds", "0"), "--rounds is at least 1"),
