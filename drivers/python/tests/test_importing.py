@@ -275,8 +275,9 @@ def test_files_that_are_far_larger_than_their_bytes_are_refused(tmp_path, end):
     if end == ".npz":
         sp.save_npz(path, net.tocsr())
     else:
-        with importing._OPENERS[path.suffix](path, "wb") as file:
-            scipy.io.mmwrite(file, net)
+        text = io.BytesIO()  # SciPy of Debian 13 seeks in what it writes, which a compressed file cannot
+        scipy.io.mmwrite(text, net)
+        path.write_bytes(compress(text.getvalue()))
     assert importing.read_matrix(path).nnz == net.nnz
 
 
