@@ -381,7 +381,9 @@ def test_what_is_pointed_to_is_a_target(path):
 
 
 # Copies of a system whose numbers change: on both sides of a value, at the frequencies of a start, along its ties.
-MOVED_SYSTEMS = {("hb_gradient", "there"), ("hb_followed_motion", "found"), ("hb_impact_curve", "whole"), ("hb_census", "own")}
+MOVED_SYSTEMS = {("hb_gradient", "there"), ("hb_followed_motion", "found"), ("hb_impact_curve", "whole")}
+# Copied to change settings alone, because `solve_to_tolerance` takes a whole model; to be mended there.
+COPIED_SYSTEMS = {("hb_census", "own")}
 WHOLE = re.compile(r"^type\s*\(\s*(?:model_t|system_t)\s*\)(?!.*\bintent\b).*::\s*(\w+)", re.IGNORECASE)
 
 
@@ -398,7 +400,7 @@ def test_no_system_is_copied_to_change_a_setting(path):
             is_in_type = False
         match = WHOLE.match(statement)
         if match and not is_in_type:
-            assert (path.stem, match.group(1)) in MOVED_SYSTEMS, f"{path.relative_to(ROOT)}:{number}: {statement}"
+            assert (path.stem, match.group(1)) in MOVED_SYSTEMS | COPIED_SYSTEMS, f"{path.relative_to(ROOT)}:{number}: {statement}"
 
 
 def test_compiler_options_stand_in_one_file():
