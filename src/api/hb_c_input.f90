@@ -88,7 +88,7 @@ contains
 
       status = begin_call(model, "nhbm_input_add_group", handle, texts=[name])
       if (status /= c_status%success) return
-      call handle%session%add_group(c_text(name), error)
+      call handle%session%input%add_group(c_text(name), error)
       status = end_input_call(model, "nhbm_input_add_group", error)
    end function nhbm_input_add_group
 
@@ -99,7 +99,7 @@ contains
 
       status = begin_call(model, "nhbm_input_set_text", handle, texts=[key, text])
       if (status /= c_status%success) return
-      call handle%session%set_text(c_text(key), c_text(text), error)
+      call handle%session%input%set_text(c_text(key), c_text(text), error)
       status = end_input_call(model, "nhbm_input_set_text", error)
    end function nhbm_input_set_text
 
@@ -111,7 +111,7 @@ contains
 
       status = begin_call(model, "nhbm_input_set_logical", handle, texts=[key])
       if (status /= c_status%success) return
-      call handle%session%set_values(c_text(key), [value /= 0_c_int], error)
+      call handle%session%input%set_values(c_text(key), [value /= 0_c_int], error)
       status = end_input_call(model, "nhbm_input_set_logical", error)
    end function nhbm_input_set_logical
 
@@ -127,7 +127,7 @@ contains
       call check_count(n, error)
       if (.not. allocated(error)) then
          call c_f_pointer(values, given, [n])
-         call handle%session%set_values(c_text(key), int(given), error)
+         call handle%session%input%set_values(c_text(key), int(given), error)
       end if
       status = end_input_call(model, "nhbm_input_set_integers", error)
    end function nhbm_input_set_integers
@@ -144,7 +144,7 @@ contains
       call check_count(n, error)
       if (.not. allocated(error)) then
          call c_f_pointer(values, given, [n])
-         call handle%session%set_values(c_text(key), real(given, wp), error)
+         call handle%session%input%set_values(c_text(key), real(given, wp), error)
       end if
       status = end_input_call(model, "nhbm_input_set_reals", error)
    end function nhbm_input_set_reals
@@ -157,7 +157,7 @@ contains
 
       status = begin_call(model, "nhbm_input_set_real", handle, texts=[key])
       if (status /= c_status%success) return
-      call handle%session%set_values(c_text(key), [real(value, wp)], error)
+      call handle%session%input%set_values(c_text(key), [real(value, wp)], error)
       status = end_input_call(model, "nhbm_input_set_real", error)
    end function nhbm_input_set_real
 
@@ -168,7 +168,7 @@ contains
 
       status = begin_call(model, "nhbm_input_end", handle)
       if (status /= c_status%success) return
-      status = merge(c_status%invalid_input, c_status%invalid_state, handle%session%is_begun)
+      status = merge(c_status%invalid_input, c_status%invalid_state, handle%session%input%is_begun)
       call handle%session%end_input(error)
       status = end_call(model, error, status)
    end function nhbm_input_end
@@ -181,7 +181,7 @@ contains
       type(handle_t), pointer :: handle
 
       call c_f_pointer(model, handle)
-      status = merge(c_status%invalid_argument, c_status%invalid_state, handle%session%is_begun)
+      status = merge(c_status%invalid_argument, c_status%invalid_state, handle%session%input%is_begun)
       if (allocated(error)) error%message = name//": "//error%message
       status = end_call(model, error, status)
    end function end_input_call
@@ -251,7 +251,7 @@ contains
       end if
       status = begin_call(model, "nhbm_find_parameter", handle, texts=[path, parameter], needs_input=.true.)
       if (status /= c_status%success) return
-      call handle%session%find_parameter(c_text(path), number, error)
+      call handle%session%input%find_parameter(c_text(path), number, error)
       found = int(number, c_int)
       status = end_call(model, error, c_status%invalid_input)
    end function nhbm_find_parameter

@@ -4,17 +4,15 @@
 !> A call of `solve` corresponds to a point of a sweep in a run, and a curve is computed point by point; numbers are
 !> the same to the last bit. Only one thread at a time may use a session.
 module hb_session
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t, &
-      c_null_funptr, c_null_ptr, c_ptr
-   use hb_cancellation, only: cancellation_t, verdict
+   use hb_cancellation, only: verdict
    use hb_census, only: census_config_t, census_t, take_census
+   use hb_claim, only: claim_t, new_claim
    use hb_clock, only: wall_clock
    use hb_column_view, only: column_view_t
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
    use hb_curve_request, only: usual_points
    use hb_curve_runner, only: curve_runner_t
-   use hb_document, only: document_t, new_document, parameter_t
+   use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
    use hb_idle_laws, only: idle_laws_t
@@ -32,73 +30,34 @@ module hb_session
    use hb_motion_doubt, only: describe_doubt
    use hb_motion_result, only: motion_result_t
    use hb_movement, only: follow_frequencies
-   use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
    use hb_options, only: callbacks_t
    use hb_outcome, only: is_solved, outcome
    use hb_parameter_path, only: identifier
    use hb_point_runner, only: run_model
-   use hb_properties, only: properties_t
    use hb_record_columns, only: record_columns, verdict_columns
-   use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
-   use hb_text, only: is_name, lower, to_text
+   use hb_session_cancellation, only: session_cancellation_t
+   use hb_session_input, only: session_input_t
+   use hb_text, only: to_text
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
-   use hb_verification, only: claim_t, verdict_t, verify_motion
+   use hb_verification, only: verdict_t, verify_motion
    implicit none
    private
-   public :: session_cancellation_t, session_t
-
-   character(*), parameter :: not_begun = "no input was begun; call nhbm_input_begin before"
-
-   !> struct nhbm_progress.
-   type, bind(c) :: progress_t
-      real(c_double) :: seconds = 0.0_c_double
-      integer(c_int64_t) :: n_done = 0_c_int64_t, n_steps = 0_c_int64_t
-   end type progress_t
-
-   !> Ends the present work if requested, and reports its progress.
-   type, extends(cancellation_t) :: session_cancellation_t
-      type(c_funptr) :: interrupt = c_null_funptr                     !! nhbm_interrupt_callback; null: none
-      type(c_ptr) :: interrupt_context = c_null_ptr
-      type(c_funptr) :: report = c_null_funptr                        !! nhbm_progress_callback; null: none
-      type(c_ptr) :: report_context = c_null_ptr
-      type(progress_t), private :: progress
-      real(wp), private :: began = 0.0_wp                             ! [s]
-      real(wp), private :: requested = -huge(1.0_wp)                  ! [s] time of the last call
-   contains
-      procedure :: note_progress => session_cancellation_note_progress
-      procedure :: wants_end => session_cancellation_wants_end
-   end type session_cancellation_t
-
-   abstract interface
-      integer(c_int) function interrupt_callback(context) bind(c)
-         import :: c_int, c_ptr
-         type(c_ptr), value :: context
-      end function interrupt_callback
-
-      subroutine report_progress(context, progress) bind(c)
-         import :: c_ptr, progress_t
-         type(c_ptr), value :: context
-         type(progress_t), intent(in) :: progress
-      end subroutine report_progress
-   end interface
+   public :: session_t
 
    !> Owner of external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: session_t
-      type(document_t) :: document
+      type(session_input_t) :: input
       type(model_t) :: model
       type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
-      logical :: has_input = .false.                                  !! `read` was called without an error
-      logical :: is_begun = .false.                                   !! an input from numbers, which `end_input` ends
       logical :: has_curve = .false.                                  !! `curve_next` may return a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
       type(census_t), allocatable :: census                           !! of the present values
       type(session_cancellation_t) :: cancellation
       type(column_view_t) :: column                                   !! found last
-      type(parameter_t), allocatable :: parameters(:)                 !! resolved parameters
       type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
                                                                       !! the command has in addition to its points; 0: none
@@ -115,12 +74,8 @@ module hb_session
       procedure :: set_structure_source => session_set_structure_source
       procedure :: read => session_read
       procedure :: begin_input => session_begin_input
-      procedure :: add_group => session_add_group
-      procedure :: set_text => session_set_text
-      procedure :: set_values => session_set_values
       procedure :: end_input => session_end_input
       procedure :: set_key => session_set_key
-      procedure :: find_parameter => session_find_parameter
       procedure :: set_parameter => session_set_parameter
       procedure :: update => session_update
       procedure :: complete_input => session_complete_input
@@ -165,8 +120,8 @@ contains
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
 
-      call forget_input(self)
-      call read_namelist(self%document, name, text, error)
+      call forget_model(self)
+      call self%input%read(name, text, error)
       if (.not. allocated(error)) call read_document(self, error)
    end subroutine session_read
 
@@ -174,87 +129,49 @@ contains
    subroutine session_begin_input(self)
       class(session_t), intent(inout) :: self
 
-      call forget_input(self)
-      call new_document(self%document)
-      self%is_begun = .true.
+      call forget_model(self)
+      call self%input%begin()
    end subroutine session_begin_input
-
-   !> Adds a group to the input that was begun. Later values belong to it.
-   subroutine session_add_group(self, name, error)
-      class(session_t), intent(inout), target :: self
-      character(*), intent(in) :: name                                !! such as "law"
-      type(error_t), allocatable, intent(out) :: error
-      type(properties_t), pointer :: group
-
-      if (.not. self%is_begun) then
-         call fail(error, not_begun)
-      else if (.not. is_name(lower(name))) then
-         call fail(error, "'"//name//"' is not the name of a group")
-      else
-         group => self%document%add(name)
-      end if
-   end subroutine session_add_group
-
-   !> Sets a key of the last group to its values, reals, integers or logicals. Matrices are given by rows.
-   subroutine session_set_values(self, key, values, error)
-      class(session_t), intent(inout), target :: self
-      character(*), intent(in) :: key
-      class(*), intent(in) :: values(:)
-      type(error_t), allocatable, intent(out) :: error
-
-      call check_key(self, key, error)
-      if (allocated(error)) return
-      if (size(values) == 0) then
-         call fail(error, "key '"//key//"' has no values")
-      else
-         call self%document%groups%holders(self%document%groups%n)%group%set(key, values)
-      end if
-   end subroutine session_set_values
-
-   !> Sets a key of the last group to a text.
-   subroutine session_set_text(self, key, text, error)
-      class(session_t), intent(inout), target :: self
-      character(*), intent(in) :: key, text
-      type(error_t), allocatable, intent(out) :: error
-
-      call check_key(self, key, error)
-      if (.not. allocated(error)) call self%document%groups%holders(self%document%groups%n)%group%set(key, text)
-   end subroutine session_set_text
-
-   !> Fails unless the key can be set in the input that was begun.
-   subroutine check_key(self, key, error)
-      class(session_t), intent(in) :: self
-      character(*), intent(in) :: key
-      type(error_t), allocatable, intent(out) :: error
-
-      if (.not. self%is_begun) then
-         call fail(error, not_begun)
-      else if (self%document%groups%n == 0) then
-         call fail(error, "there is no group for the key '"//key//"'; add one before")
-      else if (.not. is_name(lower(key))) then
-         call fail(error, "'"//key//"' is not a key")
-      end if
-   end subroutine check_key
 
    !> Reads a model from the input that was begun. Fails with all errors of the input.
    subroutine session_end_input(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
 
-      if (self%is_begun) then
-         self%is_begun = .false.
-         call read_document(self, error)
-      else
-         call fail(error, not_begun)
-      end if
+      call self%input%end(error)
+      if (.not. allocated(error)) call read_document(self, error)
    end subroutine session_end_input
 
-   subroutine forget_input(self)
+   !> Sets the values of a key, `law(stop)%gap = 1e-3`.
+   subroutine session_set_key(self, path, values, error)
+      class(session_t), intent(inout) :: self
+      character(*), intent(in) :: path, values                        !! as for `--set`
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%input%check(error)
+      if (allocated(error)) return
+      call note_change(self)
+      call self%input%set_key(path, values, error)
+   end subroutine session_set_key
+
+   !> Sets a resolved number, in the unit of the input. The next solution reports errors of its value.
+   subroutine session_set_parameter(self, number, value, error)
+      class(session_t), intent(inout) :: self
+      integer, intent(in) :: number                                   !! returned by `input%find_parameter`
+      real(wp), intent(in) :: value
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%input%check(error)
+      if (allocated(error)) return
+      call note_change(self)
+      call self%input%set_parameter(number, value, error)
+   end subroutine session_set_parameter
+
+   !> Forgets the model of the previous input, and its motions.
+   subroutine forget_model(self)
       class(session_t), intent(inout) :: self
 
       call self%destroy()
-      self%has_input = .false.
-      self%is_begun = .false.
       self%model%is_read = .false.
       self%result = motion_result_t()
       self%law_doubt = law_doubt_t()
@@ -262,9 +179,7 @@ contains
       call self%neighbour%forget()
       call forget_integration(self)
       if (allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
-      if (allocated(self%parameters)) deallocate (self%parameters)
-      allocate (self%parameters(0))
-   end subroutine forget_input
+   end subroutine forget_model
 
    !> Reads a model from the present document.
    subroutine read_document(self, error)
@@ -272,73 +187,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_new
 
-      call self%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
+      call self%input%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
       if (allocated(error)) return
       call share_time(self, self%n_points)
-      self%callbacks%is_followed = self%document%count("curve") > 0
-      call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
-      self%has_input = .not. allocated(error)
+      self%callbacks%is_followed = self%input%document%count("curve") > 0
+      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks)
+      self%input%is_valid = .not. allocated(error)
    end subroutine read_document
-
-   !> Sets the values of a key, `law(stop)%gap = 1e-3`.
-   subroutine session_set_key(self, path, values, error)
-      class(session_t), intent(inout) :: self
-      character(*), intent(in) :: path, values                        !! as for `--set`
-      type(error_t), allocatable, intent(out) :: error
-      type(parameter_t) :: parameter
-
-      call check_input(self, error)
-      if (allocated(error)) return
-      call note_change(self)
-      call self%document%resolve(path, parameter, error)
-      if (.not. allocated(error)) then
-         call self%document%refuse_unknown(parameter, path, error)
-         if (allocated(error)) return
-      end if
-      call set_text(self%document, path, values, error)               ! refuses other paths and values
-   end subroutine session_set_key
-
-   !> Looks up a number by its path, once; returns its index in `parameters`.
-   subroutine session_find_parameter(self, path, number, error)
-      class(session_t), intent(inout) :: self
-      character(*), intent(in) :: path
-      integer, intent(out) :: number
-      type(error_t), allocatable, intent(out) :: error
-      type(parameter_t) :: parameter
-
-      number = 0
-      call check_input(self, error)
-      if (allocated(error)) return
-      call self%document%resolve(path, parameter, error)
-      if (allocated(error)) then
-         error%message = "'"//path//"' "//error%message
-         return
-      end if
-      call self%document%refuse_unknown(parameter, path, error)
-      if (allocated(error)) return
-      self%parameters = [self%parameters, parameter]
-      number = size(self%parameters)
-   end subroutine session_find_parameter
-
-   !> Sets a resolved number, in the unit of the input. The next solution reports errors of its value.
-   subroutine session_set_parameter(self, number, value, error)
-      class(session_t), intent(inout) :: self
-      integer, intent(in) :: number                                   !! returned by `find_parameter`
-      real(wp), intent(in) :: value
-      type(error_t), allocatable, intent(out) :: error
-
-      call check_input(self, error)
-      if (allocated(error)) return
-      if (number < 1 .or. number > size(self%parameters)) then
-         call fail(error, "no parameter has this handle; the search for a path returns one, valid until another input is read")
-         return
-      end if
-      call note_change(self)
-      associate (parameter => self%parameters(number))
-         call self%document%refuse_tied(parameter, trim(parameter%key), error)
-         if (.not. allocated(error)) call self%document%set(parameter, value)
-      end associate
-   end subroutine session_set_parameter
 
    !> Updates the model to the present values. Fails with all errors of the input.
    subroutine session_update(self, error)
@@ -346,32 +201,23 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_new
 
-      call check_input(self, error)
+      call self%input%check(error)
       if (allocated(error)) return
-      call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
+      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks)
       if (is_new .and. allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
    end subroutine session_update
 
-   !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones. Groups &sweep
-   !> and &curve are included.
+   !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones.
    subroutine session_complete_input(self, text, only_given)
       class(session_t), intent(inout), target :: self
       character(:), allocatable, intent(out) :: text
       logical, intent(in), optional :: only_given                     !! without defaults, default false
       type(error_t), allocatable :: ignored
-      type(document_t), target :: document
-      type(sweep_plan_t) :: plan
 
       text = ""
-      if (.not. self%has_input) return
+      if (.not. self%input%is_valid) return
       call self%update(ignored)
-      if (self%document%count("sweep") + self%document%count("curve") > 0) then
-         document = self%document
-         call read_sweep_plan(plan, document, ignored)
-         call write_complete_text(document, text, only_given)
-         return
-      end if
-      call write_complete_text(self%document, text, only_given)
+      call self%input%complete(text, only_given)
    end subroutine session_complete_input
 
    !> Files besides the input on which the model depends, with their checksums (hb_model_files).
@@ -443,14 +289,14 @@ contains
 
       started = wall_clock()
       call end_curve(self)
-      call check_input(self, error)
+      call self%input%check(error)
       if (allocated(error)) return
       call share_time(self, self%n_points)
       call self%update(error)
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
       self%model%options%chain%is_on = is_warm
-      call begin_work(self)
+      call self%cancellation%begin_work()
       call self%cancellation%enter(self%model%options%solver%time_limit)
       call run_model(self%model, here, self%neighbour, self%cached, self%result, level, failure)
       call self%cancellation%leave()
@@ -468,20 +314,20 @@ contains
       type(tones_t) :: tones
 
       call end_curve(self)
-      call check_input(self, error)
+      call self%input%check(error)
       if (allocated(error)) return
-      call read_curve_plan(self%plan, self%document, error)
-      if (.not. allocated(error)) call read_tones(tones, self%document, error)
-      if (.not. allocated(error)) call self%plan%tie_tones(self%document, tones%omega, error)
+      call read_curve_plan(self%plan, self%input%document, error)
+      if (.not. allocated(error)) call read_tones(tones, self%input%document, error)
+      if (.not. allocated(error)) call self%plan%tie_tones(self%input%document, tones%omega, error)
       if (.not. allocated(error) .and. len(self%plan%origin_path) > 0) &
          call fail(error, "&curve: origin: result files are not read here")
       if (allocated(error)) return
-      call self%document%refuse_tied(self%plan%parameter, self%plan%path, error)
+      call self%input%document%refuse_tied(self%plan%parameter, self%plan%path, error)
       if (allocated(error)) return
-      call self%plan%set(self%document, self%plan%start)
+      call self%plan%set(self%input%document, self%plan%start)
       call share_time(self, min(self%plan%n_points, usual_points))
       call self%update(error)
-      if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%runner%request, error)
+      if (.not. allocated(error)) call self%plan%make_request(self%model, self%input%document, self%runner%request, error)
       if (allocated(error)) return
       self%result = motion_result_t()
       self%runner%model = self%model
@@ -498,7 +344,7 @@ contains
          call fail(error, "the curve has no further point")
          return
       end if
-      call begin_work(self)
+      call self%cancellation%begin_work()
       call self%runner%next(self%cancellation, self%result, error)
       self%has_curve = .not. (self%runner%is_done .or. self%result%status == outcome%interrupted)
       call complete_result(self)
@@ -516,7 +362,7 @@ contains
       call self%update(error)
       if (allocated(error)) return
       allocate (self%census)
-      call begin_work(self)
+      call self%cancellation%begin_work()
       call self%cancellation%enter(huge(1.0_wp))
       call take_census(self%model, config, self%census, error)
       call self%cancellation%leave()
@@ -546,7 +392,7 @@ contains
          call fail(error, "&integration: continue: result files are not read here")
       if (allocated(error)) return
       allocate (self%record)
-      call begin_work(self)
+      call self%cancellation%begin_work()
       call self%cancellation%enter(huge(1.0_wp))
       call integrate_model(self%record, self%model%system, self%model%discretisation, self%model%options, error)
       call self%cancellation%leave()
@@ -560,7 +406,7 @@ contains
       integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay rate
       type(error_t), allocatable, intent(out) :: error
 
-      call check_input(self, error)
+      call self%input%check(error)
       if (allocated(error)) return
       call forget_integration(self)
       if (allocated(self%result%curve) .or. .not. is_solved(self%result%status)) then
@@ -582,7 +428,7 @@ contains
       type(model_t) :: model
       type(claim_t) :: claim
 
-      call check_input(self, error)
+      call self%input%check(error)
       if (allocated(error)) return
       if (n_periods < 0) then
          call fail(error, "the number of periods must be positive, or 0 for as many as the decay requires, not "// &
@@ -591,7 +437,7 @@ contains
       end if
       call end_curve(self)
       call forget_integration(self)
-      document = self%document
+      document = self%input%document
       call read_model(model, document, error, callbacks=self%callbacks)
       if (allocated(error)) return
       if (size(motion%coefficients, 3) /= model%system%structure%n_dofs) then
@@ -606,22 +452,8 @@ contains
          call follow_frequencies(model, motion%frequency, error)
          if (allocated(error)) return
       end if
-      claim%omega = motion%frequency
-      claim%tuples = model%discretisation%harmonics%tuples
-      if (allocated(motion%harmonics%tuples)) claim%tuples = motion%harmonics%tuples
-      claim%amplitudes = cmplx(motion%coefficients(1, :, :), -motion%coefficients(2, :, :), wp)
-      claim%estimate = ieee_value(1.0_wp, ieee_quiet_nan)
-      claim%spread = claim%estimate
-      claim%frequency_estimates = claim%estimate + 0.0_wp*motion%frequency
-      if (allocated(motion%error_estimate%combination)) then
-         claim%estimate = motion%error_estimate%truncation + motion%error_estimate%aliasing
-         claim%spread = motion%error_estimate%aliasing
-      end if
-      if (allocated(motion%error_estimate%frequency_error)) claim%frequency_estimates = motion%error_estimate%frequency_error
-      claim%is_unstable = motion%stability%n_unstable > 0
-      claim%is_averaged = any(motion%status == [outcome%integrated, outcome%multiple_attractors]) &
-         .and. .not. model%options%accuracy%grows_set
-      call begin_work(self)
+      call new_claim(claim, motion, model%discretisation%harmonics%tuples, model%options%accuracy%grows_set)
+      call self%cancellation%begin_work()
       call self%cancellation%enter(huge(1.0_wp))
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
@@ -738,29 +570,12 @@ contains
       self%n_sharing = n_points
    end subroutine share_time
 
-   !> Begins work that the program can end. An earlier end does not affect it.
-   subroutine begin_work(self)
-      class(session_t), intent(inout) :: self
-
-      self%cancellation%verdict = verdict%go_on
-      self%cancellation%progress = progress_t()
-      self%cancellation%began = wall_clock()
-   end subroutine begin_work
-
-   !> Fails if there is no input.
-   subroutine check_input(self, error)
-      class(session_t), intent(in) :: self
-      type(error_t), allocatable, intent(out) :: error
-
-      if (.not. self%has_input) call fail(error, "the model has no input; read one before")
-   end subroutine check_input
-
    !> Fails if there is no input, or if its present values are invalid.
    subroutine check_model(self, error)
       class(session_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      call check_input(self, error)
+      call self%input%check(error)
       if (.not. (allocated(error) .or. self%model%is_read)) &
          call fail(error, "the present values of the input are invalid; set others and compute again")
    end subroutine check_model
@@ -807,34 +622,4 @@ contains
       call end_curve(self)
    end subroutine session_destroy
 
-   recursive subroutine session_cancellation_note_progress(self, n_done, n_steps)
-      class(session_cancellation_t), intent(inout) :: self
-      integer, intent(in) :: n_done, n_steps
-
-      self%progress%n_done = int(n_done, c_int64_t)
-      self%progress%n_steps = int(n_steps, c_int64_t)
-   end subroutine session_cancellation_note_progress
-
-   !> Calls the program every twentieth of a second, at negligible cost.
-   logical function session_cancellation_wants_end(self) result(wants)
-      class(session_cancellation_t), intent(inout) :: self
-      real(wp), parameter :: interval = 0.05_wp
-      procedure(interrupt_callback), pointer :: interrupt
-      procedure(report_progress), pointer :: report
-      real(wp) :: now
-
-      wants = .false.
-      if (.not. (c_associated(self%interrupt) .or. c_associated(self%report))) return
-      now = wall_clock()
-      if (now - self%requested < interval) return
-      self%requested = now
-      if (c_associated(self%report)) then
-         self%progress%seconds = now - self%began
-         call c_f_procpointer(self%report, report)
-         call report(self%report_context, self%progress)
-      end if
-      if (.not. c_associated(self%interrupt)) return
-      call c_f_procpointer(self%interrupt, interrupt)
-      wants = interrupt(self%interrupt_context) /= 0
-   end function session_cancellation_wants_end
 end module hb_session

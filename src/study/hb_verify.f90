@@ -1,6 +1,7 @@
 !> Time integration from the points of a result file (hb_verification), written to the same file.
 module hb_verify
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_claim, only: claim_t
    use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
@@ -18,7 +19,7 @@ module hb_verify
    use hb_stored_rows, only: stored_file_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
-   use hb_verification, only: claim_t, verdict_t, verify_motion
+   use hb_verification, only: verdict_t, verify_motion
    implicit none
    private
    public :: verdict_t, verify_points

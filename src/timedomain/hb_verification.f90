@@ -8,6 +8,7 @@
 !> within a limit of work.
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrated_motion, only: fastest_of, find_steady_motion, has_bounds_of
@@ -27,7 +28,7 @@ module hb_verification
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: claim_t, verdict_t, verify_motion
+   public :: verdict_t, verify_motion
 
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, until sliders are periodic
    integer, parameter :: min_periods = 20 ! of the slowest tone; with several tones twice that, and two beats
@@ -47,18 +48,6 @@ module hb_verification
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
    integer, parameter :: min_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
-
-   !> A motion with its estimated errors.
-   type :: claim_t
-      integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
-      real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
-      complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_dofs)
-      real(wp) :: estimate = 0.0_wp                                 !! by truncation and aliasing together, relative; NaN: not known
-      real(wp), allocatable :: frequency_estimates(:)                 !! [rad/s], (n_tones); NaN: not known
-      logical :: is_unstable = .false.                                !! according to its multipliers or exponents
-      logical :: is_averaged = .false. !! it was computed by time integration, as averages in a given set
-      real(wp) :: spread = 0.0_wp                                     !! of these averages, relative
-   end type claim_t
 
    !> Result of the verification of a motion.
    type :: verdict_t
