@@ -1,13 +1,15 @@
 !> Calls of the operating system: file names and locks, the process number, time, terminals.
 !> Source of the interfaces: POSIX.1-2017, hb_files.h.
 module hb_operating_system
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_loc, c_long, c_long_long, &
+      c_null_char, c_null_ptr, c_ptr, c_size_t
    use hb_error, only: error_t, fail
+   use hb_text, only: string_t
    implicit none
    private
    public :: beside, check_held, exists, file_kind, finish_file, folder_of, follow_links, has_space, held_file_t, hold_file, &
       is_same_file, is_terminal, kind_of_file, library_path, link_file, process_id, release_file, remove_file, rename_file, &
-      sync_file, take_file, utc_now
+      replace_process, sync_file, take_file, utc_now
 
    !> Kinds of file names; links are followed.
    type :: file_kind_t
@@ -65,6 +67,13 @@ module hb_operating_system
    procedure(call_with_descriptor), bind(c, name="hb_release_file") :: hb_release_file
 
    interface
+      !> Replaces the program of this process; returns only if this fails.
+      integer(c_int) function c_execvp(file, words) bind(c, name="execvp")
+         import :: c_char, c_int, c_ptr
+         character(c_char), intent(in) :: file(*)
+         type(c_ptr), intent(in) :: words(*)
+      end function c_execvp
+
       integer(c_int) function c_isatty(descriptor) bind(c, name="isatty")
          import :: c_int
          integer(c_int), value :: descriptor
@@ -118,6 +127,33 @@ contains
    logical function is_terminal()
       is_terminal = c_isatty(2_c_int) == 1
    end function is_terminal
+
+   !> Runs another command, which is searched in PATH, in the place of this program; returns only if it cannot be started.
+   subroutine replace_process(command, words)
+      character(*), intent(in) :: command
+      type(string_t), intent(in) :: words(:)                          !! behind the command
+      integer :: i, longest
+      integer(c_int) :: ignored
+
+      longest = len(command)
+      do i = 1, size(words)
+         longest = max(longest, len(words(i)%value))
+      end do
+      block
+         character(longest + 1, c_char), target :: texts(0:size(words))
+         type(c_ptr) :: arguments(0:size(words) + 1)
+
+         texts(0) = c_path(command)
+         do i = 1, size(words)
+            texts(i) = c_path(words(i)%value)
+         end do
+         do i = 0, size(words)
+            arguments(i) = c_loc(texts(i))
+         end do
+         arguments(size(words) + 1) = c_null_ptr
+         ignored = c_execvp(c_path(command), arguments)
+      end block
+   end subroutine replace_process
 
    !> Whether a file of this name exists; `folder/.` exists if the folder does.
    logical function exists(path)
