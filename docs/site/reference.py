@@ -61,7 +61,8 @@ def described(name: str, what, level: str) -> str:
 
 
 def members(name: str, owner) -> list[str]:
-    found = [(key, value) for key, value in vars(owner).items() if not key.startswith("_") or key == "__setitem__"]
+    own = {key: value for base in reversed(owner.__mro__) if base.__module__.startswith("nhbm") for key, value in vars(base).items()}
+    found = [(key, value) for key, value in own.items() if not key.startswith("_") or key == "__setitem__"]
     parts = []
     for key, value in found:
         target = value.fget if isinstance(value, property) else getattr(value, "__func__", value)

@@ -1,64 +1,29 @@
-"""Models in process: a structure with tones, loads and laws, its motions, curves and sweeps as xarray.Dataset."""
+"""Models in process: motions, curves and sweeps of a description, as xarray.Dataset."""
 
 from __future__ import annotations
 
 import copy
-import functools
-import re
-import threading
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime, timezone
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
+from nhbm.description import Description, exclusive
 from nhbm.docstrings import documented
-from nhbm.errors import ModelError, among
-from nhbm.groups import (
-    GROUPS,
-    REPEATED,
-    SETS,
-    Builder,
-    Group,
-    Groups,
-    InputPath,
-    Settings,
-    described,
-    identifier,
-    numbers_of,
-    path_of,
-    plain,
-    request,
-    value_at,
-)
+from nhbm.errors import ModelError
+from nhbm.groups import SETS, Group, Settings, described, identifier, numbers_of, path_of, plain, request
 from nhbm.keys import check_keys
 from nhbm.laws import Law
 from nhbm.responses import gradient_of, required_response_of, response_of
 from nhbm.session import Session
-from nhbm.signatures import Laws
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
 
-_Method = TypeVar("_Method", bound=Callable[..., Any])
-_CHECKED = "load", "start", "law", "bearing", "dynamic_stiffness"  # groups that are checked when they are added
-_CHECKED_DOFS = 100  # of the largest structure for it
 _CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation"  # nhbm_census_start
-_SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
-
-
-def _exclusive(method: _Method) -> _Method:
-    """A method that one thread at a time executes; others wait."""
-
-    @functools.wraps(method)
-    def call(self: Model, *arguments: Any, **options: Any) -> Any:
-        with self._lock:
-            return method(self, *arguments, **options)
-
-    return cast(_Method, call)
 
 
 class Peak(NamedTuple):
@@ -85,7 +50,7 @@ class Gradient(NamedTuple):
     slopes: Any  # np.ndarray
 
 
-class Model(Laws):
+class Model(Description):
     """A structure with tones, loads and laws.
 
     Keys, units and defaults are those of the input (docs/user/input.md). A model executes one operation at a time: further
@@ -120,328 +85,7 @@ class Model(Laws):
     0.737765 m, stable
     """
 
-    def __init__(self, structure: Builder | Structure | str | Path, tones: Any = (), **groups: Mapping[str, Any]) -> None:
-        self._clear()
-        if isinstance(structure, Builder):
-            self._groups.add(Group("structure", structure.keys))
-        elif isinstance(structure, (Structure, str, Path)):
-            file = structure if isinstance(structure, Structure) else str(structure)
-            self._groups.add(Group("structure", {"type": "model", "file": file}))
-        else:
-            raise ModelError(
-                f"expected a structure such as nhbm.Beam(...), nhbm.Structure(...) or the path of a model file, not {structure!r}"
-            )
-        if isinstance(tones, Mapping):
-            self.set("tones", **tones)
-        elif np.size(tones) > 0:
-            try:
-                self.set("tones", frequency=[float(omega) for omega in np.atleast_1d(tones)])
-            except (TypeError, ValueError):
-                raise ModelError(
-                    "tones are frequencies [rad/s] or keys of &tones such as {'unknown': True} or {'hertz': 50.0}, "
-                    f"not {tones!r}"
-                ) from None
-        for name, keys in groups.items():
-            self.set(name, **keys)
-
-    def __repr__(self) -> str:
-        structure = self._groups.first("structure")
-        parts = [f"structure {structure.keys.get('type')}"] if structure else []
-        tones = self._groups.first("tones")
-        if tones:
-            parts += [f"{key} {list(value) if isinstance(value, tuple) else value}" for key, value in tones.keys.items()]
-        for name in REPEATED:
-            found = self._groups.named(name)
-            types = [str(group.keys["type"]) for group in found if "type" in group.keys]
-            if found:
-                parts.append(f"{len(found)} {name}{'s' if len(found) > 1 else ''}" + (f" ({', '.join(types)})" if types else ""))
-        return f"<nhbm.Model: {'; '.join(parts)}>"
-
-    def _repr_html_(self) -> str:
-        from nhbm import notebook
-
-        return notebook.html_of_model(self._groups)
-
-    def _clear(self) -> None:
-        self._lock = threading.RLock()
-        self._folder = Path()  # of files that the groups name
-        self._groups = Groups()
-        self._changes: dict[tuple[Group, str], int] = {}  # values that were set since groups were added, with their numbers
-        self._n_changes = 0
-        self._sessions: dict[Settings, _Live] = {}
-        self._used = Settings()  # which of them was used last
-        self._warned: set[str] = set()  # warnings about the model that were issued
-        self._solved: Settings | None = None  # which has the motion found last
-
-    @classmethod
-    def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
-        """Creates a model from the text of an input, without groups &sweep and &curve.
-
-        Parameters
-        ----------
-        text : str
-            The groups of the input.
-        folder : str or Path
-            Folder of the files that the input names.
-        name : str
-            Name for messages.
-        """
-        model = cls.__new__(cls)
-        model._clear()
-        model._folder = Path(folder)
-        session = Session(model._find_structure)
-        session.read(text, str(model._folder / name))
-        given = Groups.of_text(session.input(given=True))
-        model._groups = Groups(group for group in given if group.name in GROUPS and group.name != "curve")
-        for group in model._groups:
-            if group.keys.get("type") == "user" and not group.keys.get("library"):
-                group.put("name", next((law for law in session.laws if law.input_name == group.keys["name"]), group.keys["name"]))
-        return model
-
-    @classmethod
-    def from_file(cls, path: str | Path) -> Model:
-        """Creates a model from an input file."""
-        return cls.from_namelist(Path(path).read_text(), Path(path).parent, Path(path).name)
-
-    @_exclusive
-    def to_namelist(self) -> str:
-        """The complete input with all keys and their values; Python laws and structures in memory appear by name only.
-
-        Returns
-        -------
-        str
-            An input for `from_namelist` and the command.
-        """
-        return self._live(Settings()).session.input()
-
-    # What it is made of
-
-    @_exclusive
-    def set(self, group: str, **keys: Any) -> None:
-        """Sets keys of a group.
-
-        Parameters
-        ----------
-        group : str
-            A group that occurs once: "harmonics", "stability", "solver", ...
-        **keys
-            Its keys, such as ``set("harmonics", order=9)``; None restores the default.
-        """
-        if group in REPEATED:
-            raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
-        if group not in GROUPS:
-            raise ModelError(f"unknown group '{group}'{among(group, list(GROUPS))}")
-        own = self._groups.first(group)
-        kind = own.keys["type"] if own is not None and "type" in own.keys and "type" not in keys else None
-        check_keys(group, {**keys, "type": kind} if kind else keys)
-        keys = {key: plain(value) for key, value in keys.items()}
-        for key, value in keys.items():
-            self._groups.single(group).put(key, value)
-        self._sessions = {}
-
-    @_exclusive
-    def load(self, dof: str | None = None, tuple_: Any = 1, cos: float | None = None, sin: float | None = None,
-             **keys: Any) -> None:  # fmt: skip
-        """Adds the force ``cos cos(j.omega t) + sin sin(j.omega t)``.
-
-        Parameters
-        ----------
-        dof : str, optional
-            Degree of freedom; alternatively ``vector="name"``, a load vector of the structure.
-        tuple_ : int or sequence of int
-            j, one entry per tone.
-        cos, sin : float
-            Amplitudes [N] ([N m] for rotations), multiplied by those of the vector. One of them must be given; the other is
-            zero by default.
-        **keys
-            Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m] or
-            ``kind="base_acceleration"`` for a base motion [m/s2].
-        """
-        keys = {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys}
-        check_keys("load", keys)
-        if cos is None and sin is None:
-            raise ModelError("a load needs an amplitude: cos= or sin= [N]")
-        self._add("load", keys)
-
-    if not TYPE_CHECKING:  # its keys by law: nhbm.signatures
-
-        @_exclusive
-        def law(self, kind: str | Law | Callable[..., Any], dof: str | Iterable[str] | None = None, **keys: Any) -> None:
-            """Adds a nonlinear element.
-
-            Parameters
-            ----------
-            kind : str or function
-                A law: a type of the catalogue ("cubic_spring", "jenkins", ...), a function, or what `nhbm.law` makes of one.
-            dof : str or iterable of str, optional
-                Where it acts; several degrees of freedom correspond to the key `dofs`.
-            **keys
-                Its keys, with the units of docs/user/input.md, such as ``gap=1e-3`` [m]; ``label="wall"`` names it in paths.
-            """
-            where = {} if dof is None else _dofs(dof)
-            if isinstance(kind, str):
-                self._add("law", {"type": kind, **where, **keys})
-                return
-            law = kind if isinstance(kind, Law) else Law(kind)
-            self._add("law", {"type": "user", "library": "", "name": law, "odd": law.odd, **where, **keys})
-
-    @_exclusive
-    def start(self, dof: str, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
-        """Adds a harmonic to the initial guess.
-
-        Parameters
-        ----------
-        dof : str
-            Degree of freedom.
-        tuple_ : int or sequence of int
-            Tuple of the harmonic.
-        cos, sin : float
-            Amplitudes, in the unit of the degree of freedom [m or rad].
-        **keys
-            Further keys of &start.
-        """
-        self._add("start", {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys})
-
-    @_exclusive
-    def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
-        """Adds a bearing with tabulated coefficients to the structure.
-
-        Parameters
-        ----------
-        dofs : iterable of str
-            Directions x and y.
-        speeds : sequence of float
-            Speeds of the rows of the tables [rad/s].
-        stiffness, damping : array_like
-            k_xx, k_xy, k_yx, k_yy [N/m], likewise the damping [N s/m], (n_speeds, 4).
-        **keys
-            `speed` [rad/s], the current speed, for ``model.tie("bearing(1)%speed", "tones[0]")``, and `label`.
-        """
-        tables = {"stiffness": stiffness} if damping is None else {"stiffness": stiffness, "damping": damping}
-        values = {name: numbers_of(name, table) for name, table in {"speeds": speeds, **tables}.items()}
-        self._add("bearing", {"dofs": list(dofs), **values, **keys})
-
-    @_exclusive
-    def dynamic_stiffness(self, kind: str, dof: str | Iterable[str], **keys: Any) -> None:
-        """Adds a part of the structure with frequency-dependent stiffness, such as a viscoelastic mount.
-
-        Parameters
-        ----------
-        kind : str
-            "delay", "fractional", "loss_factor", "maxwell" or "table", see docs/user/input.md.
-        dof : str or iterable of str
-            Degree of freedom of its displacement and force; several need `weights`.
-        **keys
-            Its keys with their units, such as ``moduli=[2e5], times=[1e-3]`` [N/m], [s].
-        """
-        self._add("dynamic_stiffness", {"type": kind, **_dofs(dof), **keys})
-
-    @_exclusive
-    def tie(self, path: str, to: str, factor: float = 1.0, offset: float = 0.0) -> None:
-        """Makes a value follow another one, ``offset + factor * value``.
-
-        Parameters
-        ----------
-        path, to : str
-            The dependent value, and the value to follow: ``model.tie("structure.speed", "tones[0]")``.
-        factor, offset : float
-            In the units of both.
-        """
-        paths = str(path_of(path)), str(path_of(to))
-        self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
-
-    @_exclusive
-    def __setitem__(self, path: str, value: Any) -> None:
-        """Sets a value by its path.
-
-        Parameters
-        ----------
-        path : str
-            "wall.gap" (label and key), "tones[0]", or a path of the input, "law(wall)%gap".
-        value : object
-            In the unit of the input.
-
-        Examples
-        --------
-        >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
-        >>> model["tones[0]"] = 1.1
-        >>> model["stop.gap"] = 1e-3
-        Traceback (most recent call last):
-            ...
-        nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones
-        """
-        at = self._groups.resolved(path)
-        value, live = plain(value), self._live(self._used)
-        if not live.settings.has(at):
-            live.set(str(at), value)  # raises what is wrong with the path
-        group = self._groups.find(at) or self._groups.single(at.group)
-        group.put(at.keyed, value)
-        self._n_changes += 1
-        self._changes.pop((group, at.keyed), None)
-        self._changes[group, at.keyed] = self._n_changes
-        live.n_changes = self._n_changes
-
-    @_exclusive
-    def __getitem__(self, path: str) -> Any:
-        """Returns a value by its path.
-
-        Parameters
-        ----------
-        path : str
-            As for setting it; without an index, lists are returned whole.
-
-        Returns
-        -------
-        object
-            Number, text, truth or list of them, in the unit of the input; defaults are included.
-
-        Examples
-        --------
-        >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
-        >>> model["tones[0]"], model["structure.n_masses"], model["stability.method"]
-        (0.9, 2, 'auto')
-        """
-        at = self._groups.resolved(path)
-        group = self._groups.find(at)
-        value = None if group is None else group.get(at.key, at.index)
-        if isinstance(value, (bool, int, float, str)):
-            return value
-        return value_at(at, Groups.of_text(self.to_namelist()))
-
-    @_exclusive
-    def __delitem__(self, entry: str) -> None:
-        """Removes a load, law or another group that was added to the model.
-
-        Parameters
-        ----------
-        entry : str
-            Its group and number, "load[0]", or its label, "wall".
-
-        Examples
-        --------
-        >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
-        >>> model.load("x2", 1, cos=0.1)
-        >>> del model["load[0]"]
-        >>> model
-        <nhbm.Model: structure chain; frequency [0.9]>
-        """
-        match = re.fullmatch(r"(\w+)\[(\d+)\]", entry)
-        if match:
-            found = self._groups.named(match[1])[int(match[2]) :][:1] if match[1] in REPEATED else []
-        else:
-            found = [group for group in self._groups if group.label == entry]
-        if not found:
-            hint = "use its label, or a number as in 'load[0]'"
-            raise ModelError(f"'{entry}' names no load, law or other group in this model; {hint}")
-        self._groups.remove(found[0])
-        self._sessions = {}
-
-    # What it does
-
-    @_exclusive
+    @exclusive
     @documented
     def solve(self, *, tolerance: float | None = None, order: int | None = None, warm: bool = False) -> xr.Dataset:
         """Computes the motion.
@@ -473,7 +117,7 @@ class Model(Laws):
         doubts.warn_of_idle_laws(session.idle_laws())
         return motion
 
-    @_exclusive
+    @exclusive
     @documented
     def response(self, of: str, *, tolerance: float | None = None, order: int | None = None, warm: bool = True) -> float:
         """Computes the motion and returns one response, without a dataset: for optimisation and other loops.
@@ -496,7 +140,7 @@ class Model(Laws):
         doubts.warn_of(session)
         return required_response_of(session, of) if dataset.status_of(session) in dataset.SOLVED else float("nan")
 
-    @_exclusive
+    @exclusive
     @documented
     def gradient(self, of: str, by: Iterable[str], *, tolerance: float | None = None, order: int | None = None,
                  warm: bool = True) -> Gradient:  # fmt: skip
@@ -546,7 +190,7 @@ class Model(Laws):
             doubts.warn(f"no derivatives of this motion: {session.message or 'it is not differentiable'}")
         return Gradient(value, slopes)
 
-    @_exclusive
+    @exclusive
     @documented
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
              **keys: Any) -> Peak:  # fmt: skip
@@ -575,7 +219,7 @@ class Model(Laws):
         keys = {**_range(start, stop), **keys}
         return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
 
-    @_exclusive
+    @exclusive
     @documented
     def peak_gradient(self, of: str, by: Iterable[str], path: str, start: float, stop: float, *, tolerance: float | None = None,
                       order: int | None = None, **keys: Any) -> PeakGradient:  # fmt: skip
@@ -650,7 +294,7 @@ class Model(Laws):
             doubts.warn(doubt)
         return found
 
-    @_exclusive
+    @exclusive
     @documented
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
               on_point: Callable[[xr.Dataset], bool] | None = None, progress: Any = False, **keys: Any) -> xr.Dataset:  # fmt: skip
@@ -717,7 +361,7 @@ class Model(Laws):
         doubts.warn_of_idle_laws(idle or [])
         return found
 
-    @_exclusive
+    @exclusive
     @documented
     def census(self, *, starts: int = 200, seed: int = 1, time_limit: float = 0.0, tolerance: float | None = None,
                order: int | None = None) -> xr.Dataset:  # fmt: skip
@@ -792,7 +436,7 @@ class Model(Laws):
         values = {name: (columns[name].values, {**columns[name].attrs, **self._described(path), "moves_along": "curve"})}
         return dataset.result_of(columns.drop_vars(name), source, values, {"varies": [name], **self._attributes()})
 
-    @_exclusive
+    @exclusive
     def integrate(self, duration: float | None = None, *, order: int | None = None, **keys: Any) -> xr.Dataset:
         """Integrates the model in time, by default from rest.
 
@@ -817,7 +461,7 @@ class Model(Laws):
         session.integrate()
         return dataset.record_of(session)
 
-    @_exclusive
+    @exclusive
     def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
         """Integrates in time from a motion, and from a perturbed state, to verify the motion and its stability.
 
@@ -873,7 +517,7 @@ class Model(Laws):
         session.verify_motion(Motion(**sizes, **addresses, **numbers, **words), periods)
         return dataset.record_of(session)
 
-    @_exclusive
+    @exclusive
     def check(self) -> list[str]:
         """Checks the model without solving it.
 
@@ -892,7 +536,7 @@ class Model(Laws):
         """
         return self._live(Settings()).session.warnings()
 
-    @_exclusive
+    @exclusive
     def natural_frequencies(self, n: int = 10) -> Any:
         """Natural frequencies of the structure, without damping and laws.
 
@@ -925,8 +569,6 @@ class Model(Laws):
         return found[:n]
 
     sweep = sweeps.sweep
-
-    # Sessions
 
     def _sharing(self, n: int) -> int:
         """Points that share the time for stability: none where its work, counted as that of compiled laws, would take minutes."""
@@ -976,121 +618,6 @@ class Model(Laws):
             return "converged", "", ""
         return dataset.status_of(live.session), live.session.message, doubts.doubt_of(live.session)
 
-    def _add(self, name: str, keys: dict[str, Any]) -> None:
-        check_keys(name, keys)
-        group = Group(name, keys)
-        if group.label and any(other.label == group.label for other in self._groups.named(name)):
-            raise ModelError(f"&{name}: there is another group with the label '{group.label}'; labels name one each")
-        self._check(group)
-        self._groups.add(group)
-        self._sessions = {}
-
-    def _check(self, group: Group) -> None:
-        """Raises what is wrong with a new group by itself, on the structure and the tones; not for large structures, which are
-        read once."""
-        structure = self._groups.first("structure")
-        if group.name not in _CHECKED or structure is None:
-            return
-        file = structure.keys.get("file")
-        if file is not None and not (isinstance(file, Structure) and file.n_dofs <= _CHECKED_DOFS):
-            return
-        if not isinstance(file, Structure) and _size_of(structure) > _CHECKED_DOFS:
-            return
-        few = Groups(other for other in self._groups if other.name in ("structure", "tones"))
-        few.add(group)
-        try:
-            Session(self._find_structure).read(few.text(), "")
-        except ModelError as error:
-            wrong = [line for line in str(error).splitlines() if line.startswith(f"&{group.name}")]
-            if wrong:
-                raise ModelError("\n".join(wrong)) from None
-
-    def _begin(self, settings: Settings) -> Session:
-        """The session of an operation, with a warning of values that suggest a mistake."""
-        session = self._live(settings).session
-        doubts.warn_of_model(session, self._warned)
-        return session
-
-    def _resolved(self, path: Any) -> str:
-        """The one spelling of a path."""
-        return str(self._groups.resolved(path))
-
-    def _live(self, settings: Settings) -> _Live:
-        """The session with these settings, made once, with the present values."""
-        live = self._sessions.get(settings)
-        if live is None:
-            live = _Live(self, settings)
-            if any(name not in ("accuracy", "harmonics") for name, _ in settings.items):  # one of them is cached
-                self._sessions = {key: other for key, other in self._sessions.items() if not other.is_special}
-                live.is_special = True
-            self._sessions[settings] = live
-        self._used = settings
-        for (group, key), number in self._changes.items():
-            if number > live.n_changes:
-                self._forward(live, group, key)
-        live.n_changes = self._n_changes
-        return live
-
-    def _forward(self, live: _Live, group: Group, key: str) -> None:
-        """Sets a value of a group in a session."""
-        which = self._groups.number_of(group) if group.name in REPEATED else None
-        path = path_of(str(InputPath(group.name, which, key)))
-        if not live.settings.has(path):
-            live.set(str(path), group.value(key))
-
-    def _find_structure(self, name: str) -> Structure:
-        group = self._groups.first("structure")
-        file = None if group is None else group.keys.get("file")
-        if isinstance(file, Structure):
-            return file
-        path = self._folder / name
-        return Structure.read(path if path.is_file() else name)
-
-    @_exclusive
-    def __getstate__(self) -> dict[str, Any]:
-        state = {name: value for name, value in self.__dict__.items() if name != "_lock"}
-        return {**state, "_groups": self._groups.copied(), "_changes": {}, "_n_changes": 0, "_sessions": {}}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._lock = threading.RLock()
-
-
-def _dofs(dof: str | Iterable[str]) -> dict[str, Any]:
-    """Keys of an input for one or several degrees of freedom."""
-    if isinstance(dof, str):
-        return {"dof": dof}
-    if not isinstance(dof, Iterable):
-        raise ModelError(f"dof must be a label such as 'x1', or a list of labels, not {dof!r}")
-    return {"dofs": list(dof)}
-
-
 def _range(start: Any, stop: Any) -> dict[str, Any]:
     """Keys of &curve for the range of its parameter."""
     return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0]}
-
-
-def _size_of(structure: Group) -> int:
-    """A measure of the size of a structure that the solver builds."""
-    return max([int(value) for key, value in structure.keys.items() if key in _SIZES and isinstance(value, int)], default=0)
-
-
-class _Live:
-    """A session with the groups of a model and the settings of operations, and how many of the changes of the model it has
-    followed."""
-
-    is_special = False  # for one operation, with groups of its own
-
-    def __init__(self, model: Model, settings: Settings) -> None:
-        self.settings, self.n_changes = settings, model._n_changes
-        self.session = Session(model._find_structure)
-        self._handles: dict[str, int] = {}
-        self.session.read(model._groups.with_settings(settings).text(), "" if model._folder == Path() else f"{model._folder}/")
-
-    def set(self, path: str, value: Any) -> None:
-        if isinstance(value, float):
-            if path not in self._handles:
-                self._handles[path] = self.session.parameter(path)
-            self.session.set_parameter(self._handles[path], value)
-        else:
-            self.session.set(path, value)
