@@ -251,7 +251,7 @@ contains
       end if
       status = begin_call(model, "nhbm_find_parameter", handle, texts=[path, parameter], needs_input=.true.)
       if (status /= c_status%success) return
-      call handle%session%input%find_parameter(c_text(path), number, error)
+      call handle%session%find_parameter(c_text(path), number, error)
       found = int(number, c_int)
       status = end_call(model, error, c_status%invalid_input)
    end function nhbm_find_parameter

@@ -76,6 +76,7 @@ module hb_session
       procedure :: begin_input => session_begin_input
       procedure :: end_input => session_end_input
       procedure :: set_key => session_set_key
+      procedure :: find_parameter => session_find_parameter
       procedure :: set_parameter => session_set_parameter
       procedure :: update => session_update
       procedure :: complete_input => session_complete_input
@@ -154,17 +155,25 @@ contains
       call self%input%set_key(path, values, error)
    end subroutine session_set_key
 
+   !> Resolves a number of the input by its path, `law(stop)%gap`, for `set_parameter`.
+   subroutine session_find_parameter(self, path, number, error)
+      class(session_t), intent(inout) :: self
+      character(*), intent(in) :: path
+      integer, intent(out) :: number                                  !! valid until another input is read
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%input%find_parameter(path, number, error)
+   end subroutine session_find_parameter
+
    !> Sets a resolved number, in the unit of the input. The next solution reports errors of its value.
    subroutine session_set_parameter(self, number, value, error)
       class(session_t), intent(inout) :: self
-      integer, intent(in) :: number                                   !! returned by `input%find_parameter`
+      integer, intent(in) :: number                                   !! returned by `find_parameter`
       real(wp), intent(in) :: value
       type(error_t), allocatable, intent(out) :: error
 
-      call self%input%check(error)
-      if (allocated(error)) return
-      call note_change(self)
       call self%input%set_parameter(number, value, error)
+      if (.not. allocated(error)) call note_change(self)
    end subroutine session_set_parameter
 
    !> Forgets the model of the previous input, and its motions.
