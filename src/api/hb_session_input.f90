@@ -36,6 +36,7 @@ module hb_session_input
 
 contains
 
+   !> Forgets the resolved numbers of the previous input, and that it was valid.
    subroutine session_input_forget(self)
       class(session_input_t), intent(inout) :: self
 

@@ -9,5 +9,4 @@ sys.path[:0] = [str(ROOT / "postproc" / "src"), str(ROOT / "drivers" / "python" 
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "long: takes seconds even on a fast machine")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores in what it starts in the background

@@ -42,6 +42,7 @@ def test_each_case_has_its_input_and_pictures_stand_beside_the_page():
         assert (page.parent / name).exists(), name
 
 
+@pytest.mark.long
 def test_integration_from_the_state_of_a_balance_stays_on_its_motion(tmp_path):
     """Displacement and velocity of all degrees of freedom fit into one tuple of &start; a wrong one would show immediately."""
     model = Model("order_sequence/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",))

@@ -62,7 +62,7 @@ FACTOR = 3.0
 CONVERGED, TRUNCATED, ALIASED, PENETRATING, IMPACT = 1, 7, 8, 9, 16
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.long] * (n == "cubic spring on the beam")) for n in CASES])
 def test_estimate_is_within_a_factor_of_three_of_the_true_error(name, tmp_path):
     model, orders = CASES[name]
     values = ", ".join(str(order) for order in orders)

@@ -98,18 +98,20 @@ def test_a_saved_result_is_that_of_the_command(tmp_path):
         assert set(opened.variables) == set(saved.variables) and opened.sizes == saved.sizes, name
 
 
-def test_the_command_reads_what_was_saved(tmp_path):
-    found = results()
-    for name in ("motion", "curve", "sweep", "long sweep"):
-        found[name].nhbm.save(tmp_path / f"{name}.h5")
-        assert run("info", f"{name}.h5", "--check", cwd=tmp_path).status == 0
-        assert "converged" in run("why", f"{name}.h5", cwd=tmp_path).stdout
-        assert run("resume", f"{name}.h5", cwd=tmp_path).status == ALL_CONVERGED
-        with Results(tmp_path / f"{name}.h5") as file:
-            assert set(file.status) <= {1, 17}
-        post = [sys.executable, "-m", "nhbm_post", "report", f"{name}.h5", "-o", f"{name}.html"]
-        subprocess.run(post, cwd=tmp_path, check=True)
-        assert (tmp_path / f"{name}.html").stat().st_size > 10_000
+@pytest.mark.parametrize("name", ["curve", "sweep", *(pytest.param(n, marks=pytest.mark.long) for n in ("motion", "long sweep"))])
+def test_the_command_reads_what_was_saved(name, tmp_path):
+    results()[name].nhbm.save(tmp_path / "saved.h5")
+    assert run("info", "saved.h5", "--check", cwd=tmp_path).status == 0
+    assert "converged" in run("why", "saved.h5", cwd=tmp_path).stdout
+    assert run("resume", "saved.h5", cwd=tmp_path).status == ALL_CONVERGED
+    with Results(tmp_path / "saved.h5") as file:
+        assert set(file.status) <= {1, 17}
+    subprocess.run([sys.executable, "-m", "nhbm_post", "report", "saved.h5", "-o", "saved.html"], cwd=tmp_path, check=True)
+    assert (tmp_path / "saved.html").stat().st_size > 10_000
+
+
+def test_a_saved_motion_is_verified(tmp_path):
+    results()["motion"].nhbm.save(tmp_path / "motion.h5")
     done = run("verify", "motion.h5", cwd=tmp_path)
     assert done.status == ALL_CONVERGED, done
     assert nhbm.open_dataset(tmp_path / "motion.h5").nhbm.details["integration_verdict"] == "agrees"

@@ -80,7 +80,7 @@ def limit_cycle(friction, speed, frequency, disk, casing, phase):
     raise AssertionError("no period that repeats")
 
 
-@pytest.fixture(scope="module", params=CYCLES)
+@pytest.fixture(scope="module", params=[pytest.param("frictionless", marks=pytest.mark.long), "friction"])
 def cycle(request):
     return CYCLES[request.param], limit_cycle(*CYCLES[request.param])
 

@@ -78,7 +78,7 @@ def test_error_that_is_reported_is_the_true_one(block, method):
     assert report.errors[0] < 1e-4
 
 
-@pytest.mark.parametrize("method", MODAL)
+@pytest.mark.parametrize("method", [MODAL[0], *(pytest.param(m, marks=pytest.mark.long) for m in MODAL[1:])])
 def test_largest_error_that_is_reported_is_that_of_the_band(block, method):
     """Within a factor of ten of the largest of many frequencies and all resonances of both models."""
     reduced = reduce(block, ["right.z"], 6, method)
