@@ -3,8 +3,9 @@
 
 usage: tests/law_inputs.py FOLDER N [--seed S]      writes FOLDER/LAW_K.nml for K from 1 to N
 
-The numbers of a law are those of its sketch in docs/site/laws.py, scaled; structure, loads, one or two tones, the solver and what is asked
-for besides the motion (a curve, stability, a derivative, time integration instead of balance) are drawn. A point need not converge.
+The numbers of a law are those of its sketch in docs/site/laws.py, scaled; structure, loads, one or two tones, the solver and what
+is asked for besides the motion (a curve, stability, a derivative, time integration instead of balance) are drawn. A point
+need not converge.
 """
 
 from __future__ import annotations

@@ -34,7 +34,14 @@ def _legend_texts(ax):
 
 @pytest.mark.parametrize(
     "n_tones, view, is_stored",  # each pair of choices once
-    [(1, "surface", True), (2, "surface", False), pytest.param(3, "surface", True, marks=pytest.mark.long), (1, "map", False), (2, "map", True), (3, "map", False)],
+    [
+        (1, "surface", True),
+        (2, "surface", False),
+        pytest.param(3, "surface", True, marks=pytest.mark.long),
+        (1, "map", False),
+        (2, "map", True),
+        (3, "map", False),
+    ],
 )
 def test_correction(tmp_path, n_tones, view, is_stored):
     path = walled(tmp_path / "a.h5", n_tones, has_samples=is_stored)

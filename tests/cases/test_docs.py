@@ -142,7 +142,8 @@ def test_the_program_has_the_table(tmp_path):
 
 
 def test_the_table_is_there_for_programs(tmp_path):
-    rows = [line.rstrip().split(" | ", 6) for line in (SRC / "input_keys.txt").read_text().splitlines() if line and not line.startswith("#")]
+    lines = (SRC / "input_keys.txt").read_text().splitlines()
+    rows = [line.rstrip().split(" | ", 6) for line in lines if line and not line.startswith("#")]
     names = ("section", "key", "type", "unit", "default", "range", "meaning")
     assert json.loads(run("keys", "--json", cwd=tmp_path).stdout) == [dict(zip(names, row)) for row in rows]
     assert {row["section"] for row in json.loads(run("keys", "law hertz", "--json", cwd=tmp_path).stdout)} == {"law hertz"}
@@ -202,7 +203,8 @@ def test_marks_of_located_points_can_be_drawn():
     table = source.partition("parameter :: curve_kinds")[2].partition(")]")[0]
     marks = {words[3] for words in (re.findall(r'"([^"]*)"', row) for row in table.split("point_kind_t(")) if len(words) > 3}
     page = (ROOT / "postproc" / "src" / "nhbm_post" / "page.html").read_text(encoding="utf-8")
-    in_page = set(re.findall(r'shape === "(\w+)"', page)) | set(re.findall(r"(\w+): \d", re.search(r"const n = \{(.*?)\}", page)[1]))
+    in_page = set(re.findall(r'shape === "(\w+)"', page))
+    in_page |= set(re.findall(r"(\w+): \d", re.search(r"const n = \{(.*?)\}", page)[1]))
     from nhbm.located import MARKERS
 
     assert len(marks) == 10 and marks <= in_page and marks <= set(MARKERS)
@@ -255,6 +257,7 @@ def test_packages_have_one_version_and_one_license():
 def test_attempts_of_the_solver_are_documented():
     """docs/user/convergence.md has the attempts of src/solve/hb_attempts.f90, in their order."""
     source = (SRC / "solve" / "hb_attempts.f90").read_text(encoding="utf-8")
-    page = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8").split("### What is tried")[1].split("\nWhich of these")[0]
+    page = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8")
+    page = page.split("### What is tried")[1].split("\nWhich of these")[0]
     attempts = re.findall(r'attempt_rule_t\("(\w+)"', source)
     assert len(attempts) > 20 and re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == attempts

@@ -131,7 +131,8 @@ def test_what_needs_time_is_refused():
 def test_keys_that_request_time_integration_are_refused(key, tmp_path):
     mount = str(ROOT / "inputs" / "gallery" / "viscoelastic_mount.nml")
     result = run("check", mount, "--set", key, cwd=tmp_path)
-    assert result.status == 2 and f"{key.split('=')[0].split('%')[1]}: 'integration' is not available with &dynamic_stiffness" in result.stderr
+    name = key.split("=")[0].split("%")[1]
+    assert result.status == 2 and f"{name}: 'integration' is not available with &dynamic_stiffness" in result.stderr
 
 
 def test_a_curve_of_flips_is_refused(tmp_path):

@@ -11,7 +11,7 @@ import warnings
 import numpy as np
 import pytest
 
-from in_process import ROOT
+import in_process  # noqa: F401  the library of the build
 
 import nhbm
 from nhbm import Model, ModelError, NotConverged

@@ -328,7 +328,7 @@ def test_a_curve_of_a_mass_at_rest_ends(load, tmp_path):
     """A static load does not reach the wall: there are no speeds by which states could be scaled."""
     path = tmp_path / "rest.nml"
     text = MODEL.format(tone=1.0, tuple=0, law=", restitution=0.7").replace("gap=0.0", "gap=2.0") + "&harmonics order=5 /\n"
-    path.write_text(text + f"&curve parameter='tones%frequency', from=1.0, to=1.7, points=12 /\n")
+    path.write_text(text + "&curve parameter='tones%frequency', from=1.0, to=1.7, points=12 /\n")
     ended = run("solve", path, "--set", f"load(1)%cos={load}", cwd=tmp_path)
     assert ended.status in (0, 4), ended.stderr
     with h5py.File(tmp_path / "rest.h5") as file:

@@ -152,7 +152,7 @@ def test_threads_with_a_model_each_do_not_meet():
     assert together == alone
 
 
-def test_models_leave_nothing_behind():
+def test_solved_models_leave_nothing_behind():
     def make(n):
         for _ in range(n):
             session_of(DUFFING + "&harmonics order = 3 /\n").solve()

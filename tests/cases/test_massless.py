@@ -5,7 +5,8 @@ import pytest
 from program import read, solve
 from scipy.integrate import solve_ivp
 
-# A mass in a double well with a piezoelectric circuit: x'' + d x' - x/2 + x**3/2 - chi v = f cos(w t), v' + lambda v + kappa x' = 0.
+# A mass in a double well with a piezoelectric circuit: x'' + d x' - x/2 + x**3/2 - chi v = f cos(w t),
+# v' + lambda v + kappa x' = 0.
 HARVESTER = """
 &structure type = 'matrices', n_dofs = 2, mass = 1.0, 0.0, labels = 'x', 'v', units = 'm', 'V'
    damping = 0.02, 0.0, 0.5, 1.0, stiffness = -0.5, -0.05, 0.0, 0.05 /

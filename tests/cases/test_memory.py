@@ -57,8 +57,8 @@ TWO_TONES = {
 
 @pytest.mark.parametrize("n_tones", [1, 2])
 def test_memory_of_a_chain_grows_with_its_length(n_tones, tmp_path):
-    """10,000 masses need less than 100 MB, including their error estimate, beside the program and its libraries; dense matrices would
-    need 2.4 GB. Twice as many need less than twice as much."""
+    """10,000 masses need less than 100 MB, including their error estimate, beside the program and its libraries; dense matrices
+    would need 2.4 GB. Twice as many need less than twice as much."""
     text = LONG_CHAIN
     for old, new in TWO_TONES.items() if n_tones == 2 else ():
         text = text.replace(old, new)

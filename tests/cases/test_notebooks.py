@@ -19,7 +19,8 @@ PAGES = [page for page in sorted((ROOT / "docs" / "start").glob("*.md")) if bloc
 
 
 def cells_of(page):
-    return [cell["source"] for cell in WRITER["notebook_of"](page.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    cells = WRITER["notebook_of"](page.read_text(encoding="utf-8"))["cells"]
+    return [cell["source"] for cell in cells if cell["cell_type"] == "code"]
 
 
 def test_all_code_is_in_cells(tmp_path):

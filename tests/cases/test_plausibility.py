@@ -43,6 +43,8 @@ def test_values_that_suggest_a_mistake(tmp_path):
 
 
 def test_a_stop_that_both_tones_reach_together(tmp_path):
-    """Phases of several tones are examined independently of each other: opposite ones, at which the motions cancel, are not enough."""
-    text = MODEL.format(gap=0.5).replace("tuple = 1, cos = 0.1", "tuple = 1, 0, cos = 0.05").replace("frequency = 0.9", "frequency = 1.0, 1.618033988749895")
+    """Phases of several tones are examined independently of each other: opposite ones, at which the motions cancel, are not
+    enough."""
+    text = MODEL.format(gap=0.5).replace("tuple = 1, cos = 0.1", "tuple = 1, 0, cos = 0.05")
+    text = text.replace("frequency = 0.9", "frequency = 1.0, 1.618033988749895")
     assert "exerts no force" not in said(text + "&load dof = 'x1', tuple = 0, 1, cos = 0.8 /\n", tmp_path)

@@ -24,7 +24,9 @@ LONG = "AUTO", "closed form of their map"  # curves
 
 
 @pytest.mark.parametrize(
-    "one", [pytest.param(one, marks=pytest.mark.long if one.kind.startswith(LONG) else ()) for one in SYSTEMS], ids=lambda one: one.name
+    "one",
+    [pytest.param(one, marks=pytest.mark.long if one.kind.startswith(LONG) else ()) for one in SYSTEMS],
+    ids=lambda one: one.name,
 )
 def test_numbers_are_those_that_were_printed(one):
     with warnings.catch_warnings():

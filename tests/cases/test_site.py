@@ -95,7 +95,8 @@ def test_links_follow_the_headings_that_move(source):
     pages = {path.relative_to(source): path.read_text() for path in source.rglob("*.md")}
     assert not [name for name, text in pages.items() if re.search(r"\]\([^)]*input\.md#(law|curve|type--|chains-of)", text)]
     moved = [page for page in pages if page.parent.name == "input"]
-    for page in [*moved, Path("docs/user/input.md"), Path("docs/user/curves.md"), Path("docs/howto/sweep_one.md"), Path("README.md")]:
+    others = ("docs/user/input.md", "docs/user/curves.md", "docs/howto/sweep_one.md", "README.md")
+    for page in [*moved, *map(Path, others)]:
         text = re.sub(r"^```.*?^```", "", pages[page], flags=re.DOTALL | re.MULTILINE)
         for name, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", text):
             target = (source / page.parent / name).resolve() if name else source / page
@@ -103,7 +104,8 @@ def test_links_follow_the_headings_that_move(source):
                 continue
             assert target.is_file(), f"{page}: {name}"
             headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
-            assert not anchor or anchor in {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}, f"{page}: {name}#{anchor}"
+            anchors = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+            assert not anchor or anchor in anchors, f"{page}: {name}#{anchor}"
 
 
 def test_recipes_are_named_by_their_verbs(source):

@@ -295,8 +295,8 @@ def _parser() -> argparse.ArgumentParser:
         "that exceeds a limit stands on its curve with the mark of its status, a point without motion in a row below, one a curve; "
         "curves are broken there, and where the motion jumps to another branch. What a &curve has followed is drawn along its "
         "arc, with folds and peaks marked and, where stability is known, unstable parts dashed and jumps off folds; files of "
-        "normal modes after it are drawn over the frequency found, as backbones. --output NAME.csv writes the numbers in place of a "
-        "picture.",
+        "normal modes after it are drawn over the frequency found, as backbones. --output NAME.csv writes the numbers in place "
+        "of a picture.",
         several=True,
     )
     options.add_dof(sub)

@@ -61,7 +61,7 @@ def write_page(results: Results, path: Path, model: Path | None = None) -> list[
         data, notes = page_data(results, model, 0.5**halved)
         text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")  # "<!--" would hide </script>
         parts = {"__TITLE__": _escaped(data["title"]), "__DATA__": text}
-        page = re.sub("__TITLE__|__DATA__", lambda found: parts[found[0]], template)
+        page = re.sub("__TITLE__|__DATA__", lambda found, parts=parts: parts[found[0]], template)
         size = len(page.encode())
         if size <= LARGEST:
             break

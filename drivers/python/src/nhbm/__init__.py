@@ -30,7 +30,8 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
 
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use
-    "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
+    "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors",
+    "Peak": "model", "PeakGradient": "model",
     "open_dataset": "dataset",
     "law": "laws",
     "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",

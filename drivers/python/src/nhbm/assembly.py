@@ -99,8 +99,8 @@ def add_pair(model: Structure, name: str, first: str, second: str, within: float
     n_first, n_second = len(model.sets[first]), len(model.sets[second])
     if len(a) < min(n_first, n_second) and not partial:
         raise ModelError(
-            f"{len(a)} nodes of '{first}' ({n_first}) and '{second}' ({n_second}) meet; pairs need meshes that match where the sets "
-            "meet; --within pairs nodes at a distance, --partial pairs the nodes that meet"
+            f"{len(a)} nodes of '{first}' ({n_first}) and '{second}' ({n_second}) meet; pairs need meshes that match where the "
+            "sets meet; --within pairs nodes at a distance, --partial pairs the nodes that meet"
         )
     model.sets |= {f"{name}_1": a, f"{name}_2": b}
     model.validate()

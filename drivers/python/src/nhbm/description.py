@@ -326,7 +326,7 @@ class Description(Laws):
         """
         at = self._groups.resolved(path)
         group = self._groups.find(at)
-        value = None if group is None else group.get(at.key, at.index)
+        value = None if group is None else group.get(at.key, at.indices)
         if isinstance(value, (bool, int, float, str)):
             return value
         return value_at(at, Groups.of_text(self.to_namelist()))

@@ -149,7 +149,7 @@ def _numbers(data: xr.Dataset) -> xr.Dataset:
     for name in [name for name in data.variables if "flag_meanings" in data[name].attrs]:
         column = data[name]
         numbers = dict(zip(str(column.attrs["flag_meanings"]).split(), np.atleast_1d(column.attrs["flag_values"]).tolist()))
-        values = np.vectorize(lambda word: numbers.get(word, 0), otypes=[np.int32])(column.values)
+        values = np.vectorize(lambda word, numbers=numbers: numbers.get(word, 0), otypes=[np.int32])(column.values)
         data = data.assign({name: (column.dims, values, column.attrs)})
     return data
 
@@ -232,7 +232,7 @@ def _absolute_files(text: str, folder: Path) -> str:
 
 def _write(file: h5py.File, data: xr.Dataset, attrs: dict[str, Any], text: str, libraries: str, path: Path) -> None:
     n = data.sizes["point"]
-    varies = [name for name in data.coords if data[name].dims == ("point",) and "parameter" in data[name].attrs]
+    varies = [str(name) for name in data.coords if data[name].dims == ("point",) and "parameter" in data[name].attrs]
     tuples = ["tuples"] if "tuples" in data else ["tuple", *(f"tuple_{m + 1}" for m in range(data.sizes["tone"]))]
     attrs.pop("varies", None)
     attrs["coordinates"] = " ".join(["frequency", *tuples, *varies])
@@ -244,8 +244,8 @@ def _write(file: h5py.File, data: xr.Dataset, attrs: dict[str, Any], text: str, 
         entry.attrs.update({"units": "1", "long_name": _MEANING[name]})
     file["input_text"].attrs.update({"file_name": f"{path.stem}.nml", "folder": f"{path.resolve().parent}/"})
     skipped = {"point", "tone", "harmonic", "component", "dof_of_set", "checksum", *_LATER, *data.dims}
-    for name in [name for name in data.variables if name not in skipped]:
-        axes.put(str(name), data[name])
+    for name in [str(name) for name in data.variables if name not in skipped]:
+        axes.put(name, data[name])
     for name, (kind, dims, unit, meaning) in _LATER.items():
         if name in data:
             axes.put(name, data[name])

@@ -77,7 +77,7 @@ class InputPath(NamedTuple):
     group: str
     which: int | str | None
     key: str
-    index: tuple[int, ...] = ()
+    indices: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         which = "" if self.which is None else f"({self.which})"
@@ -86,7 +86,7 @@ class InputPath(NamedTuple):
     @property
     def keyed(self) -> str:
         """The key with its indices."""
-        return self.key + (f"({', '.join(map(str, self.index))})" if self.index else "")
+        return self.key + (f"({', '.join(map(str, self.indices))})" if self.indices else "")
 
 
 _OF_INPUT = re.compile(r"\s*(\w+)\s*(?:\(\s*([^()]*?)\s*\))?\s*%\s*(\w+)\s*(?:\(\s*(\d+)\s*(?:,\s*(\d+)\s*)?\))?\s*")
@@ -99,9 +99,9 @@ def path_of(path: Any) -> InputPath:
         raise ModelError(f"a path is a text such as 'wall.gap' or 'tones[0]', not {path!r}")
     match = _OF_INPUT.fullmatch(path)
     if match:
-        group, which, key, *index = match.groups()
+        group, which, key, *written = match.groups()
         number = int(which) if which and which.isdigit() else which
-        return InputPath(group.lower(), number, key.lower(), tuple(int(i) for i in index if i))
+        return InputPath(group.lower(), number, key.lower(), tuple(int(i) for i in written if i))
     match = _OF_PYTHON.fullmatch(path)
     if match is None:
         raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are")
@@ -111,10 +111,10 @@ def path_of(path: Any) -> InputPath:
             hint = "; did you mean 'tones[0]'?" if name in ("frequency", "omega", "tone") else ""
             raise ModelError(f"unknown path '{path}'{hint or ', write wall.gap or load[1].cos'}")
         key, element, number = "frequency", number, None
-    index = () if element is None else (int(element) + 1,)
+    indices = () if element is None else (int(element) + 1,)
     if number is None and name not in GROUPS:
-        return InputPath("law", name, key, index)
-    return InputPath(name, None if number is None else int(number) + 1, key, index)
+        return InputPath("law", name, key, indices)
+    return InputPath(name, None if number is None else int(number) + 1, key, indices)
 
 
 def identifier(path: str) -> str:
@@ -245,8 +245,8 @@ class Groups:
             found = found._replace(which=group.label if group.label and is_unique else self.number_of(group))
         if group.name == "tones" and found.key == "frequency" and "hertz" in group.keys:
             found = found._replace(key="hertz")  # `tones[0]` has the unit of the input
-        if group.name == "tones" and found.index == (1,) and isinstance(group.get(found.key), (bool, int, float)):
-            found = found._replace(index=())
+        if group.name == "tones" and found.indices == (1,) and isinstance(group.get(found.key), (bool, int, float)):
+            found = found._replace(indices=())
         return found
 
     def copied(self) -> Groups:
@@ -340,7 +340,7 @@ def value_at(path: InputPath, groups: Groups) -> Any:
             raise ModelError(f"'{path}': there are several groups &{path.group}; a number, 'law[0].gap', or a label chooses one")
         known = dict.fromkeys(other.name for other in groups)
         raise ModelError(f"'{path}': there is no such value; known groups: {', '.join(known)}")
-    value = group.get(path.key, path.index)
+    value = group.get(path.key, path.indices)
     if value is None and path.key in group.keys:
         whole = group.keys[path.key]
         raise ModelError(f"'{path}': {path.key} has {len(whole) if isinstance(whole, tuple) else 1} values")
@@ -352,13 +352,11 @@ def value_at(path: InputPath, groups: Groups) -> Any:
 def described(path: InputPath, groups: Groups) -> dict[str, str]:
     """Name and unit of a value by its path, for axes of pictures."""
     group = groups.find(path)
-    n_tones = len(np.atleast_1d(group.keys.get("frequency", ()))) if group is not None and path.group == "tones" else 0
-    if (path.group, path.key) == ("tones", "frequency"):
-        number = chr(0x2080 + path.index[0]) if path.index and n_tones > 1 else ""
-        return {"long_name": f"Excitation frequency ω{number}", "units": "rad/s"}
-    if (path.group, path.key) == ("tones", "hertz"):
-        number = chr(0x2080 + path.index[0]) if path.index and len(np.atleast_1d(group.keys["hertz"] if group else 0)) > 1 else ""
-        return {"long_name": f"Excitation frequency f{number}", "units": "Hz"}
+    if path.group == "tones" and path.key in ("frequency", "hertz"):
+        n_tones = len(np.atleast_1d(group.keys.get(path.key, ()))) if group is not None else 0
+        number = chr(0x2080 + path.indices[0]) if path.indices and n_tones > 1 else ""
+        letter, unit = {"frequency": ("ω", "rad/s"), "hertz": ("f", "Hz")}[path.key]
+        return {"long_name": f"Excitation frequency {letter}{number}", "units": unit}
     key = keys_of(path.group, "" if group is None else str(group.keys.get("type", "")).lower()).get(path.key)
     name = path.key.replace("_", " ").capitalize()
     if isinstance(path.which, str):

@@ -413,7 +413,10 @@ class Model(Description):
             "census_motion": (np.arange(len(finds), dtype=np.int32), "number of the motion, by size"),
             "census_found": (np.array([find.n_random for find in finds], np.int32), "random starts that led to the motion"),
             "census_start": (np.array([_CENSUS_STARTS[find.start] for find in finds]), "start that found the motion"),
-            "census_mirror_of": (np.array([find.mirror_of for find in finds], np.int32), "motion whose mirror image this is; -1: none"),
+            "census_mirror_of": (
+                np.array([find.mirror_of for find in finds], np.int32),
+                "motion whose mirror image this is; -1: none",
+            ),
         }
         values = {name: (value, {"long_name": text, "units": "1"}) for name, (value, text) in described.items()}
         estimates = {

@@ -182,4 +182,5 @@ def animated(data: xr.Dataset, dof: str, frames: int, fps: int) -> Animation:
     series = series_of(data, dof)
     periods = 1 if series.n_tones == 1 else 6
     times = np.linspace(0.0, 2 * np.pi * periods / float(np.abs(series.omega).min()), frames, endpoint=False)
-    return Animation(*draw.hypertime_in_motion(series, times, ""), frames, fps)
+    figure, update = draw.hypertime_in_motion(series, times, "")
+    return Animation(figure, update, frames, fps)

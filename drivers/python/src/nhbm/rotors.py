@@ -178,7 +178,8 @@ class Rotor:
         k, m = s.stiffness.toarray(), s.mass.toarray()
         if not np.allclose(k, k.T, rtol=1e-9, atol=1e-9 * abs(k).max()):
             raise ModelError(
-                "critical_speeds: a bearing whose stiffness is not symmetric feeds or damps whirls; read them off a Campbell diagram"
+                "critical_speeds: a bearing whose stiffness is not symmetric feeds or damps whirls; "
+                "read them off a Campbell diagram"
             )
         g = np.zeros_like(k)
         for part, factor in ((s.gyroscopic_by_speed, 1.0), (s.gyroscopic_by_speed_2, ratio)):
