@@ -525,6 +525,7 @@ contains
       self%column%has_improved = self%model%options%error_estimate%improvement_steps > 0
       self%column%has_surfaces = size(self%model%options%output%samples) > 0
       self%column%has_gradient = size(self%model%options%gradient%by) > 0
+      self%column%has_response_gradient = allocated(self%model%options%gradient%of)
       if (allocated(self%result%curve)) then
          self%column%curve_path = self%plan%path
          self%column%curve_column = identifier(self%plan%path)

@@ -80,6 +80,7 @@ module hb_balance
       procedure :: frequency_derivative => balance_frequency_derivative
       procedure :: damping_derivative => balance_damping_derivative
       procedure :: reaction_derivative => balance_reaction_derivative
+      procedure :: transpose_reaction => balance_transpose_reaction
       procedure :: deform => balance_deform
       procedure :: parameters => balance_parameters
       procedure :: parameter_scales => balance_parameter_scales
@@ -263,6 +264,17 @@ module hb_balance
          real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_reaction_derivative
+   end interface
+
+   ! Transposed tangent; bodies in hb_balance_transposed
+   interface
+      !> Multiplies by the transposed derivative of the residual by the reaction, with the sign changed: l - (df/ds)^T l.
+      module subroutine balance_transpose_reaction(self, u, l, product)
+         class(balance_t), intent(inout) :: self
+         real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+         real(wp), intent(in) :: l(self%harmonics%n_coefficients, self%n_dofs)
+         real(wp), allocatable, intent(out) :: product(:)             !! (n_unknowns)
+      end subroutine balance_transpose_reaction
    end interface
 
 contains

@@ -34,6 +34,7 @@ module hb_law_jacobian
       procedure :: clear => law_jacobian_clear
       procedure :: add => law_jacobian_add
       procedure :: add_product => law_jacobian_add_product
+      procedure :: add_transposed => law_jacobian_add_transposed
       procedure :: mean => law_jacobian_mean
       procedure :: variation => law_jacobian_variation
       procedure :: destroy => law_jacobian_destroy
@@ -240,6 +241,21 @@ contains
          end associate
       end do
    end subroutine law_jacobian_add_product
+
+   !> Adds the product with the transposed derivatives: to q, v and s of `along` from its f.
+   subroutine law_jacobian_add_transposed(self, along)
+      class(law_jacobian_t), intent(in) :: self
+      type(law_samples_t), intent(inout) :: along
+      integer :: i
+
+      do i = 1, self%n_pairs
+         associate (f => along%f%values(:, self%row(i)), k => self%column(i))
+            along%q%values(:, k) = along%q%values(:, k) + self%df_dq%values(:, i)*f
+            if (self%needs_velocity) along%v%values(:, k) = along%v%values(:, k) + self%df_dv%values(:, i)*f
+            if (self%needs_reaction) along%s%values(:, k) = along%s%values(:, k) + self%df_ds%values(:, i)*f
+         end associate
+      end do
+   end subroutine law_jacobian_add_transposed
 
    !> Computes the means of all derivatives over the torus.
    subroutine law_jacobian_mean(self, df_dq, df_dv, df_ds)

@@ -20,6 +20,7 @@ module hb_model_reader
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
    use hb_options, only: callbacks_t, options_t
    use hb_properties, only: properties_t
+   use hb_response, only: new_response, response_t
    use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
    use hb_structure_catalogue, only: read_structure
@@ -422,7 +423,10 @@ contains
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       type(properties_t), pointer :: group
+      type(error_t), allocatable :: error
+      type(response_t), allocatable :: response
       type(string_t), allocatable :: paths(:)
+      character(:), allocatable :: of
       integer :: i
 
       allocate (self%options%gradient%by(0), self%options%gradient%names(0))
@@ -433,6 +437,15 @@ contains
       if (self%system%normal_mode%has_energy) then
          call group%problem("by", "needs an 'amplitude' of the &normal_mode, not an 'energy'")
          return
+      end if
+      call group%get("of", of)
+      if (len_trim(of) > 0) then
+         allocate (response)
+         call new_response(response, of, self%system%structure, self%system%tones%n_tones, error)
+         if (allocated(error)) call group%problem("of", error%message)
+         if (.not. allocated(error)) call move_alloc(response, self%options%gradient%of)
+         if (document%count("curve") > 0) call group%problem("of", "is for points and sweeps; leave it out with &curve, along "// &
+                                                             "which all coefficients are differentiated")
       end if
       do i = 1, size(paths)
          call add_value(self, document, group, trim(adjustl(paths(i)%value)))

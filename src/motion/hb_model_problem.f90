@@ -82,6 +82,8 @@ module hb_model_problem
       procedure :: choose_number => model_problem_choose_number
       procedure :: follows_tones => model_problem_follows_tones
       procedure :: find_linear_slopes => model_problem_find_linear_slopes
+      procedure :: find_slopes_of_movement => model_problem_find_slopes_of_movement
+      procedure :: add_law_slopes => model_problem_add_law_slopes
       procedure :: moves_coordinates => model_problem_moves_coordinates
       procedure :: renew => model_problem_renew
       procedure :: roughness => model_problem_roughness
@@ -482,39 +484,43 @@ contains
    end subroutine add_derivative
 
    !> Adds the derivatives by numbers of laws, from the laws themselves or, if one of them has none, by a central difference.
-   subroutine add_derivative_of_laws(self, movement, value, typical, x, derivative)
+   subroutine add_derivative_of_laws(self, movement, value, typical, x, derivative, is_possible)
       type(model_problem_t), intent(inout) :: self
       type(movement_t), intent(in) :: movement
       real(wp), intent(in) :: value, typical
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(inout) :: derivative(:)
+      logical, intent(out), optional :: is_possible                   !! the numbers can move
       real(wp) :: part(size(x)), total(size(x))
       integer :: k
-      logical :: is_known
+      logical :: can_move, is_known
 
       total = 0.0_wp
+      can_move = .true.
       do k = movement%first, size(movement%followers)
          associate (follower => movement%followers(k))
             if (follower%number%object /= has_number%law .or. abs(follower%slope) <= 0.0_wp) cycle
             call self%number_derivative(x, self%model%system%law_groups == follower%number%i, follower%number%number_t, &
                                         difference_step*typical*abs(follower%slope), part, is_known)
             if (.not. is_known) then
-               call find_difference_of_laws(self, movement, value, difference_step*typical, x, total)
+               call find_difference_of_laws(self, movement, value, difference_step*typical, x, total, can_move)
                exit
             end if
             total = total + follower%slope*part
          end associate
       end do
       derivative = derivative + total
+      if (present(is_possible)) is_possible = can_move
    end subroutine add_derivative_of_laws
 
    !> Derivative of the residual if the numbers of laws alone move, by a central difference; zero if they cannot move.
-   subroutine find_difference_of_laws(self, movement, value, step, x, derivative)
+   subroutine find_difference_of_laws(self, movement, value, step, x, derivative, can_move)
       type(model_problem_t), intent(inout) :: self
       type(movement_t), intent(in) :: movement
       real(wp), intent(in) :: value, step
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out) :: derivative(:)
+      logical, intent(out) :: can_move
       type(error_t), allocatable :: error
       real(wp) :: at(2), r(size(x), 2)
       integer :: i
@@ -528,7 +534,8 @@ contains
          if (.not. is_possible(i) .and. any(is_possible)) call find_side(i, value)
       end do
       call put(self, movement, value, error, laws_only=.true.)
-      if (all(is_possible)) derivative = (r(:, 1) - r(:, 2))/(at(1) - at(2))
+      can_move = all(is_possible)
+      if (can_move) derivative = (r(:, 1) - r(:, 2))/(at(1) - at(2))
 
    contains
 
@@ -553,11 +560,25 @@ contains
       real(wp), intent(inout) :: derivative(:)
       type(error_t), allocatable :: error
       type(amplitudes_t) :: load_slopes
-      type(model_number_t), allocatable :: numbers(:)
       type(structure_t), allocatable :: structure_slope
-      real(wp), allocatable :: values(:)
-      real(wp) :: part(size(x)), step
+      real(wp) :: part(size(x))
       type(side_t) :: sides(2)
+
+      call find_sides_of(self, movement, value, typical, sides)
+      call find_difference(self, sides, movement%structure, structure_slope, load_slopes)
+      call self%reaction_derivative(x, reaction_slope(self, structure_slope, load_slopes, x), part, error)
+      if (.not. allocated(error)) derivative = derivative + part
+   end subroutine add_derivative_of_structure
+
+   !> Structure and loads on both sides of a value.
+   subroutine find_sides_of(self, movement, value, typical, sides)
+      type(model_problem_t), intent(inout) :: self                    !! unchanged
+      type(movement_t), intent(in) :: movement
+      real(wp), intent(in) :: value, typical
+      type(side_t), intent(out) :: sides(2)
+      type(model_number_t), allocatable :: numbers(:)
+      real(wp), allocatable :: values(:)
+      real(wp) :: step
       integer :: i
 
       step = typical*merge(0.5_wp, difference_step, movement%is_affine)
@@ -566,10 +587,7 @@ contains
          call add_linear_numbers(movement, value + (3 - 2*i)*step, numbers, values)
          call find_side(self, (3 - 2*i)*step, numbers, values, sides(i))
       end do
-      call find_difference(self, sides, movement%structure, structure_slope, load_slopes)
-      call self%reaction_derivative(x, reaction_slope(self, structure_slope, load_slopes, x), part, error)
-      if (.not. allocated(error)) derivative = derivative + part
-   end subroutine add_derivative_of_structure
+   end subroutine find_sides_of
 
    !> Empty lists, to which numbers and values are added.
    pure subroutine begin_numbers(numbers, values)
@@ -648,6 +666,33 @@ contains
          call new_amplitudes(loads, self%model%system%structure%n_dofs, self%harmonics%n_harmonics)
       end if
    end subroutine model_problem_find_linear_slopes
+
+   !> Derivatives of structure and loads by the value of another movement, at constant frequencies.
+   subroutine model_problem_find_slopes_of_movement(self, movement, value, typical, structure, loads, is_possible)
+      class(model_problem_t), intent(inout) :: self                   !! unchanged
+      type(movement_t), intent(in) :: movement
+      real(wp), intent(in) :: value, typical                          !! its present one; > 0
+      type(structure_t), allocatable, intent(out) :: structure        !! not allocated: zero
+      type(amplitudes_t), intent(out) :: loads
+      logical, intent(out) :: is_possible                             !! false: it cannot move
+      type(side_t) :: sides(2)
+
+      call find_sides_of(self, movement, value, typical, sides)
+      is_possible = abs(sides(1)%position - sides(2)%position) > 0.0_wp
+      call find_difference(self, sides, movement%structure, structure, loads)
+   end subroutine model_problem_find_slopes_of_movement
+
+   !> Adds the derivatives of the residual by the numbers of laws of another movement.
+   subroutine model_problem_add_law_slopes(self, movement, value, typical, x, derivative, is_possible)
+      class(model_problem_t), intent(inout) :: self                   !! unchanged
+      type(movement_t), intent(in) :: movement
+      real(wp), intent(in) :: value, typical                          !! its present one; > 0
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(inout) :: derivative(:)
+      logical, intent(out) :: is_possible                             !! false: it cannot move
+
+      call add_derivative_of_laws(self, movement, value, typical, x, derivative, is_possible)
+   end subroutine model_problem_add_law_slopes
 
    !> Whether coordinates of laws move with the parameters.
    pure logical function model_problem_moves_coordinates(self) result(moves)

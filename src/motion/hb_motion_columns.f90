@@ -32,6 +32,7 @@ module hb_motion_columns
       logical :: has_surfaces = .false.                 !! samples of motions and forces are requested
       logical :: has_outputs = .false.                  !! the tolerance applies to named outputs
       logical :: has_gradient = .false.                 !! derivatives with respect to values of the input are requested
+      logical :: has_response_gradient = .false.        !! those of one response alone
       logical :: has_one_tone = .false.
       integer :: n_multipliers = 0, n_curve_unknowns = 0   !! lengths of these axes
       character(:), allocatable :: curve_path           !! of the value along the curve, in the input; its column and its unit
@@ -268,9 +269,13 @@ contains
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
 
-      t%is_there = t%has_gradient
+      t%is_there = t%has_gradient .and. t%has_response_gradient
+      call t%real("response_gradient", "1", "gradient_value", &
+         "derivatives of the response with respect to input values, each in its unit", m%gradient%response)
+      t%is_there = t%has_gradient .and. .not. t%has_response_gradient
       call t%real("gradient", "1", "gradient_value dof harmonic component", &
          "derivatives of the coefficients with respect to input values, each in its unit", m%gradient%coefficients)
+      t%is_there = t%has_gradient
       call t%real("frequency_gradient", "1", "gradient_value tone", "derivatives of the base frequencies likewise", &
          m%gradient%frequency)
       call t%real("gradient_estimate", "1", "gradient_value", &

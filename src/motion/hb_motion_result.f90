@@ -32,7 +32,11 @@ module hb_motion_result
 
    !> Derivatives of a motion with respect to values of the input, in their units.
    type :: gradient_t
-      real(wp), allocatable :: coefficients(:, :, :, :) !! (cos and sin, n_harmonics, n_dofs, values)
+      real(wp), allocatable :: coefficients(:, :, :, :) !! (cos and sin, n_harmonics, n_dofs, values); n_dofs = 0 if those
+                                                        !! of one response are requested
+      real(wp), allocatable :: response(:)              !! of this response, (values); otherwise not allocated
+      complex(wp), allocatable :: weights(:)            !! its differential, Re(sum conj(weights) dx) of the amplitudes of its
+                                                        !! degree of freedom, (n_harmonics); not allocated: it is zero
       real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, values)
       real(wp), allocatable :: position(:)              !! of the value along a curve, at a located point (values)
       real(wp), allocatable :: estimate(:) !! change of the coefficients' derivatives on a finer grid, relative (values)

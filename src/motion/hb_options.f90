@@ -45,6 +45,7 @@ module hb_options
    type :: gradient_config_t
       character(64), allocatable :: names(:)                          !! as given
       type(model_number_t), allocatable :: by(:)
+      type(response_t), allocatable :: of                             !! differentiated alone; not allocated: all coefficients
    end type gradient_config_t
 
    !> Limits above which a solved point counts as inaccurate.

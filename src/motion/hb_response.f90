@@ -18,6 +18,7 @@ module hb_response
    contains
       procedure :: of => response_of
       procedure :: slope_of => response_slope_of
+      procedure :: find_weights => response_find_weights
       procedure :: numbers_in => response_numbers_in
       procedure :: distance => response_distance
       procedure :: is_in => response_is_in
@@ -91,6 +92,22 @@ contains
       end associate
       if (allocated(self%tuple)) slope = 2.0_wp*slope
    end function response_slope_of
+
+   !> The differential of the response itself, Re(sum of conj(weights) dx); not allocated if it is zero, where it has none.
+   pure subroutine response_find_weights(self, harmonics, amplitudes, weights)
+      class(response_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      complex(wp), intent(in) :: amplitudes(:)                        !! of its degree of freedom, (n_harmonics)
+      complex(wp), allocatable, intent(out) :: weights(:)             !! as amplitudes
+      real(wp) :: square
+
+      square = self%of(harmonics, amplitudes)
+      if (.not. square > 0.0_wp) return
+      allocate (weights(size(amplitudes)), source=(0.0_wp, 0.0_wp))
+      associate (numbers => self%numbers_in(harmonics))
+         weights(numbers) = amplitudes(numbers)*merge(1.0_wp, 0.5_wp, allocated(self%tuple))/sqrt(square)
+      end associate
+   end subroutine response_find_weights
 
    !> Numbers of the harmonics of a set of which it consists.
    pure function response_numbers_in(self, harmonics) result(numbers)

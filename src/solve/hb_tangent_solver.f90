@@ -43,6 +43,7 @@ module hb_tangent_solver
    contains
       procedure :: update => tangent_factor_update
       procedure :: solve => tangent_factor_solve
+      procedure :: solve_transposed => tangent_factor_solve_transposed
       procedure :: determinant_sign => tangent_factor_determinant_sign
    end type tangent_factor_t
 
@@ -58,6 +59,7 @@ module hb_tangent_solver
       procedure :: find_null_vector => tangent_solver_find_null_vector
       procedure :: leave_out_null_vector => tangent_solver_leave_out_null_vector
       procedure :: solve => tangent_solver_solve
+      procedure :: solve_transposed => tangent_solver_solve_transposed
    end type tangent_solver_t
 
 contains
@@ -119,6 +121,18 @@ contains
       if (allocated(self%null_vector)) &
          r = r - dot_product(self%null_vector, r/self%units)*self%null_vector*self%units
    end subroutine tangent_solver_solve
+
+   !> Overwrites r with the solution s of transpose(tangent) s = r; `is_known` is false without factors, which alone have
+   !> such solutions.
+   subroutine tangent_solver_solve_transposed(self, problem, r, is_known)
+      class(tangent_solver_t), intent(in) :: self
+      class(problem_t), intent(in) :: problem
+      real(wp), intent(inout), contiguous :: r(:)                     !! (n_unknowns)
+      logical, intent(out) :: is_known
+
+      is_known = allocated(self%factor)
+      if (is_known) call self%factor%solve_transposed(problem, r)
+   end subroutine tangent_solver_solve_transposed
 
    !> Makes solutions with a tangent that is singular to rounding those without a component along its null vector.
    subroutine tangent_solver_leave_out_null_vector(self, problem, units)
@@ -234,6 +248,19 @@ contains
       call dgetrs("N", n, 1, self%jacobian, n, self%pivots, r, n, info)
       r = r*problem%x_scale
    end subroutine tangent_factor_solve
+
+   !> Overwrites r with the solution s of transpose(tangent) s = r.
+   subroutine tangent_factor_solve_transposed(self, problem, r)
+      class(tangent_factor_t), intent(in) :: self
+      class(problem_t), intent(in) :: problem
+      real(wp), intent(inout), contiguous :: r(:)                     !! (n_unknowns)
+      integer :: info, n
+
+      n = problem%n_unknowns
+      r = r*problem%x_scale
+      call dgetrs("T", n, 1, self%jacobian, n, self%pivots, r, n, info)
+      r = r/problem%r_scale
+   end subroutine tangent_factor_solve_transposed
 
    !> Allocates memory for a problem; GMRES restarts after `n_vectors` products. Starts with the level of
    !> preconditioner that the last solutions of the problem needed.

@@ -2,11 +2,11 @@
 module hb_chain
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_numbers, only: numbers_t
+   use hb_numbers, only: number_t, numbers_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
    use hb_structure, only: check_memory_of_structure, label_length, max_dense, new_structure, structure_t, unit_length
-   use hb_structure_builder, only: structure_builder_t
+   use hb_structure_builder, only: matrix_slope_t, structure_builder_t
    use hb_text, only: to_text
    implicit none
    private
@@ -22,6 +22,7 @@ module hb_chain
    contains
       procedure :: declare_numbers => chain_declare_numbers
       procedure :: build => chain_build
+      procedure :: find_slope => chain_find_slope
    end type chain_t
 
 contains
@@ -48,6 +49,47 @@ contains
                      for_each(self%coupling_stiffness, n_springs(self%n_masses, self%ends)), &
                      for_each(self%ground_stiffness, self%n_masses), self%ends, self%proportional, error)
    end subroutine chain_build
+
+   !> Derivatives by one of several masses or springs.
+   subroutine chain_find_slope(self, number, slope, is_known)
+      class(chain_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      type(matrix_slope_t), intent(inout) :: slope
+      logical, intent(out) :: is_known
+      integer :: left, right
+
+      call slope%begin()
+      is_known = number%element(1) > 0
+      select case (number%key)
+      case ("mass")
+         is_known = is_known .and. size(self%mass) > 1
+         if (is_known) call slope%add(number%element(1), number%element(1), 1.0_wp, 0.0_wp, self%proportional%mass)
+      case ("ground_stiffness")
+         is_known = is_known .and. size(self%ground_stiffness) > 1
+         if (is_known) call slope%add(number%element(1), number%element(1), 0.0_wp, 1.0_wp, self%proportional%stiffness)
+      case ("coupling_stiffness")
+         is_known = is_known .and. size(self%coupling_stiffness) > 1
+         if (.not. is_known) return
+         left = number%element(1) - merge(0, 1, self%ends == "free")
+         right = left + 1
+         call add(left, left, 1.0_wp)
+         call add(right, right, 1.0_wp)
+         call add(left, right, -1.0_wp)
+         call add(right, left, -1.0_wp)
+      case default
+         is_known = .false.
+      end select
+
+   contains
+
+      subroutine add(i, j, stiffness)
+         integer, intent(in) :: i, j
+         real(wp), intent(in) :: stiffness
+
+         if (min(i, j) < 1 .or. max(i, j) > self%n_masses) return
+         call slope%add(i, j, 0.0_wp, stiffness, stiffness*self%proportional%stiffness)
+      end subroutine add
+   end subroutine chain_find_slope
 
    !> Repeats a single value `n` times.
    pure function for_each(values, n)

@@ -5,7 +5,7 @@ module hb_load
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_numbers, only: numbered_t, numbers_t
+   use hb_numbers, only: number_t, numbered_t, numbers_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -30,6 +30,7 @@ module hb_load
    contains
       procedure :: declare_numbers => load_declare_numbers
       procedure :: add_to => load_add_to
+      procedure :: add_slope_to => load_add_slope_to
       procedure :: grows => load_grows
       procedure :: depends_on_structure => load_depends_on_structure
    end type load_t
@@ -90,4 +91,22 @@ contains
       if (present(slopes)) &
          call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
    end subroutine load_add_to
+
+   !> Adds the derivative of the force by one of its numbers, in which it is linear.
+   subroutine load_add_slope_to(self, number, structure, set, frequencies, slope)
+      class(load_t), intent(in) :: self
+      type(number_t), intent(in) :: number                            !! one that it declares
+      type(structure_t), intent(in) :: structure
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      type(amplitudes_t), intent(inout) :: slope                      !! [N by the unit of the number]
+      type(load_t) :: unit
+      logical :: is_set
+
+      unit = self
+      unit%cosine = 0.0_wp
+      unit%sine = 0.0_wp
+      call unit%set_number(number, 1.0_wp, is_set)
+      if (is_set) call unit%add_to(structure, set, frequencies, slope)
+   end subroutine load_add_slope_to
 end module hb_load

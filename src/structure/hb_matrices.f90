@@ -4,7 +4,7 @@ module hb_matrices
    use hb_kinds, only: wp
    use hb_numbers, only: number_t, numbers_t
    use hb_structure, only: check_memory_of_structure, label_length, new_structure, structure_t
-   use hb_structure_builder, only: structure_builder_t
+   use hb_structure_builder, only: matrix_slope_t, structure_builder_t
    use hb_text, only: string_t, to_text
    implicit none
    private
@@ -27,6 +27,7 @@ module hb_matrices
       procedure :: declare_numbers => matrices_declare_numbers
       procedure :: is_affine_in => matrices_is_affine_in
       procedure :: build => matrices_build
+      procedure :: find_slope => matrices_find_slope
    end type matrices_t
 
 contains
@@ -63,6 +64,40 @@ contains
 
       is_affine = number%key /= "speed"
    end function matrices_is_affine_in
+
+   !> Derivatives by an element of mass, damping or stiffness.
+   subroutine matrices_find_slope(self, number, slope, is_known)
+      class(matrices_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      type(matrix_slope_t), intent(inout) :: slope
+      logical, intent(out) :: is_known
+      integer :: column, i, row
+
+      call slope%begin()
+      i = findloc(names_of_matrices, number%key, dim=1)
+      is_known = any(i == [1, 2, 4]) .and. number%element(1) > 0
+      if (.not. is_known) return
+      associate (values => self%of(i)%values, element => number%element, n => self%n_dofs)
+         if (size(values) == n) then
+            row = element(1)
+            column = row
+         else if (element(2) > 0) then
+            row = element(1)
+            column = element(2)
+         else
+            row = 1 + (element(1) - 1)/n
+            column = 1 + modulo(element(1) - 1, n)
+         end if
+      end associate
+      select case (i)
+      case (1)
+         call slope%add(row, column, 1.0_wp, 0.0_wp, self%proportional%mass)
+      case (2)
+         call slope%add(row, column, 0.0_wp, 0.0_wp, 1.0_wp)
+      case default
+         call slope%add(row, column, 0.0_wp, 1.0_wp, self%proportional%stiffness)
+      end select
+   end subroutine matrices_find_slope
 
    !> Creates a structure without numbers: all are zero, labels are x1, x2, ... and units `m`.
    subroutine new_matrices(self, n_dofs)

@@ -11,7 +11,7 @@ module hb_structure
    use hb_name_table, only: name_table_t
    use hb_node_sets, only: named_vectors_t, node_sets_t
    use hb_similar_word, only: closest_word
-   use hb_sparse, only: sparse_sum, sparse_t
+   use hb_sparse, only: sparse_sum, sparse_t, sparse_transpose
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
@@ -44,6 +44,8 @@ module hb_structure
       character(:), allocatable :: origin !! the model from which it was read and its fingerprint; otherwise not allocated
    contains
       procedure :: change_from => structure_change_from
+      procedure :: transposed => structure_transposed
+      procedure :: force_in => structure_force_in
       procedure :: check_matrices => structure_check_matrices
       procedure :: damping_times => structure_damping_times
       procedure :: diagonals => structure_diagonals
@@ -282,6 +284,54 @@ contains
          end do
       end do
    end function sparse_times
+
+   !> S(w) c, the forces of a motion of one frequency; of a difference of two structures their change.
+   pure function structure_force_in(self, c, frequency, drive) result(force)
+      class(structure_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:)                                 !! a - i b [m], (n_dofs)
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      real(wp), intent(in) :: drive                                   !! [rad**2/s**2], see hb_dynamic_stiffness
+      complex(wp) :: force(size(c))
+      complex(wp) :: dz_dw, z
+      integer :: i
+
+      if (allocated(self%sparse)) then
+         force = sparse_times(self%sparse%stiffness, c)
+      else
+         force = dense_times(self%stiffness, c)
+      end if
+      force = force - cmplx(frequency**2, drive, wp)*self%mass_times(c) + cmplx(0.0_wp, frequency, wp)*self%damping_times(c)
+      if (.not. allocated(self%parts)) return
+      do i = 1, size(self%parts)
+         call self%parts(i)%evaluate(frequency, z, dz_dw)
+         force = force + self%parts(i)%acts*(z*sum(self%parts(i)%feels*c))
+      end do
+   end function structure_force_in
+
+   !> The structure with transposed matrices and parts, without names.
+   function structure_transposed(self) result(turned)
+      class(structure_t), intent(in) :: self
+      type(structure_t) :: turned
+      integer :: i
+
+      turned%n_dofs = self%n_dofs
+      allocate (turned%labels, source=self%labels)
+      allocate (turned%units, source=self%units)
+      if (allocated(self%sparse)) then
+         turned%sparse = sparse_matrices_t(sparse_transpose(self%sparse%mass), sparse_transpose(self%sparse%damping), &
+                                           sparse_transpose(self%sparse%stiffness))
+      else
+         turned%mass = transpose(self%mass)
+         turned%damping = transpose(self%damping)
+         turned%stiffness = transpose(self%stiffness)
+      end if
+      if (.not. allocated(self%parts)) return
+      allocate (turned%parts, source=self%parts)
+      do i = 1, size(self%parts)
+         turned%parts(i)%acts = self%parts(i)%feels
+         turned%parts(i)%feels = self%parts(i)%acts
+      end do
+   end function structure_transposed
 
    !> Sum of conj(a.c) Z(w) b.c over the parts that depend on the frequency.
    pure complex(wp) function structure_work_in_parts(self, c, frequency) result(work)

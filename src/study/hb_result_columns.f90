@@ -148,6 +148,7 @@ contains
       self%has_improved = layout%has_improved
       self%has_outputs = size(layout%output_names) > 0
       self%has_gradient = size(layout%gradient_names) > 0
+      self%has_response_gradient = layout%has_response_gradient
       self%has_one_tone = size(layout%tuples, 1) == 1
       self%has_surfaces = size(layout%n_samples) > 0
       self%n_multipliers = layout%n_multipliers

@@ -45,6 +45,7 @@ module hb_results_layout
       logical :: has_own_tuples = .false.               !! each point has its own, in its first n_harmonics elements
       character(64), allocatable :: output_names(:)     !! to which a tolerance applies; none: to the motion
       character(64), allocatable :: gradient_names(:)   !! of values with respect to which motions are differentiated
+      logical :: has_response_gradient = .false.        !! derivatives of one response in place of those of coefficients
       logical :: has_accuracy = .false.                 !! sets or grids are chosen for a tolerance
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those with laws

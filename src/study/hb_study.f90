@@ -286,6 +286,7 @@ contains
             layout%output_names(i) = model%options%accuracy%outputs(i)%name
          end do
          layout%gradient_names = model%options%gradient%names
+         layout%has_response_gradient = allocated(model%options%gradient%of)
          if (model%options%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
          layout%title = model%options%output%title
          layout%input_name = self%document%file_name
