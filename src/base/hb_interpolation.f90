@@ -6,17 +6,28 @@ module hb_interpolation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
+   public :: cubic_change_t, interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
 
    type :: monotone_cubic_t
       real(wp), allocatable :: nodes(:)                               !! x_i, ascending, at least two
       real(wp), allocatable :: values(:)                              !! y_i
       real(wp), allocatable :: slopes(:)                              !! at the nodes
+      real(wp), allocatable, private :: entering(:)                   ! before the limit of the interval that begins there
       logical :: is_constant_beyond = .false.
    contains
       procedure :: at => monotone_cubic_at
       procedure :: on_interval => monotone_cubic_on_interval
+      procedure :: find_change => monotone_cubic_find_change
+      procedure :: change_at => monotone_cubic_change_at
    end type monotone_cubic_t
+
+   !> Derivatives of the slopes by one value or node, zero outside a range.
+   type :: cubic_change_t
+      integer :: i = 0                                                !! number of the point that changes
+      logical :: is_of_node = .false.                                 !! x_i; otherwise y_i
+      integer :: first = 0, last = 0                                  !! range
+      real(wp), allocatable :: slopes(:)                              !! of the slopes in the range, (first:last)
+   end type cubic_change_t
 
 contains
 
@@ -29,14 +40,15 @@ contains
 
       self%nodes = nodes
       self%values = values
-      self%slopes = monotone_slopes(nodes, values)
+      allocate (self%slopes(size(nodes)), self%entering(size(nodes)))
+      call find_monotone_slopes(nodes, values, self%slopes, self%entering)
       self%is_constant_beyond = is_constant_beyond
    end subroutine new_monotone_cubic
 
    !> Slopes at the nodes that keep each cubic between the two values at its ends.
-   pure function monotone_slopes(nodes, values) result(slopes)
+   pure subroutine find_monotone_slopes(nodes, values, slopes, entering)
       real(wp), intent(in) :: nodes(:), values(:)
-      real(wp) :: slopes(size(nodes))
+      real(wp), intent(out) :: slopes(:), entering(:)                 !! as nodes
       real(wp) :: factor, secants(size(nodes) - 1), widths(size(nodes) - 1)
       integer :: i, n
 
@@ -49,7 +61,9 @@ contains
          slopes(i) = (widths(i)*secants(i - 1) + widths(i - 1)*secants(i))/(widths(i - 1) + widths(i))
          if (have_other_signs(secants(i - 1), secants(i))) slopes(i) = 0.0_wp
       end do
+      entering = slopes
       do i = 1, n - 1
+         entering(i) = slopes(i)
          if (secants(i) == 0.0_wp) then
             slopes(i:i + 1) = 0.0_wp
          else
@@ -57,7 +71,161 @@ contains
             if (factor < 1.0_wp) slopes(i:i + 1) = factor*slopes(i:i + 1)
          end if
       end do
-   end function monotone_slopes
+   end subroutine find_monotone_slopes
+
+   !> Derivatives of the slopes by value or node `i`: those of the secants beside it, of the three-point slopes, and of the
+   !> limits, interval by interval as far as they reach. One-sided where a limit begins.
+   pure subroutine monotone_cubic_find_change(self, i, is_of_node, change)
+      class(monotone_cubic_t), intent(in) :: self
+      integer, intent(in) :: i
+      logical, intent(in) :: is_of_node
+      type(cubic_change_t), intent(out) :: change
+      real(wp) :: a, b, by_a, by_b, by_ratio, entered, entered_change, factor, next, next_change, radius, secant, secant_change
+      integer :: k, n
+
+      n = size(self%nodes)
+      change%i = i
+      change%is_of_node = is_of_node
+      change%first = max(1, i - 2)
+      allocate (change%slopes(change%first:n), source=0.0_wp)
+      entered_change = three_point_change(change%first)
+      do k = change%first, n - 1
+         change%last = k
+         entered = self%entering(k)
+         call secant_at(k, secant, secant_change)
+         next = three_point(k + 1)
+         next_change = three_point_change(k + 1)
+         if (secant == 0.0_wp) then
+            entered_change = 0.0_wp
+            next_change = 0.0_wp
+         else
+            a = entered/secant
+            b = next/secant
+            radius = hypot(a, b)
+            factor = 3.0_wp/radius
+            if (factor < 1.0_wp) then
+               by_a = (entered_change - a*secant_change)/secant
+               by_b = (next_change - b*secant_change)/secant
+               by_ratio = -factor*(a*by_a + b*by_b)/radius**2
+               entered_change = factor*entered_change + by_ratio*entered
+               next_change = factor*next_change + by_ratio*next
+            end if
+         end if
+         change%slopes(k) = entered_change
+         entered_change = next_change
+         if (k > i + 1 .and. entered_change == 0.0_wp) exit
+      end do
+      if (k >= n) then
+         change%last = n
+         change%slopes(n) = entered_change
+      end if
+
+   contains
+
+      pure subroutine secant_at(m, secant, secant_change)
+         integer, intent(in) :: m
+         real(wp), intent(out) :: secant, secant_change
+         real(wp) :: sign_of, width
+
+         width = self%nodes(m + 1) - self%nodes(m)
+         secant = (self%values(m + 1) - self%values(m))/width
+         sign_of = merge(1.0_wp, 0.0_wp, m + 1 == i) - merge(1.0_wp, 0.0_wp, m == i)
+         secant_change = sign_of/width
+         if (is_of_node) secant_change = -sign_of*secant/width
+      end subroutine secant_at
+
+      !> Slope at a node before all limits.
+      pure real(wp) function three_point(m)
+         integer, intent(in) :: m
+         real(wp) :: left, right, ignored
+
+         if (m == 1 .or. m == n) then
+            call secant_at(min(m, n - 1), three_point, ignored)
+            return
+         end if
+         call secant_at(m - 1, left, ignored)
+         call secant_at(m, right, ignored)
+         three_point = 0.0_wp
+         if (have_other_signs(left, right)) return
+         associate (x => self%nodes(m - 1:m + 1))
+            three_point = ((x(3) - x(2))*left + (x(2) - x(1))*right)/(x(2) - x(1) + (x(3) - x(2)))
+         end associate
+      end function three_point
+
+      pure real(wp) function three_point_change(m) result(slope_change)
+         integer, intent(in) :: m
+         real(wp) :: d(3), left, left_change, right, right_change
+
+         if (m == 1 .or. m == n) then
+            call secant_at(min(m, n - 1), left, slope_change)
+            return
+         end if
+         call secant_at(m - 1, left, left_change)
+         call secant_at(m, right, right_change)
+         slope_change = 0.0_wp
+         if (have_other_signs(left, right)) return
+         associate (x => self%nodes(m - 1:m + 1))
+            slope_change = ((x(3) - x(2))*left_change + (x(2) - x(1))*right_change)/(x(3) - x(1))
+            if (.not. is_of_node) return
+            d = [merge(1.0_wp, 0.0_wp, m - 1 == i), merge(1.0_wp, 0.0_wp, m == i), merge(1.0_wp, 0.0_wp, m + 1 == i)]
+            slope_change = slope_change + ((d(3) - d(2))*left + (d(2) - d(1))*right - (d(3) - d(1))*three_point(m))/(x(3) - x(1))
+         end associate
+      end function three_point_change
+   end subroutine monotone_cubic_find_change
+
+   !> Derivative of the value at `x` by the number of a change.
+   pure real(wp) function monotone_cubic_change_at(self, change, x) result(by_number)
+      class(monotone_cubic_t), intent(in) :: self
+      type(cubic_change_t), intent(in) :: change
+      real(wp), intent(in) :: x
+      real(wp) :: a, b, by_node(2), by_slope(2), by_value(2), d, secant, t, width
+      real(wp) :: by_secant, by_t, by_width
+      integer :: i, n
+
+      by_number = 0.0_wp
+      n = size(self%nodes)
+      if (x < self%nodes(max(change%first - 1, 1)) .and. change%first > 1) return
+      if (x > self%nodes(min(change%last + 1, n)) .and. change%last < n) return
+      i = interval_of(self%nodes, x)
+      if (i == 0 .or. i == n) then
+         i = max(i, 1)
+         d = merge(1.0_wp, 0.0_wp, i == change%i)
+         if (.not. change%is_of_node) by_number = d
+         if (self%is_constant_beyond) return
+         if (change%is_of_node) by_number = -d*self%slopes(i)
+         by_number = by_number + slope_change(i)*(x - self%nodes(i))
+         return
+      end if
+      by_node = 0.0_wp
+      by_value = 0.0_wp
+      if (change%i == i .or. change%i == i + 1) then
+         if (change%is_of_node) by_node(change%i - i + 1) = 1.0_wp
+         if (.not. change%is_of_node) by_value(change%i - i + 1) = 1.0_wp
+      end if
+      by_slope = [slope_change(i), slope_change(i + 1)]
+      width = self%nodes(i + 1) - self%nodes(i)
+      by_width = by_node(2) - by_node(1)
+      t = (x - self%nodes(i))/width
+      by_t = -(by_node(1) + t*by_width)/width
+      secant = (self%values(i + 1) - self%values(i))/width
+      by_secant = (by_value(2) - by_value(1) - secant*by_width)/width
+      associate (s_1 => self%slopes(i), s_2 => self%slopes(i + 1))
+         a = 3.0_wp*secant - 2.0_wp*s_1 - s_2
+         b = s_1 + s_2 - 2.0_wp*secant
+         by_number = by_value(1) + (by_width*t + width*by_t)*(s_1 + t*(a + t*b)) + &
+                     width*t*(by_slope(1) + by_t*(a + 2.0_wp*t*b) + t*(3.0_wp*by_secant - 2.0_wp*by_slope(1) - by_slope(2)) + &
+                              t**2*(by_slope(1) + by_slope(2) - 2.0_wp*by_secant))
+      end associate
+
+   contains
+
+      pure real(wp) function slope_change(m)
+         integer, intent(in) :: m
+
+         slope_change = 0.0_wp
+         if (m >= change%first .and. m <= change%last) slope_change = change%slopes(m)
+      end function slope_change
+   end function monotone_cubic_change_at
 
    pure logical function have_other_signs(a, b)
       real(wp), intent(in) :: a, b

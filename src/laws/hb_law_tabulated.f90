@@ -1,10 +1,10 @@
 !> Spring through measured points (z_i, f_i), interpolated by a monotone cubic (hb_interpolation). Sign: f stands
 !> beside K q on the left-hand side.
 module hb_law_tabulated
-   use hb_interpolation, only: interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
+   use hb_interpolation, only: cubic_change_t, interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t
-   use hb_numbers, only: numbers_t
+   use hb_numbers, only: number_t, numbers_t
    use hb_problems, only: problems_t
    implicit none
    private
@@ -24,6 +24,7 @@ module hb_law_tabulated
       procedure :: potential => tabulated_potential
       procedure :: switches => tabulated_switches
       procedure :: evaluate_held => tabulated_evaluate_held
+      procedure :: number_slope => tabulated_number_slope
    end type tabulated_t
 
 contains
@@ -104,6 +105,25 @@ contains
          if (present(df_dz)) df_dz(i, 1, 1) = slope
       end do
    end subroutine tabulated_evaluate
+
+   !> Derivative by one of the points, which changes the force near it alone.
+   subroutine tabulated_number_slope(self, number, z, v, p, slope, is_known)
+      class(tabulated_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      type(cubic_change_t) :: change
+      integer :: i
+
+      slope = 0.0_wp
+      is_known = number%element(1) >= 1 .and. number%element(1) <= size(self%table%nodes)
+      if (.not. is_known) return
+      call self%table%find_change(number%element(1), number%key == "displacements", change)
+      do i = 1, size(z, 1)
+         slope(i, 1) = self%table%change_at(change, z(i, 1))
+      end do
+   end subroutine tabulated_number_slope
 
    pure subroutine tabulated_switches(self, z, v, values)
       class(tabulated_t), intent(in) :: self
