@@ -38,6 +38,7 @@ module hb_sampled_law
       procedure :: evaluate => sampled_law_evaluate
       procedure :: differentiate => sampled_law_differentiate
       procedure :: find_number_slope => sampled_law_find_number_slope
+      procedure :: find_memory_slope => sampled_law_find_memory_slope
       procedure :: find_sides => sampled_law_find_sides
       procedure :: find_failure => sampled_law_find_failure
       procedure :: scatter => sampled_law_scatter
@@ -192,6 +193,41 @@ contains
       call sides(2)%law%evaluate(self%z, self%v, self%p, slope)
       slope = (slope - lower)/(2.0_wp*step)
    end subroutine sampled_law_find_number_slope
+
+   !> The same of a law with memory, after `evaluate`: a central difference of its forces with the states of each side.
+   subroutine sampled_law_find_memory_slope(self, number, step, characteristic, samples, slope, is_known)
+      class(sampled_law_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in) :: step                                    !! > 0
+      type(characteristic_t), intent(in) :: characteristic
+      type(law_samples_t), intent(in) :: samples                      !! of the motion
+      real(wp), allocatable, intent(out) :: slope(:, :)               !! as f
+      logical, intent(out) :: is_known                                !! as for `find_number_slope`
+      class(hysteretic_law_t), pointer :: of_side
+      type(hysteresis_t), allocatable :: hysteresis
+      type(law_box_t), target :: sides(2)
+      real(wp), allocatable :: f(:, :, :)
+      integer :: i
+
+      call self%find_sides(number, step, sides, is_known)
+      if (.not. is_known) return
+      allocate (f(size(self%f, 1), size(self%f, 2), 2))
+      do i = 1, 2
+         select type (law => sides(i)%law)
+         class is (hysteretic_law_t)
+            of_side => law
+            allocate (hysteresis)
+            call new_hysteresis(hysteresis, of_side, characteristic)
+            call hysteresis%evaluate(characteristic, samples, f(:, :, i))
+            is_known = is_known .and. hysteresis%sliders%repeats
+            deallocate (hysteresis)
+         class default
+            is_known = .false.
+         end select
+         if (.not. is_known) return
+      end do
+      slope = (f(:, :, 2) - f(:, :, 1))/(2.0_wp*step)
+   end subroutine sampled_law_find_memory_slope
 
    !> The law with a number that is smaller and larger by a step.
    subroutine sampled_law_find_sides(self, number, step, sides, are_possible)

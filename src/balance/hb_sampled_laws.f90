@@ -309,7 +309,7 @@ contains
 
    !> Derivative of the forces with respect to a number of some laws at a fixed motion, `along%f`, after `differentiate`.
    !> Kinks between samples move with the number; their correction is differentiated by central differences, and so are
-   !> laws that do not know their derivative. `is_known` is false for laws with memory, and if the number cannot move to
+   !> laws that do not know their derivative, among them those with memory. `is_known` is false if the number cannot move to
    !> both sides.
    subroutine sampled_laws_differentiate_by_number(self, is_moved, number, step, is_known)
       class(sampled_laws_t), intent(inout) :: self
@@ -326,11 +326,15 @@ contains
       do pass = 1, 2                                                  ! explicit laws, then multipliers
          do i = 1, size(self%laws)
             if (.not. is_moved(i) .or. (self%laws(i)%law%is_multiplier .neqv. pass == 2)) cycle
-            if (allocated(self%sampled(i)%hysteresis) .or. self%laws(i)%law%has_weight(number)) then
+            if (self%laws(i)%law%has_weight(number)) then
                is_known = .false.
                return
             end if
-            call self%sampled(i)%find_number_slope(number, step, slope, is_known)
+            if (allocated(self%sampled(i)%hysteresis)) then
+               call self%sampled(i)%find_memory_slope(number, step, self%characteristic, self%samples, slope, is_known)
+            else
+               call self%sampled(i)%find_number_slope(number, step, slope, is_known)
+            end if
             if (.not. is_known) return
             associate (law => self%laws(i)%law, f => self%along%f%values)
                f(:, law%dofs) = f(:, law%dofs) + matmul(slope, transpose(law%shape))
