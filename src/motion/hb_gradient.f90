@@ -319,7 +319,7 @@ contains
          is_done = .false.
          strongest = 0
          if (.not. is_lost) call differentiate_in_reverse(known, here, problem, tangent, gradient, is_done, strongest)
-         if (strongest > 0) then                                      ! its defect is that of all
+         if (strongest > 0 .and. degree_of(known%model%system) == 0) then   ! its defect is that of all, if there may be one
             is_done(strongest) = .false.
             call differentiate_by(strongest)
             gradient%defect = merge(gradient%defect(strongest), gradient%defect, is_done)

@@ -146,7 +146,7 @@ class Model(Description):
                  warm: bool = True) -> Gradient:  # fmt: skip
         """Computes the motion and returns a response with its derivatives: for gradient-based optimisation.
 
-        Each derivative needs one linear solution with the tangent of the motion. If contact or friction begins or ends at
+        One linear solution with the transposed tangent of the motion serves all values but frequencies. If contact or friction begins or ends at
         this motion, derivatives are one-sided: see `gradient_defect` of `solve` with the group &gradient.
 
         Parameters
@@ -177,7 +177,7 @@ class Model(Description):
         True
         """
         paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
-        session = self._begin(request(tolerance, order, gradient={"by": paths}))
+        session = self._begin(request(tolerance, order, gradient={"by": paths, "of": of}))
         session.solve(warm, points=0)
         doubts.warn_of(session)
         if dataset.status_of(session) not in dataset.SOLVED:
