@@ -427,7 +427,7 @@ contains
       type(response_t), allocatable :: response
       type(string_t), allocatable :: paths(:)
       character(:), allocatable :: of
-      integer :: i
+      integer :: i, n
 
       allocate (self%options%gradient%by(0), self%options%gradient%names(0))
       if (document%count("gradient") == 0) return
@@ -447,17 +447,23 @@ contains
          if (document%count("curve") > 0) call group%problem("of", "is for points and sweeps; leave it out with &curve, along "// &
                                                              "which all coefficients are differentiated")
       end if
+      deallocate (self%options%gradient%by, self%options%gradient%names)
+      allocate (self%options%gradient%by(size(paths)), self%options%gradient%names(size(paths)))
+      n = 0
       do i = 1, size(paths)
-         call add_value(self, document, group, trim(adjustl(paths(i)%value)))
+         call add_value(self, document, group, trim(adjustl(paths(i)%value)), n)
       end do
+      self%options%gradient%by = self%options%gradient%by(:n)
+      self%options%gradient%names = self%options%gradient%names(:n)
    end subroutine read_gradient
 
    !> Adds a value that may move to those of a gradient; an invalid path is reported as a problem of the key.
-   subroutine add_value(self, document, group, path)
+   subroutine add_value(self, document, group, path, n)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout) :: document
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: path
+      integer, intent(inout) :: n                                     !! values so far
       type(error_t), allocatable :: error
       type(model_number_t) :: number
       type(parameter_t) :: parameter
@@ -491,8 +497,9 @@ contains
          call group%problem("by", problem)
          return
       end if
-      self%options%gradient%by = [self%options%gradient%by, number]
-      self%options%gradient%names = [character(64) :: self%options%gradient%names, path]
+      n = n + 1
+      self%options%gradient%by(n) = number
+      self%options%gradient%names(n) = path
    end subroutine add_value
 
    !> Finds the value of a path in a key; an invalid path is reported as a problem of the key.

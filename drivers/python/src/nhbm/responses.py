@@ -45,7 +45,7 @@ def absence_of(session: Session, of: str) -> str:
 
 def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
     """Derivatives of that response by the values of the group &gradient; NaN where they are not known."""
-    if "response_gradient" in session.columns:
+    if "response_gradient" in session.columns():
         alone = session.column("response_gradient").values
         return np.full(len(session.labels("gradient_value")), np.nan) if alone is None else alone.copy()
     dof, wanted = parts_of(of)
