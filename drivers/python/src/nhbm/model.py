@@ -146,8 +146,8 @@ class Model(Description):
                  warm: bool = True) -> Gradient:  # fmt: skip
         """Computes the motion and returns a response with its derivatives: for gradient-based optimisation.
 
-        One linear solution with the transposed tangent of the motion serves all values but frequencies. If contact or friction begins or ends at
-        this motion, derivatives are one-sided: see `gradient_defect` of `solve` with the group &gradient.
+        One linear solution with the transposed tangent of the motion serves all values but frequencies. If contact or friction
+        begins or ends at this motion, derivatives are one-sided: see `gradient_defect` of `solve` with the group &gradient.
 
         Parameters
         ----------
