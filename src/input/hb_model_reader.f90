@@ -444,8 +444,9 @@ contains
          call new_response(response, of, self%system%structure, self%system%tones%n_tones, error)
          if (allocated(error)) call group%problem("of", error%message)
          if (.not. allocated(error)) call move_alloc(response, self%options%gradient%of)
-         if (document%count("curve") > 0) call group%problem("of", "is for points and sweeps; leave it out with &curve, along "// &
-                                                             "which all coefficients are differentiated")
+         if (self%options%callbacks%is_followed) &
+            call group%problem("of", "is for points and sweeps; leave it out with &curve, along which all coefficients are "// &
+                               "differentiated")
       end if
       deallocate (self%options%gradient%by, self%options%gradient%names)
       allocate (self%options%gradient%by(size(paths)), self%options%gradient%names(size(paths)))
