@@ -3,6 +3,8 @@
 
 add_library(hb_warnings INTERFACE)
 # A text that is cut is an error, and so is a function of C that no header declares: its pointers would lose their upper half.
+# So is a trampoline, the code on the stack to which an inner procedure that is passed leads: it makes the stack of each program
+# executable, and glibc 2.41 and later do not load such a library into Python.
 # Off, because what they report is meant:
 # -Wunused-dummy-argument: bindings of abstract types have arguments that not every law or structure uses
 # -Wcompare-reals: exact zeros and unchanged values are compared on purpose
@@ -13,7 +15,7 @@ add_library(hb_warnings INTERFACE)
 #    before it looks whether there are any (GCC bug 108889): write allocate (array, source=...),
 #    with the bounds if the source has a vector subscript: else gfortran 12 counts from 0.
 target_compile_options(hb_warnings INTERFACE
-   $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Werror=character-truncation
+   $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Werror=character-truncation -Werror=trampolines
       -Wno-unused-dummy-argument -Wno-compare-reals -Wno-function-elimination>
    $<$<AND:$<NOT:$<CONFIG:Release>>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Wno-uninitialized -Wno-maybe-uninitialized>
    $<$<COMPILE_LANG_AND_ID:Fortran,LLVMFlang>:-std=f2018>

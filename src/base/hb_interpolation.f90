@@ -135,20 +135,20 @@ contains
       end subroutine secant_at
 
       !> Slope at a node before all limits.
-      pure real(wp) function three_point(m)
+      pure real(wp) function three_point(m) result(slope)
          integer, intent(in) :: m
          real(wp) :: left, right, ignored
 
          if (m == 1 .or. m == n) then
-            call secant_at(min(m, n - 1), three_point, ignored)
+            call secant_at(min(m, n - 1), slope, ignored)
             return
          end if
          call secant_at(m - 1, left, ignored)
          call secant_at(m, right, ignored)
-         three_point = 0.0_wp
+         slope = 0.0_wp
          if (have_other_signs(left, right)) return
          associate (x => self%nodes(m - 1:m + 1))
-            three_point = ((x(3) - x(2))*left + (x(2) - x(1))*right)/(x(2) - x(1) + (x(3) - x(2)))
+            slope = ((x(3) - x(2))*left + (x(2) - x(1))*right)/(x(2) - x(1) + (x(3) - x(2)))
          end associate
       end function three_point
 
