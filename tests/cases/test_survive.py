@@ -397,7 +397,7 @@ def test_signal_to_one_rank_ends_all_ranks(tmp_path):
 @pytest.mark.parametrize("ranks", [None, 2])
 def test_time_limit(ranks, tmp_path):
     source = write(tmp_path, SWEPT.replace(f"n = {N_SWEPT}", "n = 2000"))
-    done = run("solve", source, "--time-limit", "1", cwd=tmp_path, ranks=ranks)
+    done = run("solve", source, "--time-limit", "2", cwd=tmp_path, ranks=ranks)
     status = read(tmp_path / "case.h5", "status")
     assert done.status == INCOMPLETE and "stopped by the time limit" in done.stderr
     assert 0 < (status == CONVERGED).sum() < 2000
