@@ -47,10 +47,13 @@ contains
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights, (n_neighbours)
-      real(wp) :: change, largest_move
-      real(wp), allocatable :: closing(:, :)
+      real(wp) :: change, largest_move, largest_path
+      real(wp), allocatable :: closing(:, :), first(:, :)
       integer :: round
+      logical :: shifts_states
 
+      shifts_states = any(abs(weight_slope) > 0.0_wp)
+      largest_path = maxval(abs(self%path))
       call sliders%differentiable()
       if (sliders%has_jumped) then
          sliders%states(:, :, 1) = sliders%before
@@ -62,24 +65,25 @@ contains
          call repeat_rounds()
          return
       end if
-      call sliders%load_from_rest(law, with_derivatives=.true.)
-      call self%load_from_rest(sliders)
       if (sliders%is_clamped) then
-         call sliders%find_clamp_slopes(law)
+         call sliders%find_clamp_slopes(law, characteristic)
          call find_clamps(self, sliders)
       end if
+      allocate (first, source=sliders%states(:, :, 1))
+      call sliders%load_from_rest(law, with_derivatives=.true.)
+      call self%load_from_rest(sliders)
       do round = 1, sliders%rounds
          if (sliders%is_clamped) then
-            call sliders%go_clamped_round(characteristic, change, largest_move)
+            call sliders%repeat_clamped_round(characteristic, round, shifts_states)
          else
             call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+            if (round == sliders%levelled_at) call sliders%average_first_slice()
          end if
          if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
-         if (round == sliders%levelled_at) then
-            call sliders%average_first_slice()
+         if (round == sliders%levelled_at) &
             self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
-         end if
       end do
+      sliders%states(:, :, 1) = first                                 ! rounds may have been repeated without the states
       call repeat_rounds()
 
    contains
@@ -91,7 +95,7 @@ contains
             self%first = self%states(:, :, 1)
             call self%go_round(sliders, characteristic, weight_slope)
             change = maxval(abs(self%states(:, :, 1) - self%first))
-            self%repeats = change <= repeat_tolerance*max(maxval(abs(self%path)), maxval(abs(self%states)))
+            self%repeats = change <= repeat_tolerance*max(largest_path, maxval(abs(self%states)))
             if (self%repeats) return
          end do
       end subroutine repeat_rounds
@@ -101,18 +105,23 @@ contains
    subroutine find_clamps(self, sliders)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: sliders
-      integer :: c, i, k, part
+      integer :: c, i, k, p, part
+      real(wp) :: high, low
 
       if (.not. allocated(self%low)) allocate (self%low, self%high, mold=self%states)
-      self%low = 0.0_wp
-      self%high = 0.0_wp
       do i = 1, size(self%path, 4)
-         do part = 1, n_path_parts
-            do c = 1, size(self%path, 2)
-               do k = 1, size(self%states, 2)
-                  self%low(:, k, i) = self%low(:, k, i) + sliders%low_slope(:, k, c, part, i)*self%path(:, c, part, i)
-                  self%high(:, k, i) = self%high(:, k, i) + sliders%high_slope(:, k, c, part, i)*self%path(:, c, part, i)
+         do k = 1, size(self%states, 2)
+            do p = 1, size(self%path, 1)
+               low = 0.0_wp
+               high = 0.0_wp
+               do part = 1, n_path_parts
+                  do c = 1, size(self%path, 2)
+                     low = low + sliders%low_slope(p, k, c, part, i)*self%path(p, c, part, i)
+                     high = high + sliders%high_slope(p, k, c, part, i)*self%path(p, c, part, i)
+                  end do
                end do
+               self%low(p, k, i) = low
+               self%high(p, k, i) = high
             end do
          end do
       end do
@@ -143,17 +152,21 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)
       integer :: c, i, k, last, old_state, part
+      logical :: shifts_states
 
+      shifts_states = any(abs(weight_slope) > 0.0_wp)
       do i = 2, characteristic%n_steps + 1
          last = i - 1
          associate (now => self%states(:, :, 1 + modulo(i - 1, characteristic%n_steps)), &
                     slice => 1 + modulo(i - 1, characteristic%n_steps))
             call characteristic%interpolate(self%states(:, :, last), self%start)
             if (slice == 1) self%start = characteristic%closing*self%start
-            if (last == 1) then
-               call add_shift(sliders%before)
-            else
-               call add_shift(sliders%states(:, :, last))
+            if (shifts_states) then
+               if (last == 1) then
+                  call add_shift(sliders%before)
+               else
+                  call add_shift(sliders%states(:, :, last))
+               end if
             end if
             if (sliders%is_clamped) then
                now = merge(self%low(:, :, slice), merge(self%high(:, :, slice), self%start, &
@@ -185,7 +198,6 @@ contains
          real(wp), intent(in) :: before(:, :)
          integer :: k, p
 
-         if (size(weight_slope) == 1) return
          do k = 1, size(before, 2)
             do p = 1, characteristic%n_slice
                associate (neighbour => characteristic%neighbour(:, p))

@@ -11,6 +11,7 @@
 !> is known: after many rounds without convergence Newton's method moves the state to the limit.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use, intrinsic :: iso_fortran_env, only: int8
    use hb_cancellation, only: work_is_over
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
@@ -24,6 +25,7 @@ module hb_slider_states
 
    integer, parameter :: max_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
+   integer, parameter :: most_kept = 64                               ! rounds; their pushers need the memory of 8 states
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples are stored slice by slice: (n_slice, ..., n_steps).
@@ -41,9 +43,10 @@ module hb_slider_states
       real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
       logical :: is_clamped = .false.                                 !! the next three are those of the last `integration`
       real(wp), allocatable :: low(:, :, :), high(:, :, :)            !! as states
-      integer, allocatable :: pusher(:, :, :)                         !! in the last round, of `pushed_by`, as states
+      integer(int8), allocatable :: pusher(:, :, :)                   !! in the last round, of `pushed_by`, as states
       real(wp), allocatable :: low_slope(:, :, :, :, :), high_slope(:, :, :, :, :)   !! by the path, as ds_dpath; from
                                                                       !! `find_clamp_slopes` on
+      integer(int8), allocatable, private :: pushers(:, :, :, :)      ! in all rounds, (n_slice, n_states, n_steps, rounds)
       logical, private :: has_slopes = .false.
       real(wp), allocatable, private :: start(:, :)                   ! (n_slice, n_states)
    contains
@@ -55,6 +58,7 @@ module hb_slider_states
       procedure :: average_first_slice => slider_states_average_first_slice
       procedure :: go_clamped_round => slider_states_go_clamped_round
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
+      procedure :: repeat_clamped_round => slider_states_repeat_clamped_round
       procedure :: mean_slope => slider_states_mean_slope
    end type slider_states_t
 
@@ -234,6 +238,7 @@ contains
          allocate (self%pusher(size(self%states, 1), size(self%states, 2), size(self%states, 3)))
       end if
       self%has_slopes = .false.
+      if (allocated(self%pushers)) deallocate (self%pushers)
       far = huge(1.0_wp)
       do i = 1, size(self%states, 3)
          call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i))
@@ -241,13 +246,15 @@ contains
       end do
    end subroutine find_clamps
 
-   !> Computes the derivatives of `low` and `high` with respect to the path, once after each `integration`.
-   subroutine slider_states_find_clamp_slopes(self, law)
+   !> Computes the derivatives of `low` and `high` with respect to the path, and who moved each slider in each round, once
+   !> after each `integration`.
+   subroutine slider_states_find_clamp_slopes(self, law, characteristic)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
       real(wp) :: far(size(self%states, 1), size(self%states, 2))
-      real(wp) :: by_start(size(self%states, 1), size(self%states, 2), size(self%states, 2))
-      integer :: i
+      real(wp) :: by_start(size(self%states, 1), size(self%states, 2), size(self%states, 2)), change, largest_move
+      integer :: i, round
 
       if (self%has_slopes) return
       if (.not. allocated(self%low_slope)) then
@@ -261,7 +268,32 @@ contains
          call law%advance(far, self%path(:, :, :, i), self%high(:, :, i), by_start, self%high_slope(:, :, :, :, i))
       end do
       self%has_slopes = .true.
+      if (self%rounds > most_kept) return
+      allocate (self%pushers(size(self%states, 1), size(self%states, 2), size(self%states, 3), self%rounds))
+      call self%load_from_rest(law, with_derivatives=.false.)
+      do round = 1, self%rounds
+         call self%go_clamped_round(characteristic, change, largest_move)
+         self%pushers(:, :, :, round) = self%pusher
+         if (round == self%levelled_at) call self%average_first_slice()
+      end do
    end subroutine slider_states_find_clamp_slopes
+
+   !> Repeats a round, after those before it: `pusher`, and the states as well if they are needed or their pushers are not
+   !> kept.
+   subroutine slider_states_repeat_clamped_round(self, characteristic, round, with_states)
+      class(slider_states_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: round
+      logical, intent(in) :: with_states                              !! the same in all rounds
+      real(wp) :: change, largest_move
+
+      if (allocated(self%pushers) .and. .not. with_states) then
+         self%pusher = self%pushers(:, :, :, round)
+         return
+      end if
+      call self%go_clamped_round(characteristic, change, largest_move)
+      if (round == self%levelled_at) call self%average_first_slice()
+   end subroutine slider_states_repeat_clamped_round
 
    !> As `go_round`, by clamps.
    subroutine slider_states_go_clamped_round(self, characteristic, change, largest_move)
@@ -281,7 +313,8 @@ contains
          do k = 1, size(self%states, 2)
             do p = 1, size(self%states, 1)
                associate (w => self%start(p, k), low => self%low(p, k, now), high => self%high(p, k, now))
-                  self%pusher(p, k, now) = merge(pushed_by%lower, merge(pushed_by%upper, pushed_by%nothing, w > high), w < low)
+                  self%pusher(p, k, now) = int(merge(pushed_by%lower, merge(pushed_by%upper, pushed_by%nothing, w > high), &
+                                                     w < low), int8)
                   self%states(p, k, now) = min(max(w, low), high)
                end associate
             end do

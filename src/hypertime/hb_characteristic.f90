@@ -28,6 +28,9 @@ module hb_characteristic
       real(wp), allocatable :: weight(:)                              !! (n_neighbours), their sum is 1
       real(wp), allocatable, private :: omega(:)                      ! [rad/s], (n_tones)
       real(wp), allocatable, private :: offset(:)                     ! to the start of a step, in samples, (n_tones)
+      real(wp), allocatable, private :: by_node(:, :)                 ! weights of one tone, (n_nodes, n_tones)
+      integer, allocatable, private :: shift(:)                       ! of its node 0, in samples, (n_tones)
+      integer, allocatable, private :: n_samples(:)                   ! in a slice: 1 of the leading tone, (n_tones)
    contains
       procedure :: frequency_slopes => characteristic_frequency_slopes
       procedure :: interpolate => characteristic_interpolate
@@ -110,21 +113,23 @@ contains
       type(characteristic_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)
-      integer :: m, n_neighbours, node, other, p, q, quotient, shift(size(omega))
-      real(wp) :: by_node(n_nodes, size(omega))
+      integer :: m, n_neighbours, node, other, p, q, quotient
 
       other = size(omega) - 1
       n_neighbours = n_nodes**other
       allocate (self%neighbour(n_neighbours, self%n_slice), self%weight(n_neighbours), self%offset(size(omega)))
+      allocate (self%by_node(n_nodes, size(omega)), self%shift(size(omega)))
+      self%n_samples = torus%n_samples
+      self%n_samples(self%tone) = 1
       do m = 1, size(omega)
          associate (offset => self%offset(m))
             offset = -omega(m)*self%step*torus%n_samples(m)/two_pi
             if (abs(offset - anint(offset)) < 8*epsilon(1.0_wp)*max(1.0_wp, abs(offset))) offset = anint(offset)
-            shift(m) = floor(offset)
-            by_node(:, m) = cubic_weights(offset - shift(m))
+            self%shift(m) = floor(offset)
+            self%by_node(:, m) = cubic_weights(offset - self%shift(m))
          end associate
       end do
-      self%weight = product_of(by_node, self%tone)
+      self%weight = product_of(self%by_node, self%tone)
       do p = 1, self%n_slice
          do q = 1, n_neighbours
             quotient = q - 1
@@ -145,7 +150,7 @@ contains
             node = modulo(quotient, n_nodes)
             quotient = quotient/n_nodes
             at = modulo((p - 1)/inner, n)
-            at = modulo(at + shift(m) + node - 1, n)
+            at = modulo(at + self%shift(m) + node - 1, n)
             self%neighbour(q, p) = self%neighbour(q, p) + inner*at
             inner = inner*n
          end do
@@ -214,17 +219,48 @@ contains
                  -(x + 1.0_wp)*x*(x - 2.0_wp)/2.0_wp, (x + 1.0_wp)*x*(x - 1.0_wp)/6.0_wp]
    end function cubic_weights
 
-   !> Values at the starts of all steps that end in a slice, from those on the previous slice.
+   !> Values at the starts of all steps that end in a slice, from those on the previous slice: tone by tone.
    pure subroutine characteristic_interpolate(self, before, values)
       class(characteristic_t), intent(in) :: self
       real(wp), intent(in) :: before(:, :)                            !! (n_slice, any)
       real(wp), intent(out) :: values(:, :)                           !! as before
-      integer :: c, p
+      real(wp) :: between(self%n_slice)
+      integer :: c, inner, m
 
       do c = 1, size(before, 2)
-         do p = 1, self%n_slice
-            values(p, c) = dot_product(self%weight, before(self%neighbour(:, p), c))
+         values(:, c) = before(:, c)
+         inner = 1
+         do m = 1, size(self%n_samples)
+            associate (n => self%n_samples(m))
+               if (n == 1) cycle
+               between = values(:, c)
+               call interpolate_along(inner, n, self%shift(m), self%by_node(:, m), between, values(:, c))
+               inner = inner*n
+            end associate
          end do
       end do
    end subroutine characteristic_interpolate
+
+   !> Interpolation along one tone, of `inner` values at each of its samples.
+   pure subroutine interpolate_along(inner, n, shift, weights, before, values)
+      integer, intent(in) :: inner, n, shift
+      real(wp), intent(in) :: weights(n_nodes), before(:)
+      real(wp), intent(out) :: values(:)
+      real(wp) :: line(inner*(n + n_nodes - 1))
+      integer :: at, first, i, n_line
+
+      n_line = inner*n
+      first = inner*modulo(shift - 1, n)
+      do at = 0, size(before) - n_line, n_line
+         line(:n_line - first) = before(at + first + 1:at + n_line)
+         do i = n_line - first + 1, size(line), n_line                  ! a short line ends more than once
+            associate (last => min(size(line), i + n_line - 1))
+               line(i:last) = before(at + 1:at + last - i + 1)
+            end associate
+         end do
+         values(at + 1:at + n_line) = weights(1)*line(:n_line) + weights(2)*line(inner + 1:inner + n_line) &
+                                              + weights(3)*line(2*inner + 1:2*inner + n_line) &
+                                              + weights(4)*line(3*inner + 1:)
+      end do
+   end subroutine interpolate_along
 end module hb_characteristic
