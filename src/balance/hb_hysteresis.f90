@@ -3,6 +3,7 @@
 !>
 !> Source: docs/why/theory.md, sections 5.5 and 5.6.
 module hb_hysteresis
+   use, intrinsic :: iso_fortran_env, only: int64
    use hb_characteristic, only: characteristic_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -28,6 +29,7 @@ module hb_hysteresis
       type(memory_tangent_t), allocatable, private :: tangent         ! after the first use
       type(slider_derivative_t), allocatable, private :: derivative ! after the first use
       real(wp), allocatable, private :: f_along(:, :)                 ! (n_samples, n_coordinates)
+      integer(int64), private :: motion = -1                          ! of whose samples the states are; -1: none
    contains
       procedure :: forget_tones => hysteresis_forget_tones
       procedure :: evaluate => hysteresis_evaluate
@@ -60,9 +62,10 @@ contains
 
       if (allocated(self%tangent)) deallocate (self%tangent, self%response)
       if (allocated(self%line)) deallocate (self%line)
+      self%motion = -1
    end subroutine hysteresis_forget_tones
 
-   !> Computes the forces: the periodic states on the path of the law, then the force sample by sample.
+   !> Computes the forces: the periodic states on the path of the law, unless they are known, then the force sample by sample.
    subroutine hysteresis_evaluate(self, characteristic, samples, f)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -72,8 +75,11 @@ contains
       integer :: slice
 
       associate (path => self%sliders%path, states => self%sliders%states)
-         call gather_path(self, characteristic, samples, path)
-         call self%sliders%integration(self%law, characteristic)
+         if (self%motion /= samples%n_motions) then
+            call gather_path(self, characteristic, samples, path)
+            call self%sliders%integration(self%law, characteristic)
+            self%motion = merge(samples%n_motions, -1_int64, self%sliders%repeats)
+         end if
          if (characteristic%n_slice == 1) then                        ! all samples form one line: their forces at once
             z = transpose(path(1, :, path_part%at_end, :))
             s = transpose(states(1, :, :))

@@ -1,8 +1,9 @@
 !> Response of the force of one hysteretic law to each coefficient of its motion: the exact derivative of the discrete
 !> time integration over the torus.
 !> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They
-!> follow the steps of the states, from rest and through all rounds, with every step replaced by its derivative, then
-!> further rounds until they are periodic as well. A block of columns is processed at once. Source:
+!> follow the steps of the last round of the states, with every step replaced by its derivative, until they are periodic
+!> as well; where the states do not forget their start, from rest and through all rounds. A block of columns is processed
+!> at once. Source:
 !> docs/why/theory.md, section 5.5.
 module hb_hysteresis_tangent
    use hb_characteristic, only: characteristic_t
@@ -106,24 +107,19 @@ contains
       wave_across = [below(1)*above(1) - below(2)*above(2), below(1)*above(2) + below(2)*above(1)]
    end function wave_across
 
-   !> Integrates the states, and all columns if necessary, through the rounds that the states needed; the columns not
-   !> through the last one. The memory must have its path.
+   !> Repeats the last round of the states, and integrates all columns, if necessary, through the rounds before. The memory
+   !> must have its path.
    subroutine memory_tangent_prepare(self, memory, law, characteristic)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(inout) :: memory
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), allocatable :: f(:, :)
-      real(wp) :: change, largest_move
       integer :: i
 
-      call memory%differentiable()
-      if (characteristic%n_slice == 1) then
-         memory%states(:, :, 1) = memory%before
-         call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
-         call memory%find_closing(characteristic, self%closing)
-      end if
-      if (allocated(self%closing) .or. memory%has_jumped) then
+      call memory%repeat_last_round(law, characteristic)
+      if (characteristic%n_slice == 1) call memory%find_closing(characteristic, self%closing)
+      if (allocated(self%closing) .or. memory%has_jumped .or. memory%forgets_start(characteristic)) then
          self%first_slice = 0.0_wp
       else
          call take_rounds(self, memory, law, characteristic)

@@ -2,6 +2,7 @@
 !> one direction, of the motion or with respect to a base frequency at constant coefficients. Source:
 !> docs/why/theory.md, sections 5.3, 5.6 and 6.6.
 module hb_law_samples
+   use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
    implicit none
@@ -11,6 +12,7 @@ module hb_law_samples
    !> Each (n_samples, n_dofs); arrays that no law needs are not allocated. Owner of external resources: call
    !> `destroy`.
    type :: law_samples_t
+      integer(int64) :: n_motions = 0                                 !! that were sampled
       type(real_block_t) :: q                                         !! motion [m]
       type(real_block_t) :: v                                         !! rate [m/s]
       type(real_block_t) :: s                                         !! reaction that equilibrium requires [N]

@@ -69,6 +69,7 @@ contains
       real(wp), intent(in), contiguous :: frequencies(:)              !! j.omega [rad/s], (n_harmonics)
       real(wp) :: angle(size(frequencies))
 
+      samples%n_motions = samples%n_motions + 1
       call self%transform%to_samples(u, samples%q%values)
       if (self%needs_velocity) call self%transform%to_rate_samples(u, frequencies, samples%v%values)
       if (self%needs_reaction) call self%transform%to_samples(reaction, samples%s%values)

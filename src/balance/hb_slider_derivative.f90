@@ -1,8 +1,9 @@
 !> Response of the states of one hysteretic law to one direction, of the motion or with respect to a base frequency:
 !> the exact derivative of the discrete time integration over the torus.
 !> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights of the
-!> interpolation of states at their starts. The derivative follows the steps of the states, from rest and through all
-!> rounds, then further rounds until it is periodic as well. Source: docs/why/theory.md, sections 5.6 and 6.6.
+!> interpolation of states at their starts. The derivative follows the steps of the last round of the states until it is
+!> periodic as well; where the states do not forget their start, it first follows all rounds, from rest. Source:
+!> docs/why/theory.md, sections 5.6 and 6.6.
 module hb_slider_derivative
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
@@ -47,43 +48,25 @@ contains
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights, (n_neighbours)
-      real(wp) :: change, largest_move, largest_path
-      real(wp), allocatable :: closing(:, :), first(:, :)
+      real(wp) :: change, largest_path
+      real(wp), allocatable :: closing(:, :)
       integer :: round
-      logical :: shifts_states
 
-      shifts_states = any(abs(weight_slope) > 0.0_wp)
       largest_path = maxval(abs(self%path))
-      call sliders%differentiable()
-      if (sliders%has_jumped) then
-         sliders%states(:, :, 1) = sliders%before
-         call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
-         call sliders%find_closing(characteristic, closing)
-         self%states(:, :, 1) = 0.0_wp
-         call self%go_round(sliders, characteristic, weight_slope)
-         if (allocated(closing)) self%states(1, :, 1) = matmul(closing, self%states(1, :, 1))
-         call repeat_rounds()
-         return
-      end if
       if (sliders%is_clamped) then
-         call sliders%find_clamp_slopes(law, characteristic)
+         call sliders%find_clamp_slopes(law)
          call find_clamps(self, sliders)
+      else
+         call sliders%repeat_last_round(law, characteristic)
+         if (characteristic%n_slice == 1) call sliders%find_closing(characteristic, closing)
       end if
-      allocate (first, source=sliders%states(:, :, 1))
-      call sliders%load_from_rest(law, with_derivatives=.true.)
-      call self%load_from_rest(sliders)
-      do round = 1, sliders%rounds
-         if (sliders%is_clamped) then
-            call sliders%repeat_clamped_round(characteristic, round, shifts_states)
-         else
-            call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
-            if (round == sliders%levelled_at) call sliders%average_first_slice()
-         end if
-         if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
-         if (round == sliders%levelled_at) &
-            self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
-      end do
-      sliders%states(:, :, 1) = first                                 ! rounds may have been repeated without the states
+      self%states(:, :, 1) = 0.0_wp
+      if (allocated(closing)) then
+         call self%go_round(sliders, characteristic, weight_slope)
+         self%states(1, :, 1) = matmul(closing, self%states(1, :, 1))
+      else if (.not. (sliders%has_jumped .or. sliders%forgets_start(characteristic))) then
+         call follow_all_rounds(self, sliders, law, characteristic, weight_slope)
+      end if
       call repeat_rounds()
 
    contains
@@ -100,6 +83,33 @@ contains
          end do
       end subroutine repeat_rounds
    end subroutine slider_derivative_integration
+
+   !> Follows the states from rest through all rounds before the last one.
+   subroutine follow_all_rounds(self, sliders, law, characteristic, weight_slope)
+      class(slider_derivative_t), intent(inout) :: self
+      type(slider_states_t), intent(inout) :: sliders
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp), intent(in) :: weight_slope(:)
+      real(wp) :: change, largest_move
+      integer :: round
+
+      call sliders%differentiable()
+      call sliders%load_from_rest(law, with_derivatives=.true.)
+      call self%load_from_rest(sliders)
+      do round = 1, sliders%rounds
+         if (sliders%is_clamped) then
+            call sliders%go_clamped_round(characteristic, change, largest_move)
+         else
+            call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         end if
+         if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
+         if (round == sliders%levelled_at) then
+            call sliders%average_first_slice()
+            self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
+         end if
+      end do
+   end subroutine follow_all_rounds
 
    !> Computes the derivatives of the clamp positions of sliders along the direction.
    subroutine find_clamps(self, sliders)

@@ -11,7 +11,6 @@
 !> is known: after many rounds without convergence Newton's method moves the state to the limit.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use, intrinsic :: iso_fortran_env, only: int8
    use hb_cancellation, only: work_is_over
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
@@ -25,7 +24,7 @@ module hb_slider_states
 
    integer, parameter :: max_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
-   integer, parameter :: most_kept = 64                               ! rounds; their pushers need the memory of 8 states
+   integer, parameter :: not_known = -1, no = 0, yes = 1
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples are stored slice by slice: (n_slice, ..., n_steps).
@@ -43,11 +42,12 @@ module hb_slider_states
       real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
       logical :: is_clamped = .false.                                 !! the next three are those of the last `integration`
       real(wp), allocatable :: low(:, :, :), high(:, :, :)            !! as states
-      integer(int8), allocatable :: pusher(:, :, :)                   !! in the last round, of `pushed_by`, as states
+      integer, allocatable :: pusher(:, :, :)                         !! in the last round, of `pushed_by`, as states
       real(wp), allocatable :: low_slope(:, :, :, :, :), high_slope(:, :, :, :, :)   !! by the path, as ds_dpath; from
                                                                       !! `find_clamp_slopes` on
-      integer(int8), allocatable, private :: pushers(:, :, :, :)      ! in all rounds, (n_slice, n_states, n_steps, rounds)
       logical, private :: has_slopes = .false.
+      logical, private :: has_last_round = .false.                    ! the derivatives of its steps are there
+      integer, private :: start_matters = not_known
       real(wp), allocatable, private :: start(:, :)                   ! (n_slice, n_states)
    contains
       procedure :: integration => slider_states_integration
@@ -58,7 +58,8 @@ module hb_slider_states
       procedure :: average_first_slice => slider_states_average_first_slice
       procedure :: go_clamped_round => slider_states_go_clamped_round
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
-      procedure :: repeat_clamped_round => slider_states_repeat_clamped_round
+      procedure :: repeat_last_round => slider_states_repeat_last_round
+      procedure :: forgets_start => slider_states_forgets_start
       procedure :: mean_slope => slider_states_mean_slope
    end type slider_states_t
 
@@ -99,6 +100,8 @@ contains
       self%is_clamped = law%has_bounds .and. characteristic%n_slice > 1
       if (self%is_clamped) call find_clamps(self, law)
       self%rounds = 0
+      self%has_last_round = .false.
+      self%start_matters = not_known
       self%has_jumped = .false.
       self%levelled_at = 0
       do
@@ -176,6 +179,53 @@ contains
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine slider_states_go_round
 
+   !> Repeats the last round with the derivatives of its steps, once after each `integration`.
+   subroutine slider_states_repeat_last_round(self, law, characteristic)
+      class(slider_states_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp) :: change, largest_move
+
+      if (self%has_last_round) return
+      call self%differentiable()
+      self%states(:, :, 1) = self%before
+      call self%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+      self%has_last_round = .true.
+   end subroutine slider_states_repeat_last_round
+
+   !> Whether the states forget where they started: a difference of the first slice vanishes if it goes on through rounds like
+   !> the last one. Periodic states, and their derivatives, then depend on that round alone. After `integration` of clamped
+   !> sliders or `repeat_last_round`.
+   logical function slider_states_forgets_start(self, characteristic) result(forgets)
+      class(slider_states_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      real(wp) :: probe(size(self%states, 1), size(self%states, 2))
+      integer :: i, k, now, round
+
+      if (self%start_matters == not_known) then
+         self%start_matters = yes
+         probe = reshape([(1.0_wp + 0.5_wp*sin(real(i, wp)), i=1, size(probe))], shape(probe))   ! not along special directions
+         do round = 1, max(many_rounds, self%rounds)
+            do i = 2, characteristic%n_steps + 1
+               now = 1 + modulo(i - 1, characteristic%n_steps)
+               call characteristic%interpolate(probe, self%start)
+               if (now == 1) self%start = characteristic%closing*self%start
+               if (self%is_clamped) then
+                  probe = merge(self%start, 0.0_wp, self%pusher(:, :, now) == pushed_by%nothing)
+               else
+                  do k = 1, size(probe, 2)
+                     probe(:, k) = sum(self%ds_ds_old(:, k, :, now)*self%start, dim=2)
+                  end do
+               end if
+            end do
+            if (maxval(abs(probe)) > repeat_tolerance) cycle
+            self%start_matters = no
+            exit
+         end do
+      end if
+      forgets = self%start_matters == no
+   end function slider_states_forgets_start
+
    !> Integrates one round on one line, and makes a Newton step to the limit of further rounds.
    subroutine jump(self, law, characteristic, change, largest_move)
       class(slider_states_t), intent(inout) :: self
@@ -238,7 +288,6 @@ contains
          allocate (self%pusher(size(self%states, 1), size(self%states, 2), size(self%states, 3)))
       end if
       self%has_slopes = .false.
-      if (allocated(self%pushers)) deallocate (self%pushers)
       far = huge(1.0_wp)
       do i = 1, size(self%states, 3)
          call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i))
@@ -246,15 +295,13 @@ contains
       end do
    end subroutine find_clamps
 
-   !> Computes the derivatives of `low` and `high` with respect to the path, and who moved each slider in each round, once
-   !> after each `integration`.
-   subroutine slider_states_find_clamp_slopes(self, law, characteristic)
+   !> Computes the derivatives of `low` and `high` with respect to the path, once after each `integration`.
+   subroutine slider_states_find_clamp_slopes(self, law)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
-      type(characteristic_t), intent(in) :: characteristic
       real(wp) :: far(size(self%states, 1), size(self%states, 2))
-      real(wp) :: by_start(size(self%states, 1), size(self%states, 2), size(self%states, 2)), change, largest_move
-      integer :: i, round
+      real(wp) :: by_start(size(self%states, 1), size(self%states, 2), size(self%states, 2))
+      integer :: i
 
       if (self%has_slopes) return
       if (.not. allocated(self%low_slope)) then
@@ -268,32 +315,7 @@ contains
          call law%advance(far, self%path(:, :, :, i), self%high(:, :, i), by_start, self%high_slope(:, :, :, :, i))
       end do
       self%has_slopes = .true.
-      if (self%rounds > most_kept) return
-      allocate (self%pushers(size(self%states, 1), size(self%states, 2), size(self%states, 3), self%rounds))
-      call self%load_from_rest(law, with_derivatives=.false.)
-      do round = 1, self%rounds
-         call self%go_clamped_round(characteristic, change, largest_move)
-         self%pushers(:, :, :, round) = self%pusher
-         if (round == self%levelled_at) call self%average_first_slice()
-      end do
    end subroutine slider_states_find_clamp_slopes
-
-   !> Repeats a round, after those before it: `pusher`, and the states as well if they are needed or their pushers are not
-   !> kept.
-   subroutine slider_states_repeat_clamped_round(self, characteristic, round, with_states)
-      class(slider_states_t), intent(inout) :: self
-      type(characteristic_t), intent(in) :: characteristic
-      integer, intent(in) :: round
-      logical, intent(in) :: with_states                              !! the same in all rounds
-      real(wp) :: change, largest_move
-
-      if (allocated(self%pushers) .and. .not. with_states) then
-         self%pusher = self%pushers(:, :, :, round)
-         return
-      end if
-      call self%go_clamped_round(characteristic, change, largest_move)
-      if (round == self%levelled_at) call self%average_first_slice()
-   end subroutine slider_states_repeat_clamped_round
 
    !> As `go_round`, by clamps.
    subroutine slider_states_go_clamped_round(self, characteristic, change, largest_move)
@@ -313,8 +335,7 @@ contains
          do k = 1, size(self%states, 2)
             do p = 1, size(self%states, 1)
                associate (w => self%start(p, k), low => self%low(p, k, now), high => self%high(p, k, now))
-                  self%pusher(p, k, now) = int(merge(pushed_by%lower, merge(pushed_by%upper, pushed_by%nothing, w > high), &
-                                                     w < low), int8)
+                  self%pusher(p, k, now) = merge(pushed_by%lower, merge(pushed_by%upper, pushed_by%nothing, w > high), w < low)
                   self%states(p, k, now) = min(max(w, low), high)
                end associate
             end do
@@ -331,12 +352,10 @@ contains
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: slope(:, :)                            !! [N/m], (n_coordinates, n_coordinates)
-      real(wp) :: change, largest_move
       real(wp), allocatable :: df_dz(:, :, :), df_ds(:, :, :)
       integer :: a, b, i, k
 
-      call self%differentiable()
-      call self%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+      call self%repeat_last_round(law, characteristic)
       allocate (df_dz(size(self%path, 1), size(slope, 1), size(slope, 1)))
       allocate (df_ds(size(self%path, 1), size(slope, 1), law%n_states))
       slope = 0.0_wp
