@@ -3,7 +3,7 @@
 !>
 !> State: z - w, the yielded part. On a monotone piece of the path u = w/z_y, positive in the direction of loading,
 !> obeys du/dy = E(u) = 1 - r |u|**n with the path length y = |dz|/z_y, r = 1 during loading and r = 1 - 2 beta during
-!> unloading. Each piece is solved to rounding for any n: near u = 0, where |u|**n need not be smooth, by the power
+!> unloading. Each piece is solved to rounding. For n = 1, E decays exponentially in y. For other n: near u = 0, where |u|**n need not be smooth, by the power
 !> series of y(u); elsewhere in v = -log|E|, with dv/dy = r n |u|**(n - 1) sgn(u), by Newton's method, which
 !> integrates dy/dv with Gauss points from iterate to iterate. Since nothing depends explicitly on y, du/dy at the end
 !> is E there and du/du_start is the ratio of E at both ends. Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976)
@@ -86,7 +86,11 @@ contains
          stops(path_part%at_end, n_pieces) = 1.0_wp
          do k = 1, n_pieces
             rest_by_path = rest_by_path + stops(:, k)                 ! the piece has the length dot_product(rest_by_path, z)
-            call load(self, dot_product(rest_by_path, z), w, retained, slope)
+            if (self%exponent > 1.0_wp) then
+               call load(self, dot_product(rest_by_path, z), w, retained, slope)
+            else
+               call load_exponentially(self, dot_product(rest_by_path, z), w, retained, slope)
+            end if
             by_start = retained*by_start
             by_path = retained*by_path + slope*rest_by_path
             rest_by_path = -stops(:, k)
@@ -98,6 +102,56 @@ contains
          ds_dpath(i, 1, 1, path_part%at_end) = 1.0_wp - by_path(path_part%at_end)
       end do
    end subroutine bouc_wen_advance
+
+   !> As `load`, for n = 1.
+   elemental subroutine load_exponentially(self, piece, w, by_start, by_piece)
+      class(bouc_wen_t), intent(in) :: self
+      real(wp), intent(in) :: piece                                   !! length of the piece with sign [m]
+      real(wp), intent(inout) :: w                                    !! [m]
+      real(wp), intent(out) :: by_start                               !! dw by that at the start
+      real(wp), intent(out) :: by_piece                               !! dw/dpiece
+      real(wp) :: beginning, direction, excess, rest, to_zero, u
+
+      direction = sign(1.0_wp/self%yield_displacement, piece)
+      u = direction*w
+      rest = direction*piece
+      by_start = 1.0_wp
+      if (u < 0.0_wp) then
+         excess = 2.0_wp*self%beta - 1.0_wp                           ! -r
+         beginning = 1.0_wp - excess*u
+         to_zero = -u
+         if (beginning > 1.0_wp) to_zero = -u*log(beginning)/(beginning - 1.0_wp)
+         if (rest < to_zero) then
+            by_start = exp(-excess*rest)
+            u = u*by_start + rest*mean_decay(excess*rest, by_start)
+            by_piece = 1.0_wp - excess*u
+            w = u/direction
+            return
+         end if
+         by_start = 1.0_wp/beginning
+         rest = rest - to_zero
+         u = 0.0_wp
+      end if
+      by_piece = exp(-rest)
+      by_start = by_start*by_piece
+      u = u*by_piece + rest*mean_decay(rest, by_piece)
+      by_piece = 1.0_wp - u
+      w = u/direction
+   end subroutine load_exponentially
+
+   !> (1 - exp(-x))/x for x >= 0, to rounding: of two errors by the same exponential one compensates the other.
+   elemental real(wp) function mean_decay(x, decay)
+      real(wp), intent(in) :: x
+      real(wp), intent(in) :: decay                                   !! exp(-x)
+
+      if (decay >= 1.0_wp) then
+         mean_decay = 1.0_wp
+      else if (x > 1.0_wp) then
+         mean_decay = (1.0_wp - decay)/x
+      else
+         mean_decay = (decay - 1.0_wp)/log(decay)
+      end if
+   end function mean_decay
 
    !> Hysteretic displacement at the end of a piece, and its derivatives.
    pure subroutine load(self, piece, w, by_start, by_piece)
