@@ -60,7 +60,8 @@ module hb_balance
       logical, private :: has_moved = .false.                         ! to frequencies other than the initial ones
       integer, private :: n_rounds = 1                                ! of sliders, counted by `tangent_work`
       real(wp), private :: work_of_round = 0.0_wp                     ! of all columns of a tangent
-      real(wp), private :: work_of_pass = 0.0_wp                      ! of a residual or a product, as measured
+      real(wp), private :: work_of_pass = 0.0_wp                      ! of a residual or a product, as measured, without kinks
+      real(wp), private :: work_of_kinks = 0.0_wp                     ! of a residual or its derivative, as measured
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -400,14 +401,15 @@ contains
    end subroutine balance_replace_laws
 
    !> Work of a residual and a tangent (see `unit_of_work`): transforms and laws by samples, laws with memory by steps
-   !> for each unknown, factors by multiplications. `work_of_pass` is spent on each residual and product.
+   !> for each unknown, factors by multiplications. What is spent is counted more closely: transforms one by one, and the
+   !> corrections of kinks.
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       real(wp), parameter :: per_sample = 5.0_wp, per_step = 20.0_wp, per_multiplication = 0.025_wp
-      real(wp), parameter :: per_value = 15.0_wp, per_state = 120.0_wp  ! .6 to 2 times the time, 1 to 3 tones
+      real(wp), parameter :: per_value = 7.5_wp, per_state = 120.0_wp, per_kink = 80.0_wp ! .6 to 2 times the time, 1 to 3 tones
       real(wp) :: n
-      integer :: i
+      integer :: i, n_transforms
 
       n = self%n_unknowns
       self%residual_work = per_sample*torus%n_total*self%n_dofs
@@ -418,7 +420,11 @@ contains
       self%work_of_round = 0.0_wp
       if (self%law_set%has_memory) self%work_of_round = n*per_step*torus%n_total
       self%tangent_work = self%tangent_work + self%work_of_round
-      self%work_of_pass = per_value*torus%n_total*self%n_dofs
+      associate (set => self%law_set)
+         n_transforms = 2 + count([set%needs_velocity, set%needs_reaction]) + merge(3, 0, set%has_memory)
+         self%work_of_kinks = per_kink*size(torus%n_samples)*torus%n_total*size(set%kinks%lines)
+      end associate
+      self%work_of_pass = per_value*n_transforms*torus%n_total*self%n_dofs
       do i = 1, size(self%law_set%laws)
          self%work_of_pass = self%work_of_pass + per_state*torus%n_total*self%law_set%laws(i)%law%n_states**2
       end do
@@ -429,7 +435,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: r(:)
 
-      call spend_work(self%work_of_pass)
+      call spend_work(self%work_of_pass + self%work_of_kinks)
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
 
@@ -489,6 +495,7 @@ contains
       logical, intent(out) :: is_ready
       type(error_t), allocatable :: error
 
+      call spend_work(self%work_of_kinks)
       call self%sample_if_new(x)
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) call self%tangent_product%prepare(self%law_set, error)
