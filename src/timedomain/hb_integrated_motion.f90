@@ -53,7 +53,6 @@ module hb_integrated_motion
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one per period, at least
    integer, parameter :: samples_of_candidate = 4                     ! likewise, if most of the highest ones are negligible
    real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the requested error: least gain of a product
-   real(wp), parameter :: work_of_product = 60.0_wp                   ! [ns] per sample
    real(wp), parameter :: seen = 0.75_wp                              ! fraction of a record used by a fit
    integer, parameter :: parts = 4                                    ! of a record; the worst one determines the error of a series
    real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record used by the first fit, below its highest
@@ -220,18 +219,12 @@ contains
       end associate
    end function periods_of_first
 
-   !> Work of the averages over a record, or of a fit to it [ns].
-   pure real(wp) function work_of_averages(discretisation, options, n_samples, n_coordinates, n_products) result(work)
+   !> Work of averages over a record [ns].
+   pure real(wp) function work_of_averages(discretisation, n_samples, n_coordinates) result(work)
       type(discretisation_t), intent(in) :: discretisation
-      type(options_t), intent(in) :: options
       integer, intent(in) :: n_samples, n_coordinates
-      integer, intent(in) :: n_products                               !! of a fit
 
-      if (options%integration%aim > 0.0_wp) then
-         work = work_of_product*n_products*real(n_samples, wp)
-      else
-         work = 2.0_wp*n_samples*n_coordinates*real(discretisation%harmonics%n_harmonics, wp)
-      end if
+      work = 2.0_wp*n_samples*n_coordinates*real(discretisation%harmonics%n_harmonics, wp)
    end function work_of_averages
 
    !> Largest permitted spread of a steady motion.
@@ -257,7 +250,7 @@ contains
       type(line_fit_t) :: fit
       complex(wp), allocatable :: before(:, :), now(:, :)
       real(wp), allocatable :: remainder(:, :), z(:, :)
-      real(wp) :: allowed, period, rate, spread, spread_before, step
+      real(wp) :: allowed, period, rate, spread, spread_before, step, work_of_window
       integer :: i, n_first, status_before, window
       logical :: finds_lines, has_forgotten
 
@@ -287,6 +280,9 @@ contains
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*equations%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > max_terms) exit
+            if (window > 1) call check_work(options, 2.0_wp*work_of_window, steady)
+            if (steady%is_out_of_work) exit
+            work_of_window = -steady%work
             call integrate_window(options, equations, config, step, state, record, steady, error)
             if (allocated(error)) return
             if (steady%is_out_of_work) exit
@@ -295,8 +291,10 @@ contains
             if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
                                                importance_of(discretisation), error)
             if (allocated(error)) return
+            fit%work_limit = options%integration%work_limit - steady%work
             now = averages_of(system, discretisation, options, z, record, fit)
-            steady%work = steady%work + work_of_averages(discretisation, options, size(z, 1), size(z, 2), fit%n_products)
+            steady%work = steady%work + merge(fit%work, work_of_averages(discretisation, size(z, 1), size(z, 2)), finds_lines)
+            work_of_window = work_of_window + steady%work
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
             spread_before = spread
@@ -326,6 +324,7 @@ contains
          if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(n_first)// &
             " periods has too many samples"
          if (steady%status == outcome%integrated) then
+            fit%work_limit = huge(1.0_wp)
             steady%amplitudes = transpose(averages_of(system, discretisation, options, record%every_displacement, record, fit))
             if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
                call polish(system, discretisation, options, coordinates, state, steady)
@@ -369,6 +368,25 @@ contains
       call orbit%destroy()
    end subroutine polish
 
+   !> Ends the windows if the next one would exceed the limit of work.
+   subroutine check_work(options, work_of_next, steady)
+      type(options_t), intent(in) :: options
+      real(wp), intent(in) :: work_of_next
+      type(steady_motion_t), intent(inout) :: steady
+
+      steady%is_out_of_work = steady%work + work_of_next > options%integration%work_limit
+      if (steady%is_out_of_work) call end_without_work(steady)
+   end subroutine check_work
+
+   !> Sets the status of the windows so far, which have a message.
+   subroutine end_without_work(steady)
+      type(steady_motion_t), intent(inout) :: steady
+
+      if (steady%status == outcome%integrated) return
+      steady%status = outcome%pending
+      steady%message = steady%message//"; the work limit was reached"//more_work
+   end subroutine end_without_work
+
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
    !> status is then `integrated` or undecided, without an error.
    subroutine integrate_window(options, system, config, step, state, record, steady, error)
@@ -392,9 +410,7 @@ contains
       steady%is_out_of_work = next%is_out_of_work
       if (next%is_out_of_work .and. allocated(steady%message)) then
          deallocate (error)
-         if (steady%status == outcome%integrated) return
-         steady%status = outcome%pending
-         steady%message = steady%message//"; the work limit was reached"//more_work
+         call end_without_work(steady)
          return
       end if
       if (next%is_out_of_work) error%message = error%message//more_work

@@ -12,15 +12,18 @@ module hb_line_fit
    use hb_error, only: error_t
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: two_pi, wp
+   use hb_torus, only: cheap_size
    implicit none
    private
    public :: line_fit_t, new_line_fit
 
    integer, parameter :: width = 14                                   ! positions over which a line is distributed: errors of 1e-11
    integer, parameter :: max_products = 100
+   real(wp), parameter :: work_of_position = 35.0_wp                  ! [ns] in a product: .6 to 1.3 times the time, 2**20 to 2**24 of them
 
    type :: line_fit_t
-      integer :: n_products = 0                                       !! of all fits so far
+      real(wp) :: work = 0.0_wp                                       !! of all fits so far [ns]
+      real(wp) :: work_limit = huge(1.0_wp)                           !! beyond which no product is begun [ns]
       real(wp), private, allocatable :: importance(:)                 ! (n_lines)
       real(wp), private, allocatable :: window(:), shape(:)           ! (n_samples); effect of the kernel on the samples
       integer, private, allocatable :: first(:)                       ! position of a line, (n_lines)
@@ -49,11 +52,9 @@ contains
       integer :: h, k, middle, n
 
       call self%destroy()
-      self%n_products = 0
-      n = 2
-      do while (n < 2*n_samples)
-         n = 2*n
-      end do
+      self%work = 0.0_wp
+      self%work_limit = huge(1.0_wp)
+      n = cheap_size(2*n_samples, 1)
       middle = n_samples/2
       beta = 0.5_wp*two_pi*width*(1.0_wp - 0.5_wp*n_samples/n)
       self%window = [bump_weights(n_seen), (0.0_wp, k=n_seen + 1, n_samples)]
@@ -76,7 +77,7 @@ contains
    end subroutine new_line_fit
 
    !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t), until a further product would change the root mean
-   !> square of the remainder by less than `goal`, relative to the record.
+   !> square of the remainder by less than `goal`, relative to the record, or exceed the limit of work.
    subroutine line_fit_coefficients(self, x, goal, coefficients)
       class(line_fit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)                                    !! (n_samples)
@@ -92,9 +93,9 @@ contains
       before = square(left)
       enough = goal**2*sum(self%window*x**2)
       do i = 1, max_products
-         if (before <= 0.0_wp .or. work_is_over()) exit
+         if (before <= 0.0_wp .or. self%work > self%work_limit .or. work_is_over()) exit
          image = self%importance*averages(self, self%window*self%series(self%importance*direction))
-         self%n_products = self%n_products + 1
+         self%work = self%work + work_of_position*size(self%samples%values, 1)
          length = before/sum(real(conjg(direction)*image, wp))
          y = y + length*direction
          if (length*before <= enough) exit
