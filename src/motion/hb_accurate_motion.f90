@@ -412,11 +412,13 @@ contains
       is_accurate = self%estimate <= self%options%accuracy%tolerance*merge(margin, minor, self%is_checked)
    end function refined_motion_is_accurate
 
+   !> A larger set does not reveal the restitution of walls that are struck.
    logical function refined_motion_is_over(self) result(is_over)
       class(refined_motion_t), intent(inout) :: self
 
       is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%options%accuracy%max_work .or. &
-                self%solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status)
+                self%solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status) .or. &
+                (self%result%status == outcome%impact .and. self%own_estimate <= margin*self%options%accuracy%tolerance)
    end function refined_motion_is_over
 
    !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
