@@ -41,6 +41,8 @@ module hb_model_reader
    real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
                                                                       ! of the solver's fallbacks; two methods share
                                                                       ! the rest
+   real(wp), parameter :: work_if_requested = 19.0e9_wp               ! of a method, if time integration is no fallback
+   real(wp), parameter :: least_work = 0.5e9_wp                       ! of a method, at each point of a sweep
 
 contains
 
@@ -249,8 +251,11 @@ contains
       call read_gradient(self, document)
       if (.not. self%options%may_integrate) call refuse_integration()
       self%options%integration%work_limit = work_of_method*self%options%solver%fallback_work
-      if (.not. self%options%solver%has_fallback_work) self%options%integration%work_limit = &
-         self%options%callbacks%share_of_integration*self%options%integration%work_limit
+      if (.not. self%options%solver%has_fallback_work) then
+         if (self%options%primary_method == primary_method%integration) self%options%integration%work_limit = work_if_requested
+         self%options%integration%work_limit = max(self%options%callbacks%share_of_integration* &
+                                                   self%options%integration%work_limit, least_work)
+      end if
 
    contains
 

@@ -253,8 +253,9 @@ contains
       record%coordinates = coordinates_of(system)
       record%capacity = share_of_integrated*options%accuracy%max_harmonics
       record%order = first_order(system, options, candidates_of_retained*record%capacity)
-      record%budget%limit = min(2.0_wp*options%integration%work_limit - result%integration_work, & ! two methods may need as much
-                                2.0_wp*options%max_work() - result%work_spent)
+      associate (of_methods => 2.0_wp*options%integration%work_limit) ! two may need as much
+         record%budget%limit = min(of_methods - result%integration_work, max(of_methods, options%max_work()) - result%work_spent)
+      end associate
       record%max_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, system%tones%n_tones, loaded_tuples(discretisation), record%error, record%order)

@@ -21,7 +21,7 @@ module hb_solver_types
    !> Work is counted, never measured, so that no result depends on the machine. One of work is about a nanosecond of a processor,
    !> in solvers, time integration and stability alike; inputs give it in this unit, about a second.
    real(wp), parameter :: unit_of_work = 1.0e9_wp
-   real(wp), parameter :: share_of_solver = 0.05_wp                   !! of the work of all fallbacks, the rest: time integration
+   real(wp), parameter :: share_of_solver = 1.0_wp/3.0_wp             !! of the work of all fallbacks, the rest: time integration
    integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.

@@ -32,17 +32,17 @@ contains
 
    !> Adds time integration to the callbacks of the points of a run. Stability may use two seconds in total, in
    !> addition to its permitted work at each point. Time integration may use as much for all points together as for a
-   !> single one, but at least a fortieth of it, a second, for each.
+   !> single one, or little for each.
    subroutine add_time_integration(callbacks, n_points)
       type(callbacks_t), intent(inout) :: callbacks
       integer, intent(in) :: n_points                                 !! of the run; 0: no additional time for stability
       type(integrated_floquet_t) :: finder
-      real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp, min_share = 1.0_wp/40.0_wp
+      real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp
 
       callbacks%share_of_integration = 1.0_wp
       if (n_points > 0) then
          finder%work_in_any_case = nanoseconds_of_run/n_points
-         callbacks%share_of_integration = max(1.0_wp/n_points, min_share)
+         callbacks%share_of_integration = 1.0_wp/n_points
       end if
       if (allocated(callbacks%stability_finder)) deallocate (callbacks%stability_finder)
       allocate (callbacks%stability_finder, source=finder)
