@@ -198,8 +198,8 @@ contains
 
       call self%input%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
       if (allocated(error)) return
-      call share_time(self, self%n_points)
       self%callbacks%is_followed = self%input%document%count("curve") > 0
+      call share_time(self, self%n_points)
       call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks)
       self%input%is_valid = .not. allocated(error)
    end subroutine read_document

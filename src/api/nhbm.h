@@ -243,7 +243,7 @@ enum nhbm_start {
 NHBM_EXPORT int nhbm_solve(nhbm_model *model, int start);
 
 /* Sets the number of solutions that belong together, by default 1: if &stability method = 'auto' finds stability too expensive
- * for a point, the points share a budget of two seconds, as in a run of the command. 0: no budget. A curve counts its own
+ * for a point, the points share half a second, as in a run of the command. 0: no budget. A curve counts its own
  * points. */
 NHBM_EXPORT int nhbm_set_point_count(nhbm_model *model, size_t n_points);
 

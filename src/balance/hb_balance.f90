@@ -406,8 +406,8 @@ contains
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
-      real(wp), parameter :: per_sample = 5.0_wp, per_step = 20.0_wp, per_multiplication = 0.025_wp
-      real(wp), parameter :: per_value = 7.5_wp, per_state = 120.0_wp, per_kink = 80.0_wp ! .6 to 2 times the time, 1 to 3 tones
+      real(wp), parameter :: per_sample = 5.0_wp, per_step = 20.0_wp, per_step_of_column = 3.0_wp, per_multiplication = 0.025_wp
+      real(wp), parameter :: per_value = 7.5_wp, per_state = 120.0_wp, per_kink = 50.0_wp  ! .6 to 2 times the time, 1 to 3 tones
       real(wp) :: n
       integer :: i, n_transforms
 
@@ -418,7 +418,7 @@ contains
       self%preconditioner_work = 1.5_wp*per_multiplication*unit_work  ! multiplications of factors: 2/3 n**3
       self%n_rounds = 1
       self%work_of_round = 0.0_wp
-      if (self%law_set%has_memory) self%work_of_round = n*per_step*torus%n_total
+      if (self%law_set%has_memory) self%work_of_round = n*per_step_of_column*torus%n_total
       self%tangent_work = self%tangent_work + self%work_of_round
       associate (set => self%law_set)
          n_transforms = 2 + count([set%needs_velocity, set%needs_reaction]) + merge(3, 0, set%has_memory)
@@ -426,7 +426,7 @@ contains
       end associate
       self%work_of_pass = per_value*n_transforms*torus%n_total*self%n_dofs
       do i = 1, size(self%law_set%laws)
-         self%work_of_pass = self%work_of_pass + per_state*torus%n_total*self%law_set%laws(i)%law%n_states**2
+         self%work_of_pass = self%work_of_pass + per_state*torus%n_total*self%law_set%laws(i)%law%n_states
       end do
    end subroutine count_work
 

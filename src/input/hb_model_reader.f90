@@ -229,8 +229,7 @@ contains
       if (.not. allocated(self%options%callbacks%stability_finder)) &
          allocate (self%options%callbacks%stability_finder, source=floquet_t())
       call read_stability(self%options%stability, document%optional_group("stability"), &
-                          is_patient=(self%options%callbacks%is_followed .or. self%options%accuracy%is_on) .and. &
-                             self%system%tones%n_tones == 1)
+                          is_patient=self%options%callbacks%is_followed .and. self%system%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
       call read_sampling(self, document%optional_group("sampling"))
       call check_size()

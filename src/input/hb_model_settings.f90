@@ -155,7 +155,7 @@ contains
    subroutine read_stability(self, group, is_patient)
       type(stability_config_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      logical, intent(in) :: is_patient !! a motion with one tone is followed, or computed to a tolerance
+      logical, intent(in) :: is_patient !! a motion with one tone is followed: its events need multipliers
 
       if (is_patient) self%patience = much_patience
       call group%choose("method", self%method)

@@ -22,7 +22,7 @@ module hb_motion_description
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
    use hb_system, only: system_t
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: agreement, minor
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -111,17 +111,44 @@ contains
       type(stability_t), intent(inout) :: stability                   !! its stability
       type(stability_config_t) :: config
       type(stability_t) :: refined
+      integer, allocatable :: carrying(:)
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
+      carrying = carrying_tuples(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing))
       config = options%stability
       config%patience = 1.0_wp
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%max_periods = stability%n_periods
       call request_stability(system, discretisation, options, config, &
-                             harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
+                             harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
+                             huge(1.0_wp), refined)
       call stability%compare_with(refined)
    end subroutine compare_with_refined
+
+   !> Positions of the tuples of a motion without the smallest ones, which together change no degree of freedom by more than
+   !> a share of its largest harmonic. Mean values are kept.
+   pure function carrying_tuples(tuples, amplitudes, share) result(positions)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
+      real(wp), intent(in) :: share                                   !! > 0
+      integer, allocatable :: positions(:)
+      real(wp) :: largest, threshold, weight(size(amplitudes, 2))
+      logical :: is_mean(size(amplitudes, 2))
+      integer :: h, i
+
+      is_mean = all(tuples == 0, dim=1)
+      weight = 0.0_wp
+      do i = 1, size(amplitudes, 1)
+         largest = maxval(abs(amplitudes(i, :)), mask=.not. is_mean)
+         if (largest > 0.0_wp) weight = max(weight, abs(amplitudes(i, :))/largest)
+      end do
+      threshold = 1.0_wp
+      do while (sum(weight, mask=weight <= threshold) > share)
+         threshold = 0.5_wp*threshold
+      end do
+      positions = pack([(h, h=1, size(weight))], weight > threshold .or. is_mean)
+   end function carrying_tuples
 
    !> If disturbances grow within a period of a slow tone before they decay, so does the residual of a solution, in
    !> harmonics of that tone far beyond those of the error estimate: its estimate is increased by the growth.

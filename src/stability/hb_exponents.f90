@@ -77,7 +77,7 @@ contains
       integer :: forgotten, i, k, n_all
       logical :: is_done
 
-      propagation%work_left = clearly*work_limit                      ! balls of a bearing need 3.5 times the expected work
+      propagation%work_left = 4.0_wp*work_limit                       ! balls of a bearing need 3.5 times the expected work
       call propagation%reach_steady_state(n_forgotten_of(min_periods), is_done)
       if (.not. is_done .or. propagation%n_followed < 1) return
       allocate (x(propagation%size, propagation%n_followed), source=0.0_wp)

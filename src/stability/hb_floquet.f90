@@ -18,7 +18,7 @@ module hb_floquet
    use hb_monodromy, only: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
    use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
-   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, stability_config_t, &
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, share_of_stability, stability_config_t, &
       stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: clearly, minor, rounding, safety
@@ -56,7 +56,7 @@ module hb_floquet
                                                                       !! by default integers
 
    type, extends(stability_finder_t) :: floquet_t
-      real(wp) :: work_in_any_case = 0.0_wp !! that `auto` may always use for a motion, in about a nanosecond
+      real(wp) :: work_in_any_case = 0.0_wp                           !! that `auto` may always use for a motion, in about a nanosecond
    contains
       procedure :: find => floquet_find
       procedure :: work_limit => floquet_work_limit
@@ -163,7 +163,8 @@ contains
       motions = matmul(motions, combinations)
    end function free_motions
 
-   !> Permitted work in about a nanosecond; unlimited if requested explicitly.
+   !> Permitted work in about a nanosecond; unlimited if requested explicitly. A verdict may take it twice: a second time
+   !> for the motion of the error estimate.
    pure real(wp) function floquet_work_limit(self, config, work_allowed) result(limit)
       class(floquet_t), intent(in) :: self
       type(stability_config_t), intent(in) :: config
@@ -171,7 +172,7 @@ contains
 
       limit = huge(1.0_wp)
       if (config%method == stability_method%auto) &
-         limit = max(config%patience*work_allowed, config%work_spent, self%work_in_any_case)
+         limit = max(config%patience*work_allowed, share_of_stability*config%work_spent, self%work_in_any_case)
    end function floquet_work_limit
 
    !> Disturbances by shifts of the phases of unknown tones and by free motions, as series, (size of the state, n_harmonics, any).

@@ -36,7 +36,7 @@ module hb_monodromy
       real(wp), allocatable :: matrix(:, :)                           !! of (q, v/scale, positions of sliders that slip at times)
       real(wp) :: estimate = huge(1.0_wp)                             !! of its error, relative to its largest entry or 1
       integer :: n_steps = 0                                          !! of the last iteration
-      real(wp) :: work = 0.0_wp                                       !! of all iterations, in about a nanosecond; 0 by pieces
+      real(wp) :: work = 0.0_wp                                       !! of events and all iterations, in about a nanosecond
    end type monodromy_t
 
 contains
@@ -71,8 +71,10 @@ contains
       integer :: doubling, k
 
       call cut_time(variation, start, finish, n_instants_of(variation, finish - start), pieces)
+      self%work = work_of_cuts(variation, finish - start, size(pieces) - 1)
       if (variation%is_piecewise_linear()) then
          call go_round(variation, pieces, finish - start, 1, self%matrix, self%n_steps)
+         self%work = self%work + self%n_steps*variation%work_of_step((finish - start)/max(1, self%n_steps))
          if (.not. work_is_over()) self%estimate = rounding_of(variation, pieces)
          return
       end if
@@ -106,7 +108,7 @@ contains
 
       associate (length => two_pi/variation%motion%omega(1))
          work = work_of_transfer(variation, length)
-         if (variation%n_states > 0) work = work + 2*work_of_cuts(variation, length)
+         if (variation%n_states > 0) work = work + 2*work_of_cuts(variation, length, n_events_of(variation, length))
       end associate
    end function work_of_monodromy
 
@@ -117,7 +119,7 @@ contains
       real(wp), intent(in) :: length                                  !! [s]
       integer :: doubling, n
 
-      work = work_of_cuts(variation, length)
+      work = work_of_cuts(variation, length, n_events_of(variation, length))
       if (variation%is_piecewise_linear()) then
          n = 1 + n_events_of(variation, length)
          work = work + 0.5_wp*n*variation%work_of_step(2.0_wp*length/n)
@@ -131,14 +133,15 @@ contains
    end function work_of_transfer
 
    !> Its part for the detection of events.
-   pure real(wp) function work_of_cuts(variation, length) result(work)
+   pure real(wp) function work_of_cuts(variation, length, n_events) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
+      integer, intent(in) :: n_events
       integer, parameter :: evaluations_per_event = 10
 
       work = 0.0_wp
       if (variation%is_smooth()) return
-      work = evaluations_per_event*n_events_of(variation, length)*variation%work_of_node()
+      work = evaluations_per_event*n_events*variation%work_of_node()
       work = work + n_instants_of(variation, length)*variation%work_of_node()
    end function work_of_cuts
 

@@ -24,8 +24,8 @@ module hb_stability
    implicit none
    private
    public :: angle_of_pair, bifurcation, bifurcation_value, excitation_t, few_periods, harmonic_motion_t, is_torus, &
-      max_multipliers, n_multipliers_of, stability_config_t, stability_finder_t, stability_method, stability_method_names, &
-      stability_t, verdict
+      max_multipliers, n_multipliers_of, share_of_stability, stability_config_t, stability_finder_t, stability_method, &
+      stability_method_names, stability_t, verdict
 
    type :: bifurcation_t
       integer :: branch = 1                                           !! a multiplier 1
@@ -35,6 +35,7 @@ module hb_stability
    type(bifurcation_t), parameter :: bifurcation = bifurcation_t()
 
    integer, parameter :: max_multipliers = 16                        !! that are stored, the largest
+   real(wp), parameter :: share_of_stability = 0.3_wp                 !! of the work of a point
    integer, parameter :: few_periods = 25                             !! for exponents far from zero, and if more take too long
 
    type :: stability_method_t
@@ -54,9 +55,9 @@ module hb_stability
 
    type :: stability_config_t
       integer :: method = stability_method%auto
-      real(wp) :: patience = 1.0_wp                                   !! of `auto`: permitted work, relative to a typical point
+      real(wp) :: patience = share_of_stability                       !! of `auto`: permitted work, relative to a typical point
       real(wp) :: work_spent = 0.0_wp                                 !! on the motion, in about a nanosecond: `auto` may always
-                                                                      !! use as much
+                                                                      !! use a share of it
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
       integer :: min_periods = 100                                 !! of the slowest tone, for exponents
       integer :: max_periods = 800                                   !! likewise, while the sign of the largest is undecided

@@ -112,7 +112,7 @@ contains
    pure real(wp) function work_of_period_map(self) result(work)
       type(period_map_t), intent(in) :: self
 
-      work = (8.0_wp*size(self%x) + usual_shots)*self%integration%work_of(2)
+      work = self%share*(8.0_wp*size(self%x) + usual_shots)*self%integration%work_of(2)
    end function work_of_period_map
 
    !> Finds the periodic state and the matrix there; `is_found` states whether it is close to the motion.

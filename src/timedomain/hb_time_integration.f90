@@ -30,18 +30,20 @@ module hb_time_integration
 
 contains
 
-   !> Adds time integration to the callbacks of the points of a run. Stability may use two seconds in total, in
-   !> addition to its permitted work at each point. Time integration may use as much for all points together as for a
-   !> single one, or little for each.
+   !> Adds time integration to the callbacks of the points of a run. Stability may use half a second in total, or four
+   !> milliseconds for each point, in addition to its share of the work there; along a curve the latter, since nobody knows
+   !> how many points it will have. Time integration may use as much for all points together as for a single one, or little
+   !> for each.
    subroutine add_time_integration(callbacks, n_points)
-      type(callbacks_t), intent(inout) :: callbacks
+      type(callbacks_t), intent(inout) :: callbacks                   !! `is_followed` is set
       integer, intent(in) :: n_points                                 !! of the run; 0: no additional time for stability
       type(integrated_floquet_t) :: finder
-      real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp
+      real(wp), parameter :: work_of_run = 0.5e9_wp, least_work = 4.0e6_wp
 
       callbacks%share_of_integration = 1.0_wp
       if (n_points > 0) then
-         finder%work_in_any_case = nanoseconds_of_run/n_points
+         finder%work_in_any_case = least_work
+         if (.not. callbacks%is_followed) finder%work_in_any_case = max(work_of_run/n_points, least_work)
          callbacks%share_of_integration = 1.0_wp/n_points
       end if
       if (allocated(callbacks%stability_finder)) deallocate (callbacks%stability_finder)

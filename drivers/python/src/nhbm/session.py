@@ -152,7 +152,7 @@ class Session:
     def solve(self, warm: bool = False, points: int = 1) -> None:
         """Computes the motion with the current values, from the last one if `warm`.
 
-        `points` share the time budget of a run for stability, two seconds in all; 0: no stability.
+        `points` share the time budget of a run for stability, half a second in all; 0: none beside their own share.
         """
         if points != self._n_points:
             self._call("set_point_count", points)
