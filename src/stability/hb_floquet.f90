@@ -26,8 +26,8 @@ module hb_floquet
    use hb_variation_pieces, only: cut_time
    implicit none
    private
-   public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, linear_propagation_t, &
-      new_linear_propagation, stability_of_map, work_on_demand
+   public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, least_work, &
+      linear_propagation_t, new_linear_propagation, stability_of_map, work_on_demand
 
    real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
    integer, parameter :: turns_of_part = 4                            ! of the fastest tone
@@ -50,13 +50,14 @@ module hb_floquet
    real(wp), parameter :: max_work_of_orbit = 1.0e8_wp               ! in about a nanosecond; high modes need more, and the
                                                                       ! series is used for them: with a minute
                                                                       ! inputs/gallery/beam_stop_peak.nml takes 24 s, not 0.5 s
+   real(wp), parameter :: least_work = 4.0e6_wp                       !! in about a nanosecond: for any motion
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
    real(wp), parameter :: max_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
                                                                       !! tone: the samples of a period are stored, and counted
                                                                       !! by default integers
 
    type, extends(stability_finder_t) :: floquet_t
-      real(wp) :: work_in_any_case = 0.0_wp                           !! that `auto` may always use for a motion, in about a nanosecond
+      real(wp) :: work_in_any_case = least_work                       !! that `auto` may always use for a motion, in about a nanosecond
    contains
       procedure :: find => floquet_find
       procedure :: work_limit => floquet_work_limit

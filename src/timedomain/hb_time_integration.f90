@@ -6,6 +6,7 @@ module hb_time_integration
    use hb_cancellation, only: work_is_over
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
+   use hb_floquet, only: least_work
    use hb_integrated_floquet, only: integrated_floquet_t
    use hb_integrated_motion, only: find_steady_motion
    use hb_integrated_start, only: find_locking, integrated_guess
@@ -38,11 +39,11 @@ contains
       type(callbacks_t), intent(inout) :: callbacks                   !! `is_followed` is set
       integer, intent(in) :: n_points                                 !! of the run; 0: no additional time for stability
       type(integrated_floquet_t) :: finder
-      real(wp), parameter :: work_of_run = 0.5e9_wp, least_work = 4.0e6_wp
+      real(wp), parameter :: work_of_run = 0.5e9_wp
 
       callbacks%share_of_integration = 1.0_wp
+      if (n_points == 0) finder%work_in_any_case = 0.0_wp
       if (n_points > 0) then
-         finder%work_in_any_case = least_work
          if (.not. callbacks%is_followed) finder%work_in_any_case = max(work_of_run/n_points, least_work)
          callbacks%share_of_integration = 1.0_wp/n_points
       end if
