@@ -11,16 +11,12 @@ contains
 
    !> Creates the callbacks of a run.
    function run_callbacks(n_points, is_followed) result(callbacks)
-      integer, intent(in), optional :: n_points                       !! of the run; default: so many that no shared budget remains
+      integer, intent(in), optional :: n_points                       !! of the run; default: as `add_time_integration`
       logical, intent(in), optional :: is_followed                    !! the motion is the first one of a curve; default: false
       type(callbacks_t) :: callbacks
 
       allocate (callbacks%fe_models, source=fe_model_file_t())
       if (present(is_followed)) callbacks%is_followed = is_followed
-      if (present(n_points)) then
-         call add_time_integration(callbacks, n_points)
-      else
-         call add_time_integration(callbacks, 0)
-      end if
+      call add_time_integration(callbacks, n_points)
    end function run_callbacks
 end module hb_run_callbacks

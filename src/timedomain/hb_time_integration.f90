@@ -37,15 +37,19 @@ contains
    !> for each.
    subroutine add_time_integration(callbacks, n_points)
       type(callbacks_t), intent(inout) :: callbacks                   !! `is_followed` is set
-      integer, intent(in) :: n_points                                 !! of the run; 0: no additional time for stability
+      integer, intent(in), optional :: n_points                       !! of the run; 0: nothing in addition for stability;
+                                                                      !! default: the least for each point
       type(integrated_floquet_t) :: finder
       real(wp), parameter :: work_of_run = 0.5e9_wp
 
       callbacks%share_of_integration = 1.0_wp
-      if (n_points == 0) finder%work_in_any_case = 0.0_wp
-      if (n_points > 0) then
-         if (.not. callbacks%is_followed) finder%work_in_any_case = max(work_of_run/n_points, least_work)
-         callbacks%share_of_integration = 1.0_wp/n_points
+      if (present(n_points)) then
+         if (n_points == 0) then
+            finder%work_in_any_case = 0.0_wp
+         else
+            if (.not. callbacks%is_followed) finder%work_in_any_case = max(work_of_run/n_points, least_work)
+            callbacks%share_of_integration = 1.0_wp/n_points
+         end if
       end if
       if (allocated(callbacks%stability_finder)) deallocate (callbacks%stability_finder)
       allocate (callbacks%stability_finder, source=finder)

@@ -88,7 +88,7 @@ contains
       type(document_t), target :: document
 
       call read_namelist(document, "test.nml", one_group_a_line(text), error)
-      if (.not. allocated(error)) call read_model(model, document, error, callbacks=run_callbacks(n_points=1))
+      if (.not. allocated(error)) call read_model(model, document, error, callbacks=run_callbacks())
    end subroutine make_model
 
    !> Message of an error, empty without one: a test that expects none says what went wrong.
