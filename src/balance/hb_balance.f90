@@ -417,8 +417,8 @@ contains
       self%tangent_work = per_multiplication*n**3
       self%preconditioner_work = 1.5_wp*per_multiplication*unit_work  ! multiplications of factors: 2/3 n**3
       self%n_rounds = 1
-      self%work_of_round = 0.0_wp
-      if (self%law_set%has_memory) self%work_of_round = n*per_step_of_column*torus%n_total
+      self%work_of_round = n*per_step_of_column*torus%n_total*sum([(self%law_set%laws(i)%law%n_states, i=1, &
+                                                                    size(self%law_set%laws))])
       self%tangent_work = self%tangent_work + self%work_of_round
       associate (set => self%law_set)
          n_transforms = 2 + count([set%needs_velocity, set%needs_reaction]) + merge(3, 0, set%has_memory)

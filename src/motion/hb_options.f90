@@ -38,7 +38,7 @@ module hb_options
       type(response_t), allocatable :: outputs(:)                     !! or relative to each of these, if there are any
       integer :: max_harmonics = 2000                                 !! tuples of a set
       integer :: max_samples = 2000000                                !! of a grid
-      real(wp) :: max_work = 4.0e9_wp                                 !! of all solutions of a point, as `work` of a report
+      real(wp) :: max_work = 3.0e9_wp                                 !! of all solutions of a point, as `work` of a report
    end type accuracy_t
 
    !> Numbers with respect to which motions are differentiated.

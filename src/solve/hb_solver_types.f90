@@ -132,7 +132,7 @@ module hb_solver_types
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: preconditioner_level = 0                             !! that solutions from products begin with
       integer :: homotopy_iterations = 500                            !! of all corrections together
-      real(wp) :: fallback_work = 2.0e9_wp                            !! of all fallbacks, as `work` of a report
+      real(wp) :: fallback_work = 1.5e9_wp                            !! of all fallbacks, as `work` of a report
       real(wp) :: fallback_share = 4.0_wp                             !! at least so many times that of the direct attempt
       real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
