@@ -3,10 +3,10 @@
 !>
 !> State: z - w, the yielded part. On a monotone piece of the path u = w/z_y, positive in the direction of loading,
 !> obeys du/dy = E(u) = 1 - r |u|**n with the path length y = |dz|/z_y, r = 1 during loading and r = 1 - 2 beta during
-!> unloading. Each piece is solved to rounding. For n = 1, E decays exponentially in y. For other n: near u = 0, where |u|**n need not be smooth, by the power
-!> series of y(u); elsewhere in v = -log|E|, with dv/dy = r n |u|**(n - 1) sgn(u), by Newton's method, which
-!> integrates dy/dv with Gauss points from iterate to iterate. Since nothing depends explicitly on y, du/dy at the end
-!> is E there and du/du_start is the ratio of E at both ends. Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976)
+!> unloading. Each piece is solved to rounding. For n = 1, E decays exponentially in y. For other n: near u = 0, where
+!> |u|**n need not be smooth, by the power series of y(u); elsewhere in v = -log|E|, with dv/dy = r n |u|**(n - 1)
+!> sgn(u), by Newton's method, which integrates dy/dv with Gauss points from iterate to iterate. Since nothing depends
+!> explicitly on y, du/dy at the end is E there and du/du_start is the ratio of E at both ends. Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976)
 !> 249; F. Ikhouane and J. Rodellar, Systems with Hysteresis, Wiley 2007 (normalised form); S. Erlicher and N. Point,
 !> C. R. Mecanique 332 (2004) 51 (beta >= gamma: no loop generates energy); docs/why/theory.md, section 5.5. Sign: f
 !> stands beside K q on the left-hand side.

@@ -57,7 +57,7 @@ module hb_floquet
                                                                       !! by default integers
 
    type, extends(stability_finder_t) :: floquet_t
-      real(wp) :: work_in_any_case = least_work                       !! that `auto` may always use for a motion, in about a nanosecond
+      real(wp) :: work_in_any_case = least_work                       !! [ns] that `auto` may always use for a motion
    contains
       procedure :: find => floquet_find
       procedure :: work_limit => floquet_work_limit

@@ -19,7 +19,7 @@ module hb_line_fit
 
    integer, parameter :: width = 14                                   ! positions over which a line is distributed: errors of 1e-11
    integer, parameter :: max_products = 100
-   real(wp), parameter :: work_of_position = 35.0_wp                  ! [ns] in a product: .6 to 1.3 times the time, 2**20 to 2**24 of them
+   real(wp), parameter :: work_of_position = 35.0_wp                  ! [ns] in a product: .6 to 1.3 times the time
 
    type :: line_fit_t
       real(wp) :: work = 0.0_wp                                       !! of all fits so far [ns]
