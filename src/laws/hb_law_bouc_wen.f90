@@ -6,10 +6,10 @@
 !> unloading. Each piece is solved to rounding. For n = 1, E decays exponentially in y. For other n: near u = 0, where
 !> |u|**n need not be smooth, by the power series of y(u); elsewhere in v = -log|E|, with dv/dy = r n |u|**(n - 1)
 !> sgn(u), by Newton's method, which integrates dy/dv with Gauss points from iterate to iterate. Since nothing depends
-!> explicitly on y, du/dy at the end is E there and du/du_start is the ratio of E at both ends. Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976)
-!> 249; F. Ikhouane and J. Rodellar, Systems with Hysteresis, Wiley 2007 (normalised form); S. Erlicher and N. Point,
-!> C. R. Mecanique 332 (2004) 51 (beta >= gamma: no loop generates energy); docs/why/theory.md, section 5.5. Sign: f
-!> stands beside K q on the left-hand side.
+!> explicitly on y, du/dy at the end is E there and du/du_start is the ratio of E at both ends. Source: Y.-K. Wen,
+!> J. Eng. Mech. Div. ASCE 102 (1976) 249; F. Ikhouane and J. Rodellar, Systems with Hysteresis, Wiley 2007 (normalised
+!> form); S. Erlicher and N. Point, C. R. Mecanique 332 (2004) 51 (beta >= gamma: no loop generates energy);
+!> docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
 module hb_law_bouc_wen
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
