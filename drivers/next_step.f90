@@ -83,7 +83,7 @@ contains
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
             if (why /= reason%overflow) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
-            if (why == reason%growth) then
+            if (any(why == [reason%growth, reason%departure])) then
                text = integrate_from_rest(run)
             else if (why == reason%fallback_work) then
                text = raised(run, trim(reason_names(why)))

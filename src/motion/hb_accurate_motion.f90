@@ -8,6 +8,7 @@
 !> Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter
 !> 5.
 module hb_accurate_motion
+   use hb_advice, only: rounded
    use hb_attempts, only: attempts_t, make_attempts
    use hb_cancellation, only: cancellation_t, note_level, verdict, work_is_over
    use hb_discretisation, only: discretisation_t
@@ -26,7 +27,7 @@ module hb_accurate_motion
    use hb_outcome, only: is_answer => is_solved, outcome, reason
    use hb_refinement, only: refinable_t, refine
    use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, starting_point, technique
-   use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
+   use hb_stability, only: few_periods, share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
    use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: primary_method
@@ -269,6 +270,10 @@ contains
             finer%is_finer = .true.
             finer%motion%solver = motion%solver
             sharper%accuracy%max_work = min(motion%options%accuracy%max_work, max(min_work_of_verdict, share*motion%solver%work))
+            if (sharper%stability%method == stability_method%auto) then
+               sharper%accuracy%max_work = max(min_work_of_verdict, share_of_stability*motion%solver%work_spent)
+               sharper%solver%fallback_work = 0.0_wp                  ! a level in progress ends at the limit
+            end if
             finer%motion%start = motion%top
             call solve_by_levels(finer, motion%system, motion%discretisation, sharper)
             motion%solver%effort_t = finer%motion%solver%effort_t
@@ -633,11 +638,14 @@ contains
    subroutine finish(self)
       type(refined_motion_t), intent(inout) :: self
 
+      logical :: compares
+
       associate (options => self%options, result => self%result)
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
             result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
-         if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0) &
-            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%work_spent, result)
+         compares = compares_in_time(self)
+         if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
+            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%work_spent, compares, result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set
@@ -651,13 +659,22 @@ contains
       end associate
    end subroutine finish
 
+   !> Whether a converged motion is compared with a short time integration, because error estimates see no jumps.
+   logical function compares_in_time(self) result(compares)
+      class(refined_motion_t), intent(in) :: self
+
+      compares = self%result%status == outcome%converged .and. self%options%has_time_domain() .and. &
+                 self%options%error_estimate%is_on .and. self%system%may_jump_within_period()
+   end function compares_in_time
+
    !> Solves the last level again, with stability and samples of the motion.
-   subroutine add_stability(system, discretisation, options, top, work_spent, result)
+   subroutine add_stability(system, discretisation, options, top, work_spent, compares, result)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: work_spent                              !! for the motion
+      logical, intent(in) :: compares                                 !! with a short time integration
       type(motion_result_t), intent(inout) :: result
       type(discretisation_t) :: here
       type(options_t) :: alone                                        !! the motion and its stability, without estimates
@@ -671,6 +688,7 @@ contains
       alone%error_estimate%is_on = .false.
       alone%solver%tolerance = solver_tolerance(options)
       alone%stability%work_spent = work_spent
+      alone%compares_in_time = compares
       if (alone%stability%method == stability_method%auto) alone%stability%min_periods = few_periods
       call put_on_level(here, system, discretisation, alone, top, error)
       if (.not. allocated(error)) call solve_system(system, here, alone, whole, error, top%unknowns)
@@ -681,12 +699,30 @@ contains
          tones%omega = result%frequency
          call compare_with_refined(system, here, alone, tones, result%error_estimate, result%stability)
          call allow_for_growth(result, options%accuracy%tolerance)
+         call allow_for_departure(whole%departure, options%accuracy%tolerance, result)
       end if
       if (.not. allocated(whole%displacement_samples)) return
       result%displacement_samples = whole%displacement_samples
       result%force_samples = whole%force_samples
       result%corrected_samples = whole%corrected_samples
    end subroutine add_stability
+
+   !> If a time integration from a motion leaves it by more than its estimated error and the tolerance explain, the difference is
+   !> its error.
+   subroutine allow_for_departure(departure, tolerance, result)
+      real(wp), intent(in) :: departure                               !! relative; negative if it is not known
+      real(wp), intent(in) :: tolerance
+      type(motion_result_t), intent(inout) :: result
+      real(wp), parameter :: explained = 2.0_wp                       ! of the estimate: it may be too small by as much
+
+      result%departure = departure
+      if (result%status /= outcome%converged .or. departure <= explained*max(tolerance, estimate_of_motion(result))) return
+      result%status = outcome%truncated
+      result%reason = reason%departure
+      result%level_estimate = min(1.0_wp, departure)
+      result%message = "a time integration that starts on the motion leaves it by "//rounded(departure)// &
+                       ", more than the estimated error: the motion may jump within a period of the slowest tone"
+   end subroutine allow_for_departure
 
    !> Names the least accurate output.
    function message_on_outputs(accuracy, estimates) result(message)

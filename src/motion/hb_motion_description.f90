@@ -18,7 +18,7 @@ module hb_motion_description
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
-   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, stability_config_t, &
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, share_of_stability, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
    use hb_system, only: system_t
@@ -72,6 +72,8 @@ contains
             call compare_with_refined(system, discretisation, options, tones_of(system, balance), result%error_estimate, &
                                       result%stability)
          end if
+         if (options%compares_in_time) call compare_in_time(system, discretisation, options, &
+            harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), result)
          call allow_for_growth(result, options%error_estimate%truncation)
          if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
          if (size(options%output%samples) > 0) call keep_surfaces(system, options, basis, balance, u, result, error)
@@ -98,6 +100,21 @@ contains
                              harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), &
                              usual_work(balance), stability)
    end subroutine stability_of
+
+   !> Finds how far a short time integration leaves a motion that is not unstable.
+   subroutine compare_in_time(system, discretisation, options, motion, result)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(harmonic_motion_t), intent(in) :: motion
+      type(motion_result_t), intent(inout) :: result
+      real(wp), parameter :: least_work = 1.5e8_wp                    ! in about a nanosecond, for any motion
+
+      if (result%status /= outcome%converged .or. result%stability%verdict == stability_verdict%unstable) return
+      if (.not. allocated(options%callbacks%time_domain_solver)) return
+      call options%callbacks%time_domain_solver%find_departure(system, discretisation, options, motion, &
+         max(share_of_stability*options%stability%work_spent, least_work), result%departure)
+   end subroutine compare_in_time
 
    !> Accepts a verdict only if the motion with its first-order errors removed has the same one: multipliers and
    !> exponents are sensitive to errors that are small relative to the motion, such as errors in the time at which a

@@ -74,6 +74,7 @@ module hb_motion_result
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp) :: level_difference = 0.0_wp             !! of the motions of the last two levels, relative
+      real(wp) :: departure = -1.0_wp                   !! of a time integration from the motion, relative; negative: not known
       real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&error_estimate` permits
       real(wp) :: level_estimate = 0.0_wp               !! estimated error from this difference if larger than the error estimate's
                                                         !! estimate from the motion alone, relative; otherwise 0

@@ -11,7 +11,7 @@ module hb_options
    use hb_outcome, only: outcome
    use hb_response, only: response_t
    use hb_solver_types, only: share_of_solver, solver_config_t
-   use hb_stability, only: stability_config_t, stability_finder_t
+   use hb_stability, only: harmonic_motion_t, stability_config_t, stability_finder_t
    use hb_system, only: system_t
    use hb_time_domain, only: integration_config_t, locking_t, primary_method, steady_motion_t
    implicit none
@@ -82,6 +82,7 @@ module hb_options
       procedure(find_steady_motion), deferred, nopass :: find_steady_motion
       procedure(first_guess), deferred, nopass :: first_guess
       procedure(find_locking), deferred, nopass :: find_locking
+      procedure, nopass :: find_departure => leave_departure_unknown
    end type time_domain_solver_t
 
    !> Objects of later layers that the solution of a model calls, and the purpose of its motion; the caller supplies
@@ -105,6 +106,7 @@ module hb_options
       type(stability_config_t) :: stability
       type(integration_config_t) :: integration
       logical :: may_integrate = .true.                               !! by the time-domain solver, if there is one
+      logical :: compares_in_time = .false.                           !! a motion that may jump within a period of a slow tone
       type(gradient_config_t) :: gradient
       type(output_config_t) :: output
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may use
@@ -153,6 +155,19 @@ module hb_options
    end interface
 
 contains
+
+   !> Difference between a motion and a short integration that starts on it, root mean square at the degrees of freedom of
+   !> the laws, relative; negative if it is not known, as always here.
+   subroutine leave_departure_unknown(system, discretisation, options, motion, work_limit, departure)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(out) :: departure
+
+      departure = -1.0_wp
+   end subroutine leave_departure_unknown
 
    !> Whether time integration may be used.
    pure logical function options_has_time_domain(self) result(has)

@@ -28,6 +28,7 @@ module hb_system
       type(model_tie_t), allocatable :: ties(:)                       !! by which numbers follow others, in their order
    contains
       procedure :: has_restitution => system_has_restitution
+      procedure :: may_jump_within_period => system_may_jump_within_period
    end type system_t
 
 contains
@@ -48,4 +49,15 @@ contains
          if (.not. has) return
       end do
    end function system_has_restitution
+
+   !> Whether a slow tone may carry a fast one through contact: the fast motion may then jump within a period of the slow one.
+   logical function system_may_jump_within_period(self) result(may_jump)
+      class(system_t), intent(in) :: self
+      real(wp), parameter :: far = 10.0_wp                            ! ratio of two tones
+      integer :: i
+
+      may_jump = self%tones%n_tones > 1 .and. .not. any(self%tones%is_unknown)
+      if (may_jump) may_jump = maxval(abs(self%tones%omega)) > far*minval(abs(self%tones%omega)) .and. &
+                               any([(self%laws(i)%law%degree == 0, i=1, size(self%laws))])
+   end function system_may_jump_within_period
 end module hb_system

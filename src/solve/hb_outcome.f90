@@ -47,10 +47,11 @@ module hb_outcome
       integer :: error = 7                             !! of the input, a law or a library: the point cannot be solved as it is
       integer :: points = 8                            !! `points` of `&curve`: the curve continues beyond its last point
       integer :: grazing = 9                             !! a curve ends at a grazing impact, beyond which no motion was found
+      integer :: departure = 10                        !! of a time integration from the motion: a larger set does not help
    end type reason_t
    type(reason_t), parameter :: reason = reason_t()
-   character(*), parameter :: reason_names(0:9) = [character(14) :: "none", "max_iterations", "fallback_work", "time_limit", &
-      "overflow", "growth", "lost_curve", "error", "points", "grazing"]
+   character(*), parameter :: reason_names(0:10) = [character(14) :: "none", "max_iterations", "fallback_work", "time_limit", &
+      "overflow", "growth", "lost_curve", "error", "points", "grazing", "departure"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
    character(*), parameter :: outcome_names(0:21) = [character(19) :: &

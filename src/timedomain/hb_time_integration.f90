@@ -4,6 +4,7 @@
 module hb_time_integration
    use hb_advice, only: rounded
    use hb_cancellation, only: work_is_over
+   use hb_departure, only: find_departure
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_floquet, only: least_work
@@ -27,6 +28,7 @@ module hb_time_integration
       procedure, nopass :: find_steady_motion => find_from_starts
       procedure, nopass :: first_guess => integrated_guess
       procedure, nopass :: find_locking
+      procedure, nopass :: find_departure
    end type time_integration_t
 
 contains

@@ -1,0 +1,100 @@
+!> Whether a motion of tones far apart holds in time: a short integration that starts on it.
+!>
+!> Where a slow tone carries a fast motion into contact, the fast motion may jump to another one, and ring until the jump has
+!> decayed. In the balance a smooth motion without the jump may be left, from which Newton's method finds no step in any
+!> set: error estimates are steps of it. The integration jumps. It lasts until the transient of the linear structure has
+!> decayed, and through one more period of the slowest tone, in which the difference counts. A second one starts very close
+!> to it: if they diverge, the motion is unstable, and the difference says nothing. Source: docs/why/theory.md, section 7.
+module hb_departure
+   use, intrinsic :: iso_fortran_env, only: int64
+   use hb_discretisation, only: discretisation_t
+   use hb_error, only: error_t
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
+   use hb_kinds, only: two_pi, wp
+   use hb_law_coordinates, only: law_dofs_of
+   use hb_modes, only: slowest_decay
+   use hb_motion_series, only: motion_series_t, new_motion_series
+   use hb_options, only: options_t
+   use hb_stability, only: harmonic_motion_t
+   use hb_structure, only: max_dofs
+   use hb_system, only: system_t
+   use hb_time_domain, only: evaluation_work, integration_config_t, integration_method
+   use hb_time_stepping, only: integrate_from, integration_record_t
+   implicit none
+   private
+   public :: find_departure
+
+   real(wp), parameter :: enough_decay = 3.0_wp                       ! of the slowest mode, as a logarithm
+   real(wp), parameter :: tolerance = 1.0e-7_wp                       ! of the integration
+   real(wp), parameter :: nearness = 1.0e-6_wp                        ! of the second one at its start, relative to the motion
+   real(wp), parameter :: growing = 3.0_wp                            ! of their distance
+   integer, parameter :: longest_transient = 5                        ! periods of the slowest tone
+   integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
+
+contains
+
+   !> Difference between integration and motion at the degrees of freedom of the laws, root mean square, relative; negative
+   !> if it is not known.
+   subroutine find_departure(system, discretisation, options, motion, work_limit, departure)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(out) :: departure
+      type(error_t), allocatable :: error
+      type(integration_config_t) :: config
+      type(integration_record_t) :: other_record, record
+      type(integration_state_t) :: other, state
+      type(integration_system_t), target :: equations
+      real(wp), allocatable :: there(:, :), rates(:, :)
+      type(motion_series_t) :: series
+      integer, allocatable :: law_dofs(:)
+      real(wp) :: at_start(1, size(motion%amplitudes, 1)), period, rate, scale, step, velocity(1, size(motion%amplitudes, 1))
+      integer :: i, n_transient
+
+      departure = -1.0_wp
+      ! impacts and sliders ask for more than a state of displacements and velocities
+      if (any([(system%laws(i)%law%is_multiplier .or. system%laws(i)%law%n_states > 0, i=1, size(system%laws))])) return
+      if (allocated(system%structure%sparse)) return
+      call system%structure%check_matrices("integration", max_dofs, error)
+      if (allocated(error)) return
+      associate (omega => motion%tones%omega, structure => system%structure)
+         period = two_pi/minval(abs(omega))
+         rate = slowest_decay(structure%mass, structure%damping, structure%stiffness)*period
+         if (.not. rate*longest_transient >= enough_decay) return
+         n_transient = ceiling(enough_decay/rate)
+         call new_motion_series(series, motion%tuples, omega, motion%amplitudes)
+         call new_integration_system(equations, structure, system%laws, discretisation%loads%whole(), &
+                                     discretisation%harmonics%frequencies(omega), omega)
+      end associate
+      call series%at(series%phases([0.0_wp]), at_start, velocity)
+      call new_integration_state(state, equations%n_dofs, equations%laws%n_states)
+      state%q = at_start(1, :)
+      state%v = velocity(1, :)
+      law_dofs = law_dofs_of(system%laws)
+      scale = maxval(sum(abs(motion%amplitudes), dim=2))
+      other = state
+      other%q = other%q + nearness*scale*[(cos(real(i, wp)), i=1, size(other%q))]
+      config = options%integration
+      config%method = integration_method%cvode
+      config%tolerance = max(config%tolerance, tolerance)
+      config%decimation = huge(1)
+      config%transient = n_transient*period
+      config%duration = period
+      config%max_evaluations = int(min(work_limit/evaluation_work(equations%n_dofs, equations%laws%n_coordinates, .false.), &
+                                       1.0e18_wp), int64)             ! of both
+      step = two_pi/(samples_of_harmonic*maxval(abs(series%frequencies)))
+      step = period/ceiling(period/step)
+      call integrate_from(equations, config, step, law_dofs, state, record, error)
+      if (.not. allocated(error)) call integrate_from(equations, config, step, law_dofs, other, other_record, error)
+      if (allocated(error)) return
+      if (maxval(abs(other%q - state%q)) > growing*nearness*scale) return
+      associate (times => record%start + record%step*[(real(i, wp), i=0, size(record%every_displacement, 1) - 1)])
+         allocate (there(size(times), size(state%q)), rates(size(times), size(state%q)))
+         call series%at(series%phases(times), there, rates, with_rates=.false.)
+      end associate
+      there = there(:, law_dofs)
+      departure = norm2(record%every_displacement - there)/max(norm2(there), tiny(1.0_wp))
+   end subroutine find_departure
+end module hb_departure
