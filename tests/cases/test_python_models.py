@@ -381,6 +381,17 @@ def test_sweeps_are_spread_over_processes():
     same(together["coefficients"].values, alone["coefficients"].values, "coefficients")
 
 
+def test_what_cannot_be_sent_to_processes_is_named():
+    def local(q, p):
+        return q**3
+
+    model = duffing(spring=cubic)
+    model.law(nhbm.law(local, odd=True), "x1", label="spring")
+    with pytest.raises(nhbm.ModelError, match=r"processes of `workers` cannot be sent.*local.*top level of a module"):
+        model.sweep({"load[0].cos": [0.1, 0.3]}, order=5, workers=2)
+    assert model.sweep({"load[0].cos": [0.1, 0.3]}, order=5).sizes["point"] == 2
+
+
 def test_sweeps_are_spread_over_ranks(tmp_path):
     """Each rank has the whole dataset, with the same bits as one process."""
     pytest.importorskip("mpi4py")

@@ -178,9 +178,10 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
         from concurrent.futures import ProcessPoolExecutor
         from concurrent.futures.process import BrokenProcessPool
 
+        text = _pickled(work)
         try:
             with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
-                with _script_left_out(work):
+                with _script_left_out(text):
                     found = executor.map(work, lines)  # all processes start here
                 yield from _counted(found, bar)
         except BrokenProcessPool as error:
@@ -192,6 +193,17 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
     yield from _counted(map(work, lines) if executor is None else executor.map(work, lines), bar)
 
 
+def _pickled(work: _Line) -> bytes:
+    """What is sent to a process."""
+    try:
+        return pickle.dumps(work)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise ModelError(
+            f"the processes of `workers` cannot be sent something of this model: {error}. Define laws, and the function `of`, at "
+            "the top level of a module or script, or leave `workers` out"
+        ) from error
+
+
 def _counted(found: Iterable[list[Any]], bar: Progress) -> Iterator[list[Any]]:
     for motions in found:
         bar.update(len(motions))
@@ -199,10 +211,10 @@ def _counted(found: Iterable[list[Any]], bar: Progress) -> Iterator[list[Any]]:
 
 
 @contextlib.contextmanager
-def _script_left_out(work: _Line) -> Iterator[None]:
+def _script_left_out(text: bytes) -> Iterator[None]:
     """Processes that start meanwhile do not run the script of the user anew, unless something of it is sent to them."""
     script = sys.modules["__main__"].__dict__
-    if b"__main__" in pickle.dumps(work):
+    if b"__main__" in text:
         yield
         return
     saved = {name: script.get(name) for name in ("__file__", "__spec__")}
