@@ -132,7 +132,7 @@ contains
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
-      carrying = carrying_tuples(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing))
+      call find_carrying(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing), carrying)
       config = options%stability
       config%patience = 1.0_wp
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
@@ -143,13 +143,13 @@ contains
       call stability%compare_with(refined)
    end subroutine compare_with_refined
 
-   !> Positions of the tuples of a motion without the smallest ones, which together change no degree of freedom by more than
+   !> Finds the tuples of a motion without the smallest ones, which together change no degree of freedom by more than
    !> a share of its largest harmonic. Mean values are kept.
-   pure function carrying_tuples(tuples, amplitudes, share) result(positions)
+   pure subroutine find_carrying(tuples, amplitudes, share, positions)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
       real(wp), intent(in) :: share                                   !! > 0
-      integer, allocatable :: positions(:)
+      integer, allocatable, intent(out) :: positions(:)
       real(wp) :: largest, threshold, weight(size(amplitudes, 2))
       logical :: is_mean(size(amplitudes, 2))
       integer :: h, i
@@ -164,8 +164,8 @@ contains
       do while (sum(weight, mask=weight <= threshold) > share)
          threshold = 0.5_wp*threshold
       end do
-      positions = pack([(h, h=1, size(weight))], weight > threshold .or. is_mean)
-   end function carrying_tuples
+      allocate (positions, source=pack([(h, h=1, size(weight))], weight > threshold .or. is_mean))
+   end subroutine find_carrying
 
    !> If disturbances grow within a period of a slow tone before they decay, so does the residual of a solution, in
    !> harmonics of that tone far beyond those of the error estimate: its estimate is increased by the growth.
