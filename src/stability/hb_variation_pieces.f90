@@ -280,11 +280,13 @@ contains
       real(wp), intent(in) :: z(:), v(:)                              !! of the law at the present one
       real(wp) :: margin
       integer :: pass
+      logical :: is_followed
 
       associate (slip => search%variation%slip(search%slider), held => search%variation%held(search%slider), &
                  lower => search%lower(search%s), lower_rate => search%lower_rate(search%s), &
                  upper => search%upper(search%s), upper_rate => search%upper_rate(search%s), now => search%times(2))
          do pass = 1, max_passes
+            is_followed = .false.
             margin = 8.0_wp*epsilon(1.0_wp)*max(abs(lower), abs(upper))
             if (slip == 0 .and. held < lower - margin) then
                call note(search, 1, time_of(search, 1, .false., now))
@@ -295,13 +297,14 @@ contains
             else if (slip == -1 .and. upper_rate > 0.0_wp) then
                call note(search, 0, time_of(search, -1, .true., now))
             else if (slip == 0 .and. lower_rate_before > 0.0_wp .and. lower_rate < 0.0_wp) then
-               if (.not. slips_at_turn(search, 1, margin)) exit
+               is_followed = .not. slips_at_turn(search, 1, margin)
             else if (slip == 0 .and. upper_rate_before < 0.0_wp .and. upper_rate > 0.0_wp) then
-               if (.not. slips_at_turn(search, -1, margin)) exit
+               is_followed = .not. slips_at_turn(search, -1, margin)
             else
                exit
             end if
-            call find_bounds(search, z, v)
+            call find_bounds(search, z, v)                            ! also for the sliders that follow
+            if (is_followed) exit
          end do
          if (slip == 1) held = lower
          if (slip == -1) held = upper
