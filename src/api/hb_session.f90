@@ -69,7 +69,8 @@ module hb_session
       type(curve_runner_t), private :: runner                         ! of the curve
       logical, private :: has_verdict = .false.
       logical, private :: is_present = .false.                        ! the motion was computed with the present values
-      integer, private :: n_sharing = -1                              ! `n_points` for which the callbacks were set
+      integer, private :: n_sharing = -1                              ! `n_points` for which the callbacks were set,
+      logical, private :: shares_of_curve = .false.                   ! or a curve
    contains
       procedure :: set_structure_source => session_set_structure_source
       procedure :: read => session_read
@@ -574,10 +575,11 @@ contains
       class(session_t), intent(inout) :: self
       integer, intent(in) :: n_points
 
-      if (n_points == self%n_sharing) return
+      if (n_points == self%n_sharing .and. (self%callbacks%is_followed .eqv. self%shares_of_curve)) return
       call add_time_integration(self%callbacks, n_points)
       self%model%is_read = .false.
       self%n_sharing = n_points
+      self%shares_of_curve = self%callbacks%is_followed
    end subroutine share_time
 
    !> Fails if there is no input, or if its present values are invalid.

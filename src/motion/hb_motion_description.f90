@@ -108,7 +108,7 @@ contains
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
       type(motion_result_t), intent(inout) :: result
-      real(wp), parameter :: least_work = 1.5e8_wp                    ! in about a nanosecond, for any motion
+      real(wp), parameter :: least_work = 3.0e8_wp                    ! in about a nanosecond, for any motion
 
       if (result%status /= outcome%converged .or. result%stability%verdict == stability_verdict%unstable) return
       if (.not. allocated(options%callbacks%time_domain_solver)) return

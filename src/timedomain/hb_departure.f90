@@ -9,6 +9,7 @@ module hb_departure
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
+   use hb_integrated_motion, only: fastest_of, has_bounds_of
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: law_dofs_of
@@ -28,8 +29,9 @@ module hb_departure
    real(wp), parameter :: tolerance = 1.0e-7_wp                       ! of the integration
    real(wp), parameter :: nearness = 1.0e-6_wp                        ! of the second one at its start, relative to the motion
    real(wp), parameter :: growing = 3.0_wp                            ! of their distance
+   real(wp), parameter :: step_of_mode = 0.2_wp                       ! radians of the fastest mode, of fixed steps
    integer, parameter :: longest_transient = 5                        ! periods of the slowest tone
-   integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
+   integer, parameter :: samples_of_tone = 40                         ! in a period of the fastest one, at least
 
 contains
 
@@ -77,15 +79,19 @@ contains
       other = state
       other%q = other%q + nearness*scale*[(cos(real(i, wp)), i=1, size(other%q))]
       config = options%integration
-      config%method = integration_method%cvode
       config%tolerance = max(config%tolerance, tolerance)
       config%decimation = huge(1)
       config%transient = n_transient*period
       config%duration = period
       config%max_evaluations = int(min(work_limit/evaluation_work(equations%n_dofs, equations%laws%n_coordinates, .false.), &
                                        1.0e18_wp), int64)             ! of both
-      step = two_pi/(samples_of_harmonic*maxval(abs(series%frequencies)))
+      step = two_pi/(samples_of_tone*maxval(abs(motion%tones%omega)))
       step = period/ceiling(period/step)
+      config%method = integration_method%cvode
+      if (.not. has_bounds_of(system)) then
+         config%method = integration_method%runge_kutta_4
+         config%substeps = ceiling(step*fastest_of(system)/step_of_mode)
+      end if
       call integrate_from(equations, config, step, law_dofs, state, record, error)
       if (.not. allocated(error)) call integrate_from(equations, config, step, law_dofs, other, other_record, error)
       if (allocated(error)) return
