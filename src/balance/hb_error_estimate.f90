@@ -37,6 +37,9 @@ module hb_error_estimate
    public :: wider_orders
 
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
+   !> Error over its change from an order to twice the order, if it falls with the first power of the order, as under rigid
+   !> friction.
+   real(wp), parameter :: of_first_power = 2.0_wp
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
    !> Requested motions beside the estimates.
@@ -384,6 +387,7 @@ contains
          change(whole%positions) = change(whole%positions) - alias(:size(u))
          self%truncation = norm2(on_wide(change))/size_of_motion
       end if
+      if (any_rubs_rigidly(balance)) self%truncation = of_first_power*self%truncation
       call keep_step(self, balance, wide, whole%which, big, first, size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
       self%n_products = whole%n_products
@@ -475,6 +479,19 @@ contains
          end do
       end associate
    end function acts_rigidly
+
+   !> Whether a law is rigid friction.
+   pure logical function any_rubs_rigidly(balance)
+      type(balance_t), intent(in) :: balance
+      integer :: i
+
+      any_rubs_rigidly = .false.
+      do i = 1, size(balance%law_set%laws)
+         associate (law => balance%law_set%laws(i)%law)
+            any_rubs_rigidly = any_rubs_rigidly .or. law%is_multiplier .and. law%needs_velocity
+         end associate
+      end do
+   end function any_rubs_rigidly
 
    !> Whether a law is rigid.
    pure logical function has_multipliers(balance)

@@ -274,3 +274,24 @@ def test_powers_balance(tmp_path):
     power_in, damping, laws, error = (float(np.sum(values[0])) for values in read(solve(model, tmp_path), *names))
     assert power_in > 0.0
     assert abs(power_in - damping - laws) <= error * power_in
+
+
+RUBBED = """
+&structure type = 'matrices', n_dofs = 2, mass = 1.72, 0, 0, 1.88, damping = 0.472, 0.014, 0.014, 0.516,
+   stiffness = 1.242, 0.073, 0.073, 1.359 /
+&tones frequency = 0.722 /
+&load dof = 'x1', tuple = 1, cos = 0.518, sin = -0.185 /
+&law type = 'coulomb_rigid', dof = 'x1', limit = 0.323 /
+"""
+
+
+def test_estimates_under_rigid_friction_see_the_whole_error(tmp_path):
+    """The error falls with the first power of the order: it is twice the change from an order to twice the order."""
+    orders = (7, 15, 31, 255)
+    sweep = f"&harmonics order = 1 /\n&sweep parameter = 'harmonics%order', values = {', '.join(map(str, orders))} /\n"
+    result = solve(RUBBED + "&error_estimate truncation = 10.0 /\n" + sweep, tmp_path)
+    motion, truncation, aliasing = read(result, "coefficients", "truncation_estimate", "aliasing_estimate")
+    motion = np.nan_to_num(motion)
+    for order, found, estimate in list(zip(orders, motion, np.hypot(truncation, aliasing)))[:-1]:
+        true_error = np.linalg.norm(found - motion[-1]) / np.linalg.norm(motion[-1])
+        assert estimate / FACTOR < true_error < 1.7 * estimate, (order, true_error, estimate)
