@@ -6,6 +6,7 @@
 !> at once. Source:
 !> docs/why/theory.md, section 5.5.
 module hb_hysteresis_tangent
+   use hb_cancellation, only: spend_work, work_is_over
    use hb_characteristic, only: characteristic_t
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
@@ -147,6 +148,7 @@ contains
          if (round == memory%rounds) exit
          do c = 1, size(self%first_slice, 6)
             do block = 1, self%n_blocks
+               if (work_is_over()) return                             ! the solver ends too
                self%before = self%first_slice(:, :, :, :, block, c)
                call go_round(self, memory, characteristic, block, c)
                self%first_slice(:, :, :, :, block, c) = self%before
@@ -194,6 +196,7 @@ contains
       self%before = self%first_slice(:, :, :, :, block, coordinate)
       if (allocated(self%closing)) call close_round(self, memory, characteristic, block, coordinate)
       do round = 1, max_rounds
+         if (work_is_over() .and. round > 1) return                   ! the solver ends too
          call go_round(self, memory, characteristic, block, coordinate, df)
          change = maxval(abs(self%before - self%first_slice(:, :, :, :, block, coordinate)))
          if (change <= repeat_tolerance*max(1.0_wp, maxval(abs(self%before)))) return
@@ -229,9 +232,11 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
       real(wp), intent(inout), contiguous, optional :: df(:, :, :, :)
+      real(wp), parameter :: per_value = 2.0_wp, per_neighbour = 0.3_wp
       integer :: i, p, slice
       real(wp) :: wave(width, 2)
 
+      call spend_work(characteristic%work_of_round(2*width*size(self%now, 3), per_value, per_neighbour))
       do i = 2, characteristic%n_steps + 1
          slice = 1 + modulo(i - 1, characteristic%n_steps)
          if (slice == 1) self%before = characteristic%closing*self%before

@@ -5,6 +5,7 @@
 !> periodic as well; where the states do not forget their start, it first follows all rounds, from rest. Source:
 !> docs/why/theory.md, sections 5.6 and 6.6.
 module hb_slider_derivative
+   use hb_cancellation, only: spend_work, work_is_over
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
@@ -79,7 +80,7 @@ contains
             call self%go_round(sliders, characteristic, weight_slope)
             change = maxval(abs(self%states(:, :, 1) - self%first))
             self%repeats = change <= repeat_tolerance*max(largest_path, maxval(abs(self%states)))
-            if (self%repeats) return
+            if (self%repeats .or. work_is_over()) return
          end do
       end subroutine repeat_rounds
    end subroutine slider_derivative_integration
@@ -161,9 +162,11 @@ contains
       type(slider_states_t), intent(in) :: sliders
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)
+      real(wp), parameter :: per_value = 8.0_wp, per_neighbour = 1.0_wp  ! see hb_solver_types%unit_of_work
       integer :: c, i, k, last, old_state, part
       logical :: shifts_states
 
+      call spend_work(characteristic%work_of_round(size(self%states, 2), per_value, per_neighbour))
       shifts_states = any(abs(weight_slope) > 0.0_wp)
       do i = 2, characteristic%n_steps + 1
          last = i - 1

@@ -11,7 +11,7 @@
 !> is known: after many rounds without convergence Newton's method moves the state to the limit.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_cancellation, only: work_is_over
+   use hb_cancellation, only: spend_work, work_is_over
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
@@ -25,6 +25,7 @@ module hb_slider_states
    integer, parameter :: max_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
    integer, parameter :: not_known = -1, no = 0, yes = 1
+   real(wp), parameter :: per_value = 25.0_wp, per_clamp = 4.0_wp, per_neighbour = 1.0_wp    ! see hb_solver_types%unit_of_work
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples are stored slice by slice: (n_slice, ..., n_steps).
@@ -154,6 +155,7 @@ contains
       real(wp), intent(out) :: largest_move                           !! of any state within a step
       integer :: i, last, n
 
+      call spend_work(characteristic%work_of_round(size(self%states, 2), merge(2, 1, with_derivatives)*per_value, per_neighbour))
       n = characteristic%n_steps
       largest_move = 0.0_wp
       self%before = self%states(:, :, 1)
@@ -288,6 +290,7 @@ contains
          allocate (self%pusher(size(self%states, 1), size(self%states, 2), size(self%states, 3)))
       end if
       self%has_slopes = .false.
+      call spend_work(2*per_value*size(self%states))
       far = huge(1.0_wp)
       do i = 1, size(self%states, 3)
          call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i))
@@ -309,6 +312,7 @@ contains
             allocate (self%low_slope(n(1), n_states, n(2), n(3), n(4)), self%high_slope(n(1), n_states, n(2), n(3), n(4)))
          end associate
       end if
+      call spend_work(4*per_value*size(self%states))
       far = huge(1.0_wp)
       do i = 1, size(self%states, 3)
          call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i), by_start, self%low_slope(:, :, :, :, i))
@@ -324,6 +328,7 @@ contains
       real(wp), intent(out) :: change, largest_move
       integer :: i, k, last, n, now, p
 
+      call spend_work(characteristic%work_of_round(size(self%states, 2), per_clamp, per_neighbour))
       n = characteristic%n_steps
       largest_move = 0.0_wp
       self%before = self%states(:, :, 1)

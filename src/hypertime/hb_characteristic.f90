@@ -34,6 +34,7 @@ module hb_characteristic
    contains
       procedure :: frequency_slopes => characteristic_frequency_slopes
       procedure :: interpolate => characteristic_interpolate
+      procedure :: work_of_round => characteristic_work_of_round
    end type characteristic_t
 
 contains
@@ -218,6 +219,15 @@ contains
       weights = [-x*(x - 1.0_wp)*(x - 2.0_wp)/6.0_wp, (x + 1.0_wp)*(x - 1.0_wp)*(x - 2.0_wp)/2.0_wp, &
                  -(x + 1.0_wp)*x*(x - 2.0_wp)/2.0_wp, (x + 1.0_wp)*x*(x - 1.0_wp)/6.0_wp]
    end function cubic_weights
+
+   !> Work of one round with an interpolation and a step of values at each sample, see hb_solver_types%unit_of_work.
+   pure real(wp) function characteristic_work_of_round(self, n_values, per_value, per_neighbour) result(work)
+      class(characteristic_t), intent(in) :: self
+      integer, intent(in) :: n_values                                 !! at each sample
+      real(wp), intent(in) :: per_value, per_neighbour                !! of one value: its step, and each value it is made of
+
+      work = real(n_values, wp)*self%n_slice*self%n_steps*(per_value + per_neighbour*size(self%weight))
+   end function characteristic_work_of_round
 
    !> Values at the starts of all steps that end in a slice, from those on the previous slice: tone by tone.
    pure subroutine characteristic_interpolate(self, before, values)
