@@ -29,7 +29,7 @@ contains
 end module force_by_phase_law
 
 program force_by_phase
-   use, intrinsic :: iso_c_binding, only: c_funloc
+   use, intrinsic :: iso_c_binding, only: c_funloc, c_funptr
    use force_by_phase_law, only: evaluate
    use nhbm, only: error_t, law_api, law_info_t, model_t, outcome, register_law
    implicit none
@@ -41,9 +41,11 @@ program force_by_phase
       "&law type = 'user', library = '', name = 'push', dof = 'x1' /"//line// &
       "&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /"
    type(model_t), target :: model
+   type(c_funptr) :: force
    type(error_t), allocatable :: error
 
-   call register_law("push", law_info_t(api_version=law_api, n_coordinates=1, needs_phases=1), c_funloc(evaluate), error)
+   force = c_funloc(evaluate)
+   call register_law("push", law_info_t(api_version=law_api, n_coordinates=1, needs_phases=1), force, error)
    if (.not. allocated(error)) call model%read("push", text, error)
    if (.not. allocated(error)) call model%solve(.false., error)
    if (allocated(error)) error stop error%message
