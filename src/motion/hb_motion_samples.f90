@@ -20,7 +20,7 @@ contains
       real(wp), allocatable, intent(out) :: phases(:, :)              !! [rad], (n_tones, n_samples)
       real(wp), allocatable, intent(out) :: q(:, :), v(:, :)          !! [m], [m/s], (n_samples, n_law_dofs)
       integer, allocatable :: tuples(:, :)
-      real(wp) :: base, phase(n), rate
+      real(wp) :: base, cosine(n), phase(n), rate, sine(n)
       integer :: d, h, k, s
 
       if (.not. (allocated(motion%corrected_coefficients) .and. allocated(motion%frequency))) return
@@ -38,11 +38,13 @@ contains
       v = q
       do h = 1, size(tuples, 2)
          phase = matmul(real(tuples(:, h), wp), phases)
+         cosine = cos(phase)
+         sine = sin(phase)
          rate = dot_product(real(tuples(:, h), wp), motion%frequency)
          do d = 1, size(q, 2)
             associate (c => motion%corrected_coefficients(1, h, d), s => motion%corrected_coefficients(2, h, d))
-               q(:, d) = q(:, d) + c*cos(phase) + s*sin(phase)
-               v(:, d) = v(:, d) + rate*(s*cos(phase) - c*sin(phase))
+               q(:, d) = q(:, d) + c*cosine + s*sine
+               v(:, d) = v(:, d) + rate*(s*cosine - c*sine)
             end associate
          end do
       end do
