@@ -101,7 +101,8 @@ def test_parts_add_up_and_lie_between_their_ends(tmp_path):
         least, middle, most = (data[f"bench_{part}_seconds{end}"].values for end in ("_min", "", "_max"))
         assert (least >= 0.0).all() and (least <= middle).all() and (middle <= most).all()
     assert (data.bench_solver_seconds.values > 0.0).all() and (data.bench_setup_seconds.values > 0.0).all()
-    parts = data.bench_setup_seconds_min + data.bench_solver_seconds_min + data.bench_recovery_seconds_min
+    parts = sum(data[f"bench_{part}_seconds_min"] for part in ("setup", "solver", "recovery", "error_estimate"))
+    assert (data.bench_error_estimate_seconds.values > 0.0).all()
     assert (parts.values <= data.bench_total_seconds_min.values * (1.0 + ROUNDING)).all()
     # One thread: the processor time does not exceed the wall time, except by one tick of its clock.
     assert (data.bench_cpu_seconds_min.values <= data.bench_total_seconds_max.values + 0.01).all()

@@ -461,7 +461,7 @@ def _parser() -> argparse.ArgumentParser:
                 "--part",
                 choices=("total", "cpu", "setup", "solver", "error_estimate"),
                 default="total",
-                help="which time (default: total, the wall time of all but the error estimate; cpu: its processor time, which a "
+                help="which time (default: total, the wall time of the point; cpu: its processor time, which a "
                 "busy machine hardly changes)",
             )
         else:
