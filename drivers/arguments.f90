@@ -5,7 +5,7 @@ module arguments
    use hb_kinds, only: wp
    use hb_progress, only: log_level, log_level_names
    use hb_similar_word, only: closest_word
-   use hb_text, only: join, parse_integer, parse_real, split, string_t, to_text
+   use hb_text, only: add_string, join, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private
    public :: argument_list, arguments_t, read_arguments, read_numbers
@@ -132,7 +132,7 @@ contains
       logical, intent(in) :: has_value                                !! it is a part of the same word
       type(error_t), allocatable, intent(out) :: error
 
-      self%given = [self%given, string_t(name)]
+      call add_string(self%given, name)
       if (takes_value(name)) then
          if (len(value) == 0) then
             call fail(error, name//" needs a value")
@@ -167,7 +167,7 @@ contains
       select case (option)
       case ("--set"); call take_override(self, value, error)
       case ("--unset")
-         self%overrides = [self%overrides, string_t(value//"=")]
+         call add_string(self%overrides, value//"=")
          if (index(value, "=") > 0) call fail(error, "--unset takes a path without a value, not '"//value//"'")
       case ("--ranks"); self%ranks = value
       case ("--points"); self%points = value
@@ -204,7 +204,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: equals
 
-      self%overrides = [self%overrides, string_t(assignment)]
+      call add_string(self%overrides, assignment)
       equals = index(assignment, "=")
       if (equals == 0 .or. len_trim(assignment(equals + 1:)) > 0) return
       call fail(error, "--set "//assignment//" has no value; --unset "//assignment(:equals - 1)//" removes the key")

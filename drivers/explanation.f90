@@ -13,7 +13,7 @@ module explanation
    use hb_results_record, only: attempts_of, messages_of, numbers_of, record_t
    use hb_solver_types, only: attempt_t, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: number_of, split, string_t, to_text
+   use hb_text, only: add_string, number_of, split, string_t, to_text
    use hb_thresholds, only: well_solved
    use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use run_texts, only: is_regular_end
@@ -87,7 +87,7 @@ contains
             if (n > 0) then
                if (.not. is_new(text(n:), said)) text = text(:n - 1)//" The command is the same as above."
             end if
-            paragraphs = [paragraphs, string_t(text)]
+            call add_string(paragraphs, text)
          end do
       end do
    end subroutine explain_failures
@@ -109,7 +109,7 @@ contains
       integer :: i
 
       is_new = all([(said(i)%value /= command, i=1, size(said))])
-      if (is_new) said = [said, string_t(command)]
+      if (is_new) call add_string(said, command)
    end function is_new
 
    !> Explains one point in a paragraph.

@@ -8,7 +8,7 @@ module next_step
    use hb_outcome, only: outcome, reason, reason_names
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: lower, string_t, to_text
+   use hb_text, only: add_string, lower, string_t, to_text
    use hb_tones, only: tones_t
    use switched_inputs, only: list_of
    implicit none
@@ -212,11 +212,11 @@ contains
       allocate (sets(0))
       do i = 1, size(set_keys)
          if (.not. numbers_are_absent(run, "harmonics", trim(set_keys(i)))) &
-            sets = [sets, string_t("harmonics%"//trim(set_keys(i))//"=")]
+            call add_string(sets, "harmonics%"//trim(set_keys(i))//"=")
       end do
       do i = 1, size(grid_keys)
          if (.not. numbers_are_absent(run, "sampling", trim(grid_keys(i)))) &
-            sets = [sets, string_t("sampling%"//trim(grid_keys(i))//"=")]
+            call add_string(sets, "sampling%"//trim(grid_keys(i))//"=")
       end do
       text = solve_with(run, "accuracy%tolerance="//to_text(min(real_of(run, "error_estimate", "truncation"), &
                                                                 real_of(run, "error_estimate", "aliasing"))), sets)
@@ -235,7 +235,7 @@ contains
       limits = numbers_of(run, "accuracy", key)
       if (size(limits) > 0) then
          limits = more*min(limits, most/more)
-         sets = [sets, string_t("accuracy%"//key//"="//list_of(limits))]
+         call add_string(sets, "accuracy%"//key//"="//list_of(limits))
       end if
       text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")), sets)
    end function with_more_work
@@ -399,13 +399,13 @@ contains
       do k = 1, size(with_tuples)
          do i = 1, run%here%count(trim(with_tuples(k)))
             values = numbers_of(run, trim(with_tuples(k)), "tuple", i)
-            if (size(values) > 0) sets = [sets, string_t(trim(with_tuples(k))//"("//to_text(i)//")%tuple="//list_of(n*values))]
+            if (size(values) > 0) call add_string(sets, trim(with_tuples(k))//"("//to_text(i)//")%tuple="//list_of(n*values))
          end do
       end do
       values = numbers_of(run, "harmonics", "order")
-      if (size(values) > 0) sets = [sets, string_t("harmonics%order="//list_of(n*values))]
+      if (size(values) > 0) call add_string(sets, "harmonics%order="//list_of(n*values))
       values = numbers_of(run, "sampling", "samples")
-      if (any(values > 0)) sets = [sets, string_t("sampling%samples="//list_of(n*values))]
+      if (any(values > 0)) call add_string(sets, "sampling%samples="//list_of(n*values))
       values = [numbers_of(run, "tones", "subharmonic"), 1]            ! 1 if it is not given
       command = solve_with(run, "tones%subharmonic="//to_text(n*max(1, values(1))), sets)
    end function with_lower_tones

@@ -18,7 +18,7 @@ module switched_inputs
    use hb_run_callbacks, only: run_callbacks
    use hb_study, only: study_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: quote, string_t, to_text
+   use hb_text, only: add_string, quote, string_t, to_text
    use hb_truncation, only: truncation_t
    use hb_truncation_reader, only: read_truncation
    implicit none
@@ -150,7 +150,7 @@ contains
       type(string_t), allocatable, intent(inout) :: overrides(:)
       character(*), intent(in) :: where, what
 
-      overrides = [overrides, string_t(where//"="//what)]
+      call add_string(overrides, where//"="//what)
    end subroutine add
 
    !> A value on the side of contact, inside the range of the curve.

@@ -8,8 +8,8 @@ module hb_text
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: is_name, join, length_of, letters, lower, max_name, number_of, parse_integer, parse_real, quote, shortened, shown, &
-      split, string_t, text_builder_t, texts_t, to_text
+   public :: add_string, is_name, join, length_of, letters, lower, max_name, number_of, parse_integer, parse_real, quote, &
+      shortened, shown, split, string_t, text_builder_t, texts_t, to_text
 
    character(*), parameter :: digits = "0123456789"
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
@@ -46,6 +46,21 @@ module hb_text
    end interface join
 
 contains
+
+   !> Appends a text to a list. gfortran 13 loses characters of expressions within `[list, string_t(...)]`.
+   pure subroutine add_string(list, text)
+      type(string_t), allocatable, intent(inout) :: list(:)
+      character(*), intent(in) :: text
+      type(string_t), allocatable :: longer(:)
+      integer :: i
+
+      allocate (longer(size(list) + 1))
+      do i = 1, size(list)
+         call move_alloc(list(i)%value, longer(i)%value)
+      end do
+      longer(size(longer))%value = text
+      call move_alloc(longer, list)
+   end subroutine add_string
 
    pure function integer_text(value) result(text)
       integer, intent(in) :: value

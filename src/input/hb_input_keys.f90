@@ -5,7 +5,7 @@
 module hb_input_keys
    use hb_key_rows, only: key_row, n_key_rows, row_of
    use hb_kinds, only: wp
-   use hb_text, only: join, parse_real, split, string_t
+   use hb_text, only: add_string, join, parse_real, split, string_t
    implicit none
    private
    public :: choices_of, find_groups, find_rule, kind_of, limits_t, max_choice, max_unit, rule_t
@@ -104,7 +104,7 @@ contains
          if (section == group .or. section == group//" "//type) return
          n = index(section, " ")
          if (n > 0) section = section(:n - 1)//" type = '"//section(n + 1:)//"'"
-         groups = [groups, string_t("&"//section)]
+         call add_string(groups, "&"//section)
       end do
       if (size(groups) <= max_groups) text = join(groups, ", ")
    end subroutine find_groups

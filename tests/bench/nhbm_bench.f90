@@ -12,7 +12,7 @@ program nhbm_bench
    use hb_outcome, only: outcome, outcome_name
    use hb_progress, only: log_level
    use hb_study, only: new_study, study_t
-   use hb_text, only: parse_integer, parse_real, string_t, to_text
+   use hb_text, only: add_string, parse_integer, parse_real, string_t, to_text
    use hb_text_file, only: read_text_file
    use kernel_times, only: has_kernels, kernel_names, kernel_times_t, median
    implicit none
@@ -66,7 +66,7 @@ contains
          case ("-o", "--output"); options%path = value
          case ("--overwrite"); options%overwrite = .true.
          case ("--quiet"); options%level = log_level%quiet
-         case ("--set"); overrides = [overrides, string_t(value)]
+         case ("--set"); call add_string(overrides, value)
          case ("--repeats")
             call parse_integer(value, options%repeats, is_right)
             is_right = is_right .and. options%repeats >= 1
