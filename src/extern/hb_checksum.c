@@ -1,4 +1,6 @@
+#ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* for dladdr */
+#endif
 #include "hb_checksum.h"
 
 #include <dlfcn.h>

@@ -1,4 +1,6 @@
+#ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* for sigaltstack and strnlen */
+#endif
 #include "hb_crash.h"
 
 #include "hb_process.h"

@@ -1,4 +1,6 @@
+#ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* for fallocate and statfs, of Linux alone */
+#endif
 #include "hb_files.h"
 
 #include <errno.h>

@@ -1,4 +1,6 @@
+#ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* for syscall and strnlen */
+#endif
 #include "hb_process.h"
 
 #include "hb_crash.h"

@@ -5,7 +5,9 @@
    sync    likewise, of fsync and fdatasync
    memory  an allocation of less than 64 kB by the program itself, not by a library (GNU C library): this one fails
    FAULT_COUNT names a file for the number of calls, written at the end. */
+#ifndef _GNU_SOURCE
 #define _GNU_SOURCE
+#endif
 #include <dlfcn.h>
 #include <errno.h>
 #include <link.h>

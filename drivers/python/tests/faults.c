@@ -1,6 +1,8 @@
 /* Preloaded into a process: from when it is armed, one of the calls by which it changes files in a folder fails, or never returns.
    Source: POSIX.1-2017; dlsym(3) with RTLD_NEXT of GNU. */
+#ifndef _GNU_SOURCE
 #define _GNU_SOURCE
+#endif
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>

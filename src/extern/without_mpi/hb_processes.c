@@ -1,4 +1,6 @@
+#ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* for MAP_ANONYMOUS */
+#endif
 #include "hb_processes.h"
 
 #include "../hb_process.h"
