@@ -37,7 +37,7 @@ module hb_integrated_motion
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: fastest_of, find_steady_motion, has_bounds_of, largest_in_parts
+   public :: fastest_of, find_steady_motion, has_bounds_of, lacks_mass, largest_in_parts
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: with averages of its own
@@ -92,7 +92,7 @@ contains
 
       by_cvode_alone = options%integration%aim <= 0.0_wp .and. any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
       is_fast = options%integration%method == integration_method%cvode .and. .not. by_cvode_alone
-      if (is_fast) is_fast = .not. has_bounds_of(system) .or. &
+      if (is_fast) is_fast = .not. has_bounds_of(system) .or. lacks_mass(system) .or. &
          work_of_mode*fastest_of(system)*periods_of_first(system, discretisation, options)* &
                              two_pi/minval(system%tones%omega)*evaluation_work(system%structure%n_dofs, size(law_dofs), .false.) > &
                              options%integration%work_limit
@@ -111,6 +111,19 @@ contains
       if (allocated(failure)) call move_alloc(failure, error)
       steady = again
    end subroutine find_steady_motion
+
+   !> Whether the mass is singular: implicit steps alone can then integrate the equations, see hb_generalized_alpha.
+   logical function lacks_mass(system)
+      type(system_t), intent(in) :: system
+      type(structure_t) :: structure
+      real(wp), allocatable :: factor(:, :)
+      integer :: singular_at
+
+      structure = system%structure
+      call structure%unpack()
+      call structure%factorise_mass(factor, singular_at)
+      lacks_mass = singular_at /= 0
+   end function lacks_mass
 
    !> Whether cvode is available and supports the sliders of all laws.
    pure logical function has_bounds_of(system) result(has_bounds)

@@ -11,7 +11,7 @@ module hb_verification
    use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrated_motion, only: fastest_of, find_steady_motion, has_bounds_of
+   use hb_integrated_motion, only: fastest_of, find_steady_motion, has_bounds_of, lacks_mass
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_integration_verdict, only: decide, growing, growth_of, limit_of, n_steady, verdict
@@ -48,6 +48,7 @@ module hb_verification
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
    integer, parameter :: min_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
+   real(wp), parameter :: implicit_steps = 4000.0_wp                  ! in a period of the fastest tone: errors of 1e-6
 
    !> Result of the verification of a motion.
    type :: verdict_t
@@ -144,7 +145,11 @@ contains
          self%config%transient = 0.0_wp
          self%config%decimation = 1
          self%config%tolerance = min(self%config%tolerance, integration_tolerance)
-         if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(system)) then
+         if (self%config%method == integration_method%cvode .and. lacks_mass(system)) then
+            self%config%method = integration_method%generalized_alpha
+            self%config%spectral_radius = 0.0_wp                      ! what has no mass has no vibration of its own
+            self%config%substeps = ceiling(step*maxval(omega)*implicit_steps/two_pi)
+         else if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(system)) then
             self%config%method = integration_method%runge_kutta_4
             self%config%substeps = ceiling(max(step*min_steps/self%length%period, step*fastest_of(system)/step_of_mode))
          end if
