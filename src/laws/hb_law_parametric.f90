@@ -1,7 +1,7 @@
-!> Spring and damper that vary with the phase of tones, f = k(tau) z + d(tau) v with k = k_c cos(j.tau) + k_s
-!> sin(j.tau) and d alike. Several of them form any periodic or quasi-periodic stiffness: Mathieu's equation, gear
-!> meshes, breathing cracks. With a backlash b the spring acts on the part of z beyond -b to b, as between the teeth
-!> of gears. Source: Nayfeh and Mook, Nonlinear Oscillations, Wiley 1979, chapter 5; A. Kahraman and R. Singh, J.
+!> Spring and damper that vary with the phase of tones, f = k(tau) z + c(tau) z**3 + d(tau) v with k = k_c cos(j.tau) + k_s
+!> sin(j.tau), c and d alike. Several of them form any periodic or quasi-periodic stiffness: Mathieu's equation, gear
+!> meshes, breathing cracks, pumped resonators. With a backlash b the springs act on the part of z beyond -b to b, as
+!> between the teeth of gears. Source: Nayfeh and Mook, Nonlinear Oscillations, Wiley 1979, chapter 5; A. Kahraman and R. Singh, J.
 !> Sound Vib. 146 (1991) 135 (gears); docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand
 !> side.
 module hb_law_parametric
@@ -15,10 +15,12 @@ module hb_law_parametric
 
    type, extends(law_t) :: parametric_t
       real(wp) :: stiffness(2) = 0.0_wp                               !! k_c, k_s [N/m]
+      real(wp) :: cubic(2) = 0.0_wp                                   !! c_c, c_s [N/m3]
       real(wp) :: damping(2) = 0.0_wp                                 !! d_c, d_s [N s/m]
       real(wp) :: backlash = 0.0_wp                                   !! b [m]
       real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of the phase at the following samples, (n_samples, 1)
-      real(wp), allocatable, private :: k(:, :), d(:, :)              ! there, (n_samples, 1)
+      real(wp), allocatable, private :: k(:, :), c(:, :), d(:, :)     ! there, (n_samples, 1)
+      logical, private :: is_cubic = .false.
    contains
       procedure :: declare_numbers => parametric_declare_numbers
       procedure :: check => parametric_check
@@ -39,6 +41,8 @@ contains
       call numbers%add("tuple", self%modulation)
       call numbers%add("stiffness_cos", self%stiffness(1))
       call numbers%add("stiffness_sin", self%stiffness(2))
+      call numbers%add("cubic_cos", self%cubic(1))
+      call numbers%add("cubic_sin", self%cubic(2))
       call numbers%add("damping_cos", self%damping(1))
       call numbers%add("damping_sin", self%damping(2))
       call numbers%add("backlash", self%backlash)
@@ -59,7 +63,8 @@ contains
       self%needs_velocity = any(abs(self%damping) > 0.0_wp)
       self%n_switches = merge(2, 0, self%backlash > 0.0_wp)
       self%length_scale = self%backlash
-      self%degree = merge(0, 3, self%backlash > 0.0_wp)                ! 3: samples also for a tuple of twice the order
+      self%is_cubic = any(abs(self%cubic) > 0.0_wp)
+      self%degree = merge(0, merge(5, 3, self%is_cubic), self%backlash > 0.0_wp)   ! samples also for a tuple of twice the order
       if (allocated(self%cosine)) call modulate(self)
    end subroutine parametric_derive
 
@@ -75,11 +80,12 @@ contains
       call modulate(self)
    end subroutine parametric_set_phases
 
-   !> Computes stiffness and damping at the samples.
+   !> Computes stiffnesses and damping at the samples.
    pure subroutine modulate(self)
       class(parametric_t), intent(inout) :: self
 
       self%k = self%stiffness(1)*self%cosine + self%stiffness(2)*self%sine
+      self%c = self%cubic(1)*self%cosine + self%cubic(2)*self%sine
       self%d = self%damping(1)*self%cosine + self%damping(2)*self%sine
    end subroutine modulate
 
@@ -91,6 +97,10 @@ contains
 
       f = self%k*(z - min(max(z, -self%backlash), self%backlash))
       if (present(df_dz)) df_dz(:, :, 1) = merge(0.0_wp, self%k, abs(z) < self%backlash)
+      if (self%is_cubic) then
+         f = f + self%c*(z - min(max(z, -self%backlash), self%backlash))**3
+         if (present(df_dz)) df_dz(:, :, 1) = df_dz(:, :, 1) + 3*self%c*(z - min(max(z, -self%backlash), self%backlash))**2
+      end if
       if (.not. self%needs_velocity) return
       f = f + self%d*v
       if (present(df_dv)) df_dv(:, :, 1) = self%d
@@ -110,6 +120,8 @@ contains
       select case (number%key)
       case ("stiffness_cos"); slope = self%cosine*(z - min(max(z, -b), b))
       case ("stiffness_sin"); slope = self%sine*(z - min(max(z, -b), b))
+      case ("cubic_cos"); slope = self%cosine*(z - min(max(z, -b), b))**3
+      case ("cubic_sin"); slope = self%sine*(z - min(max(z, -b), b))**3
       case ("damping_cos")
          is_known = self%needs_velocity
          if (is_known) slope = self%cosine*v
@@ -118,7 +130,7 @@ contains
          if (is_known) slope = self%sine*v
       case ("backlash")
          is_known = b > 0.0_wp
-         slope = -self%k*merge(sign(1.0_wp, z), 0.0_wp, abs(z) >= b)
+         slope = -(self%k + 3*self%c*(z - min(max(z, -b), b))**2)*merge(sign(1.0_wp, z), 0.0_wp, abs(z) >= b)
       case default
          is_known = .false.
       end select
@@ -138,14 +150,17 @@ contains
       logical, intent(in) :: is_positive(:)
       real(wp), intent(out) :: f(:)
 
-      f = 0.0_wp
+      real(wp) :: beyond(size(z))
+
+      beyond = 0.0_wp
       if (self%n_switches == 0) then
-         f = self%k(1, 1)*z
+         beyond = z
       else if (is_positive(1)) then
-         f = self%k(1, 1)*(z - self%backlash)
+         beyond = z - self%backlash
       else if (.not. is_positive(2)) then
-         f = self%k(1, 1)*(z + self%backlash)
+         beyond = z + self%backlash
       end if
+      f = self%k(1, 1)*beyond + self%c(1, 1)*beyond**3
       if (self%needs_velocity) f = f + self%d(1, 1)*v
    end subroutine parametric_evaluate_held
 end module hb_law_parametric

@@ -160,6 +160,8 @@ if TYPE_CHECKING:
         tuple: Required[Integers]
         stiffness_cos: float
         stiffness_sin: float
+        cubic_cos: float
+        cubic_sin: float
         damping_cos: float
         damping_sin: float
         backlash: float
