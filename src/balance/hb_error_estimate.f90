@@ -344,6 +344,7 @@ contains
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
+      integer :: i
       logical :: is_free, is_lost
 
       if (all(u == 0.0_wp)) return
@@ -361,7 +362,9 @@ contains
       class is (phase_problem_t)
          self%frequency_error(problem%tones) = balance%omega(problem%tones)
       end select
-      call new_tangent_solver(tangent, problem, x, is_lost, well_solved)
+      ! with parameters and kinks each product of the wide problem is a solution; of polynomials few products suffice
+      call new_tangent_solver(tangent, problem, x, is_lost, well_solved, are_many=present(bordered) .and. &
+                              any([(balance%law_set%laws(i)%law%degree == 0, i=1, size(balance%law_set%laws))]))
       if (is_lost) return
       if (present(bordered)) then
          if (allocated(bordered%units_across)) call tangent%leave_out_null_vector(problem, bordered%units_across)

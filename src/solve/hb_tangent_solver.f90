@@ -48,6 +48,7 @@ module hb_tangent_solver
    end type tangent_factor_t
 
    real(wp), parameter :: default_accuracy = 1.0e-8_wp
+   integer, parameter :: largest_of_many = 1500 ! unknowns up to which factors cost less than tens of solutions from products
 
    type :: tangent_solver_t
       type(tangent_factor_t), allocatable, private :: factor
@@ -65,12 +66,13 @@ module hb_tangent_solver
 contains
 
    !> Prepares solutions with the tangent at x; `is_singular` if there are none.
-   subroutine new_tangent_solver(self, problem, x, is_singular, accuracy)
+   subroutine new_tangent_solver(self, problem, x, is_singular, accuracy, are_many)
       type(tangent_solver_t), intent(out) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
       logical, intent(out) :: is_singular
       real(wp), intent(in), optional :: accuracy                      !! of solutions from products, default 1e-8
+      logical, intent(in), optional :: are_many                       !! tens of solutions are needed; default no
       type(solver_config_t) :: config
       integer :: largest_dense
       logical :: is_ready
@@ -80,6 +82,7 @@ contains
          self%accuracy = accuracy
          if (problem%has_preconditioner) largest_dense = min(largest_dense, problem%largest_dense)
       end if
+      if (present(are_many)) largest_dense = merge(max(largest_dense, largest_of_many), largest_dense, are_many)
       if (problem%has_products .and. problem%n_unknowns > largest_dense) then
          allocate (self%krylov)
          call new_tangent_krylov(self%krylov, problem, config%krylov_vectors, config%krylov_products)
