@@ -61,7 +61,7 @@ contains
             is_taken = is_short .or. (curve%angle <= largest_turn .and. is_near)
             if (is_taken .and. is_balance) is_taken = .not. has_leapt(self)
             if (is_taken) then
-               if (is_balance) self%has_collapsed = self%is_mirrored()
+               if (is_balance) self%has_collapsed = self%tone_vanishes()
                if (self%has_collapsed) then
                   curve%status = outcome%collapsed
                   return

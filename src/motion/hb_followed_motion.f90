@@ -32,7 +32,7 @@ module hb_followed_motion
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_system, only: system_t
-   use hb_thresholds, only: agreement, faint
+   use hb_thresholds, only: agreement, faint, rounding
    implicit none
    private
    public :: add_origin, add_waiting, curve_state_t, followed_motion_t, known_t, largest_load, max_tolerance_factor, &
@@ -118,7 +118,7 @@ module hb_followed_motion
       procedure :: find_roughness => followed_motion_find_roughness
       procedure :: land => followed_motion_land
       procedure :: put_conditions => followed_motion_put_conditions
-      procedure :: is_mirrored => followed_motion_is_mirrored
+      procedure :: tone_vanishes => followed_motion_tone_vanishes
       procedure :: units_at => followed_motion_units_at
       procedure :: renew => followed_motion_renew
       procedure :: evaluate_here => followed_motion_evaluate_here
@@ -435,13 +435,14 @@ contains
       end associate
    end subroutine followed_motion_put_conditions
 
-   !> Whether the motion of an unknown tone has passed through zero on the step: the continuation is its mirror image.
-   logical function followed_motion_is_mirrored(self) result(is_mirrored)
+   !> Whether the motion of an unknown tone has passed through zero on the step, so that the continuation is its mirror image, or
+   !> has ended at zero, where its frequency alone would go on.
+   logical function followed_motion_tone_vanishes(self) result(tone_vanishes)
       class(followed_motion_t), intent(in) :: self
       real(wp), dimension(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs) :: before, u
       integer :: h, i
 
-      is_mirrored = .false.
+      tone_vanishes = .false.
       associate (set => self%problem%model%discretisation%harmonics, which => self%problem%which)
          u = reshape(self%curve%x(:size(u))/self%weights, shape(u))
          before = reshape(self%curve%last_x(:size(u))/self%weights, shape(u))
@@ -452,10 +453,11 @@ contains
                u(set%cos_at(h), :) = 0.0_wp
                if (set%sin_at(h) > 0) u(set%sin_at(h), :) = 0.0_wp
             end do
-            is_mirrored = is_mirrored .or. sum(u*before) <= 0.0_wp
+            tone_vanishes = tone_vanishes .or. sum(u*before) <= 0.0_wp .or. &
+                          norm2(u) <= rounding*norm2(self%curve%x(:size(u))/self%weights)
          end do
       end associate
-   end function followed_motion_is_mirrored
+   end function followed_motion_tone_vanishes
 
    !> Units of length at a motion.
    function followed_motion_units_at(self, x) result(units)

@@ -197,6 +197,9 @@ def test_torus_behind_a_graze_is_found_and_followed_both_ways(tmp_path):
         (at_value,) = results.select({"curve_kind": "value"})
     status, speed, tuples, c = read(torus, "status", "tones_frequency_1", "tuple", "coefficients")
     assert speed[status == COLLAPSED] == pytest.approx(0.9251817195, rel=1e-4), "its tone dies out at the graze"
+    has_motion = np.isin(status, (1, 7))  # converged, truncated
+    of_all, of_other_tone = ((part[has_motion] ** 2).sum(axis=(1, 2, 3)) for part in (c, c[:, :, tuples[:, 1] != 0]))
+    assert (of_other_tone > 1e-12 * of_all).all(), "and what follows is no torus"
     phases = np.stack(np.meshgrid(*2 * [np.linspace(0, 2 * np.pi, 200)]))
     angles = np.tensordot(tuples, phases, 1)
     radius = np.hypot(*(np.tensordot(c[at_value, k, :, 0], np.cos(angles), 1)
