@@ -453,8 +453,7 @@ contains
                u(set%cos_at(h), :) = 0.0_wp
                if (set%sin_at(h) > 0) u(set%sin_at(h), :) = 0.0_wp
             end do
-            tone_vanishes = tone_vanishes .or. sum(u*before) <= 0.0_wp .or. &
-                          norm2(u) <= rounding*norm2(self%curve%x(:size(u))/self%weights)
+            tone_vanishes = tone_vanishes .or. sum(u*before) <= 0.0_wp .or. norm2(u) <= rounding*self%largest
          end do
       end associate
    end function followed_motion_tone_vanishes
