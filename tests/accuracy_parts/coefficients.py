@@ -45,7 +45,8 @@ def balanced(folder: Path) -> tuple[str, np.ndarray, np.ndarray]:
     source, result = folder / "c2a.nml", folder / "c2a.h5"
     text = Model("order_sequence/stop_two_tones", (), ()).text()
     source.write_text(f"{text}&sweep parameter='harmonics%order', values={', '.join(map(str, ORDERS))} /\n", encoding="utf-8")
-    nhbm("bench", source, result, ("solver%method='broyden'", "error_estimate%is_on=.false."), "--budget", "0", "--repeats", str(TRIES))
+    settings = ("solver%method='broyden'", "error_estimate%is_on=.false.")
+    nhbm("bench", source, result, settings, "--budget", "0", "--repeats", str(TRIES))
     bench = Bench(result)
     order, error = bench.column("order").astype(float), bench.errors(read_reference(str(KNOWN)), only_known=True)
     rate = convergence_rate(order, error, "algebraic")

@@ -32,7 +32,8 @@ def _rows(page, mark: str) -> list[list[str]]:
 
 def _counts(source: str, settings, tolerance: str, folder) -> tuple[int, int, int]:
     """Status, tuples and levels of a point."""
-    words = [word for value in (*settings, f"accuracy%tolerance={tolerance}", "stability%method='off'") for word in ("--set", value)]
+    values = (*settings, f"accuracy%tolerance={tolerance}", "stability%method='off'")
+    words = [word for value in values for word in ("--set", value)]
     result = folder / "point.h5"
     run("solve", ROOT / "inputs" / f"{source}.nml", "-o", result, "--overwrite", "--quiet", *words, cwd=folder)
     return tuple(int(value[0]) for value in read(result, "status", "n_harmonics", "n_levels"))
