@@ -21,7 +21,7 @@ module hb_motion_curve
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
-   use hb_options, only: options_t
+   use hb_options, only: accuracy_t, options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
@@ -36,6 +36,7 @@ module hb_motion_curve
 
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
    integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
+   real(wp), parameter :: far_above = 10.0_wp                         ! or in units of the tolerance: too large to go on
    integer, parameter :: max_halvings = 12                            ! of the distance from an origin
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
@@ -592,7 +593,8 @@ contains
 
       call store_met_motion(self, point%x, self%level)
       if (point%kind == curve_kind%regular) &
-         self%n_unreliable = merge(self%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result)))
+         self%n_unreliable = merge(self%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result), &
+                                                                               self%model%options%accuracy))
       position%kind = point%kind
       position%parameter = point%x(size(point%x))
       position%length = self%sense()*(self%length + point%position)
@@ -640,11 +642,14 @@ contains
       end do
    end subroutine note_traced
 
-   !> Whether an estimated error has no meaning, except that it is large.
-   elemental logical function is_unreliable(estimate)
+   !> Whether an estimated error has no meaning, except that it is large: at a given order. By a tolerance, whether it is far above
+   !> that.
+   pure logical function is_unreliable(estimate, accuracy)
       real(wp), intent(in) :: estimate
+      type(accuracy_t), intent(in) :: accuracy
 
       is_unreliable = estimate >= reliable
+      if (accuracy%is_on .and. accuracy%grows_set) is_unreliable = estimate >= min(far_above*accuracy%tolerance, reliable)
    end function is_unreliable
 
    !> The numbers that store unknowns or a direction of the curve: themselves.
@@ -670,14 +675,19 @@ contains
       class(motion_curve_t), intent(in) :: self
       character(500) :: text
 
-      associate (value => self%curve%x(size(self%curve%x)))
+      associate (value => self%curve%x(size(self%curve%x)), accuracy => self%model%options%accuracy)
          if (is_refused(self)) then
             text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
          else if (self%has_collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
          else if (self%n_unreliable >= max_unreliable) then
             text = "the curve is lost at the value "//to_text(value)//": the estimated errors of the last "// &
-                   to_text(max_unreliable)//" points are too large to be meaningful"
+                   to_text(max_unreliable)//" points are "
+            if (accuracy%is_on .and. accuracy%grows_set) then
+               text = trim(text)//" more than ten times the tolerance"
+            else
+               text = trim(text)//" too large to be meaningful"
+            end if
          else
             text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
          end if

@@ -13,6 +13,7 @@ module hb_swept_curve
    use hb_model_reader, only: update_model
    use hb_motion_curve, only: is_unreliable
    use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_options, only: accuracy_t
    use hb_outcome, only: is_solved, outcome
    use hb_point_kinds, only: curve_kind
    use hb_point_source, only: point_source_t
@@ -74,7 +75,8 @@ contains
       if (allocated(error)) return
       last = last_step(status, positions%kind)
       if (last == 0) return
-      call self%runner%continue_from(positions(:last), n_unreliable(positions(:last), estimates(:last)), failure)
+      call self%runner%continue_from(positions(:last), n_unreliable(positions(:last), estimates(:last), &
+                                                                       self%runner%model%options%accuracy), failure)
       self%is_done = self%runner%is_done
       self%stored = status(:last)
       self%last_parameter = positions(last)%parameter
@@ -82,15 +84,16 @@ contains
    end subroutine new_swept_curve
 
    !> Number of the last steps of the last branch whose estimated errors have no meaning.
-   pure integer function n_unreliable(positions, estimates) result(n)
+   pure integer function n_unreliable(positions, estimates, accuracy) result(n)
       type(curve_position_t), intent(in) :: positions(:)
       real(wp), intent(in) :: estimates(:)                            !! of the errors there
+      type(accuracy_t), intent(in) :: accuracy
       integer :: i
 
       n = 0
       do i = 1, size(positions)
          if (positions(i)%kind == curve_kind%start) n = 0
-         if (positions(i)%kind == curve_kind%regular) n = merge(n + 1, 0, is_unreliable(estimates(i)))
+         if (positions(i)%kind == curve_kind%regular) n = merge(n + 1, 0, is_unreliable(estimates(i), accuracy))
       end do
    end function n_unreliable
 

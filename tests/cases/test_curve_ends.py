@@ -77,6 +77,23 @@ def test_curves_of_unreliable_motions_end(tmp_path):
     assert "oversampling" not in said, said
 
 
+def test_curves_far_above_their_tolerance_end(tmp_path):
+    """Eight harmonics for a stop like a wall: no row is near the tolerance, and the budget of each would be spent in vain."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, damping=0.05, stiffness=1.0 /
+&tones frequency=3.0 /
+&load dof='x1', tuple=1, cos=1.0 /
+&law type='elastic_stop', dof='x1', stiffness=2000.0, gap=0.0 /
+&accuracy tolerance=1e-3, max_harmonics=8 /
+&curve parameter='tones%frequency', from=0.4, to=3.0, start=3.0 /
+"""
+    path = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
+    with Results(path) as results:
+        last = results.used[-1]
+        assert results.status_name(last) == "out_of_budget" and "more than ten times the tolerance" in results.message(last)
+        assert len(results.used) < 200
+
+
 def test_closed_branches_are_traced_once(tmp_path):
     """Two equal oscillators: the motions in which they differ form one closed curve through both branch points."""
     text = """
