@@ -109,7 +109,7 @@ contains
             if (.not. has(options(i), verb)) cycle
          end if
          if (any(names == options(i)%name)) cycle
-         names = [names, options(i)%name]
+         names = [character(12) :: names, options(i)%name]
          if (options(i)%short /= "") names = [character(12) :: names, options(i)%short]
       end do
    end function option_names
