@@ -320,7 +320,7 @@ def _bench(case: Case, method: str, folder: Path, *sets: str) -> tuple[Bench, li
     source.write_text(case.model.text() + group, encoding="utf-8")
     if not any(one.startswith("error_estimate") for one in sets):
         sets += ("error_estimate%is_on=.false.",)
-    sets = (*case.model.sets, *sets, f"solver%method='{method}'")
+    sets = (*case.model.sets, *sets, f"solver%method='{method}'", "stability%method='off'")
     nhbm("bench", source, result, sets, "--budget", "0", "--repeats", str(TRIES))
     return Bench(result), orders
 
