@@ -1,0 +1,13 @@
+# Takes a folder of modules that is not there from the targets of HDF5: the files of HDF5 2.2 in Debian 14 name one, which CMake refuses.
+function(hb_leave_out_missing_folders)
+   foreach(target IN LISTS ARGN)
+      if(NOT TARGET ${target})
+         continue()
+      endif()
+      get_target_property(folders ${target} INTERFACE_INCLUDE_DIRECTORIES)
+      if(folders MATCHES "/include/mod/shared(;|$)")
+         list(FILTER folders EXCLUDE REGEX "/include/mod/shared$")
+         set_target_properties(${target} PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${folders}")
+      endif()
+   endforeach()
+endfunction()
