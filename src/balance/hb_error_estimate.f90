@@ -390,7 +390,8 @@ contains
          change(whole%positions) = change(whole%positions) - alias(:size(u))
          self%truncation = norm2(on_wide(change))/size_of_motion
       end if
-      if (any_rubs_rigidly(balance)) self%truncation = of_first_power*self%truncation
+      if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) &
+         self%truncation = of_first_power*self%truncation
       call keep_step(self, balance, wide, whole%which, big, first, size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
       self%n_products = whole%n_products
@@ -482,19 +483,6 @@ contains
          end do
       end associate
    end function acts_rigidly
-
-   !> Whether a law is rigid friction.
-   pure logical function any_rubs_rigidly(balance)
-      type(balance_t), intent(in) :: balance
-      integer :: i
-
-      any_rubs_rigidly = .false.
-      do i = 1, size(balance%law_set%laws)
-         associate (law => balance%law_set%laws(i)%law)
-            any_rubs_rigidly = any_rubs_rigidly .or. law%is_multiplier .and. law%needs_velocity
-         end associate
-      end do
-   end function any_rubs_rigidly
 
    !> Whether a law is rigid.
    pure logical function has_multipliers(balance)

@@ -99,6 +99,7 @@ module hb_law
       procedure :: declare_inherited => law_declare_inherited
       procedure :: derive_inherited => law_derive_inherited
       procedure :: has_weight => law_has_weight
+      procedure :: is_rigid_friction => law_is_rigid_friction
       procedure :: correct => law_correct
       procedure :: defects => law_defects
       procedure :: potential => law_potential
@@ -265,6 +266,13 @@ contains
       has = .false.
       if (allocated(self%weights)) has = any(self%weights%key == number%key)
    end function law_has_weight
+
+   !> Whether the law is friction without a spring. Errors under it fall with the first power of the order alone.
+   pure logical function law_is_rigid_friction(self) result(is_rigid_friction)
+      class(law_t), intent(in) :: self
+
+      is_rigid_friction = self%is_multiplier .and. self%needs_velocity
+   end function law_is_rigid_friction
 
    !> Coordinates that satisfy the constraint of the law: the motion moved onto a wall. Other laws leave it unchanged.
    pure subroutine law_correct(self, z, corrected)

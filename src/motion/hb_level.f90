@@ -9,7 +9,6 @@ module hb_level
    use hb_harmonics, only: harmonics_t, new_box, new_harmonics
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_law, only: law_t
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: options_t
@@ -393,24 +392,18 @@ contains
       end associate
    end function estimate_of_wanted
 
-   !> Increases the estimated errors of a motion with rigid laws, which error estimates underestimate.
+   !> Increases the estimated errors of a motion with rigid laws, which error estimates underestimate; the truncation estimate under
+   !> rigid friction has its factor already.
    pure subroutine with_caution(system, result)
       type(system_t), intent(in) :: system
       type(motion_result_t), intent(inout) :: result
       integer :: i
 
       if (.not. is_rigid(system)) return
-      if (any([(is_wall(system%laws(i)%law), i=1, size(system%laws))])) &
+      if (any([(system%laws(i)%law%is_multiplier .and. .not. system%laws(i)%law%is_rigid_friction(), i=1, size(system%laws))])) &
          result%level_estimate = min(1.0_wp, hypot(caution*result%error_estimate%truncation, result%error_estimate%aliasing))
       if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
    end subroutine with_caution
-
-   !> Whether a law is a rigid wall; the truncation estimate under rigid friction has this factor already.
-   pure logical function is_wall(law)
-      class(law_t), intent(in) :: law
-
-      is_wall = law%is_multiplier .and. .not. law%needs_velocity
-   end function is_wall
 
    !> Whether a law is rigid.
    pure logical function is_rigid(system)
