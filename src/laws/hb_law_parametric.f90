@@ -95,16 +95,23 @@ contains
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
 
-      f = self%k*(z - min(max(z, -self%backlash), self%backlash))
+      f = self%k*beyond(z, self%backlash)
       if (present(df_dz)) df_dz(:, :, 1) = merge(0.0_wp, self%k, abs(z) < self%backlash)
       if (self%is_cubic) then
-         f = f + self%c*(z - min(max(z, -self%backlash), self%backlash))**3
-         if (present(df_dz)) df_dz(:, :, 1) = df_dz(:, :, 1) + 3*self%c*(z - min(max(z, -self%backlash), self%backlash))**2
+         f = f + self%c*beyond(z, self%backlash)**3
+         if (present(df_dz)) df_dz(:, :, 1) = df_dz(:, :, 1) + 3*self%c*beyond(z, self%backlash)**2
       end if
       if (.not. self%needs_velocity) return
       f = f + self%d*v
       if (present(df_dv)) df_dv(:, :, 1) = self%d
    end subroutine parametric_evaluate
+
+   !> The part of z beyond -b to b.
+   elemental real(wp) function beyond(z, b)
+      real(wp), intent(in) :: z, b                                    !! [m]
+
+      beyond = z - min(max(z, -b), b)
+   end function beyond
 
    subroutine parametric_number_slope(self, number, z, v, p, slope, is_known)
       class(parametric_t), intent(in) :: self
@@ -118,10 +125,10 @@ contains
       b = self%backlash
       slope = 0.0_wp
       select case (number%key)
-      case ("stiffness_cos"); slope = self%cosine*(z - min(max(z, -b), b))
-      case ("stiffness_sin"); slope = self%sine*(z - min(max(z, -b), b))
-      case ("cubic_cos"); slope = self%cosine*(z - min(max(z, -b), b))**3
-      case ("cubic_sin"); slope = self%sine*(z - min(max(z, -b), b))**3
+      case ("stiffness_cos"); slope = self%cosine*beyond(z, b)
+      case ("stiffness_sin"); slope = self%sine*beyond(z, b)
+      case ("cubic_cos"); slope = self%cosine*beyond(z, b)**3
+      case ("cubic_sin"); slope = self%sine*beyond(z, b)**3
       case ("damping_cos")
          is_known = self%needs_velocity
          if (is_known) slope = self%cosine*v
@@ -130,7 +137,7 @@ contains
          if (is_known) slope = self%sine*v
       case ("backlash")
          is_known = b > 0.0_wp
-         slope = -(self%k + 3*self%c*(z - min(max(z, -b), b))**2)*merge(sign(1.0_wp, z), 0.0_wp, abs(z) >= b)
+         slope = -(self%k + 3*self%c*beyond(z, b)**2)*merge(sign(1.0_wp, z), 0.0_wp, abs(z) >= b)
       case default
          is_known = .false.
       end select
@@ -149,18 +156,17 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       logical, intent(in) :: is_positive(:)
       real(wp), intent(out) :: f(:)
+      real(wp) :: part(size(z))                                       ! beyond the backlash [m]
 
-      real(wp) :: beyond(size(z))
-
-      beyond = 0.0_wp
+      part = 0.0_wp
       if (self%n_switches == 0) then
-         beyond = z
+         part = z
       else if (is_positive(1)) then
-         beyond = z - self%backlash
+         part = z - self%backlash
       else if (.not. is_positive(2)) then
-         beyond = z + self%backlash
+         part = z + self%backlash
       end if
-      f = self%k(1, 1)*beyond + self%c(1, 1)*beyond**3
+      f = self%k(1, 1)*part + self%c(1, 1)*part**3
       if (self%needs_velocity) f = f + self%d(1, 1)*v
    end subroutine parametric_evaluate_held
 end module hb_law_parametric
