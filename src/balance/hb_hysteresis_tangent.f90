@@ -232,7 +232,7 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
       real(wp), intent(inout), contiguous, optional :: df(:, :, :, :)
-      real(wp), parameter :: per_value = 2.0_wp, per_neighbour = 0.3_wp
+      real(wp), parameter :: per_value = 2.0_wp, per_neighbour = 0.3_wp ! see hb_solver_types%unit_of_work
       integer :: i, p, slice
       real(wp) :: wave(width, 2)
 

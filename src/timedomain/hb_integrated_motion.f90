@@ -119,6 +119,8 @@ contains
       real(wp), allocatable :: factor(:, :)
       integer :: singular_at
 
+      lacks_mass = .false.
+      if (system%structure%n_dofs > max_dense) return                 ! refused before any step
       structure = system%structure
       call structure%unpack()
       call structure%factorise_mass(factor, singular_at)
