@@ -311,7 +311,8 @@ contains
       call run_model(self%model, here, self%neighbour, self%cached, self%result, level, failure)
       call self%cancellation%leave()
       call self%neighbour%forget()                                    ! the last motion alone is a neighbour
-      if (.not. allocated(failure) .and. allocated(level%unknowns)) call self%neighbour%keep(here, level)
+      if (.not. allocated(failure) .and. allocated(level%unknowns)) &
+         call self%neighbour%keep(here, level, self%result%n_levels)
       if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted
       self%result%solve_seconds = wall_clock() - started
       call complete_result(self)

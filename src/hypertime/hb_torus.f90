@@ -89,7 +89,7 @@ contains
       integer, parameter :: factors(4) = [2, 3, 5, 7]
       integer :: i, cofactor
 
-      fast_size = n + modulo(n, 2)
+      fast_size = max(2, n + modulo(n, 2))
       do
          cofactor = fast_size
          do i = 1, size(factors)

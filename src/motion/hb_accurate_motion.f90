@@ -18,7 +18,8 @@ module hb_accurate_motion
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
    use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      level_t, margin, max_failures, min_goal, put_on_level, trim_set, with_caution
+      level_t, margin, max_failures, min_goal, put_on_level, trim_for_neighbour, &
+      with_caution
    use hb_model, only: model_t
    use hb_motion, only: solve_system
    use hb_motion_description, only: allow_for_growth, compare_with_refined
@@ -338,7 +339,7 @@ contains
          call finish(motion)
          if (options%accuracy%grows_set .and. options%chain%is_on .and. motion%result%status == outcome%converged .and. &
              size(options%gradient%by) == 0) &                         ! which is that of the whole set
-            call trim_set(motion%discretisation, options, motion%top)
+            call trim_for_neighbour(motion%system, motion%discretisation, options, motion%result, motion%top)
       end associate
    end subroutine refine_motion
 

@@ -20,7 +20,7 @@ module hb_level
    private
    public :: caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
    public :: is_rigid, join, level_of, margin, max_failures, min_goal, needed_samples, put_on_level, put_on_set
-   public :: level_t, same_set, transferred, trim_set, with_caution
+   public :: coarsen, level_t, same_set, transferred, trim_for_neighbour, with_caution
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
@@ -172,11 +172,48 @@ contains
       has_all_of = all([(set%index_of(other%tuples(:, h)) > 0, h=1, other%n_harmonics)])
    end function has_all_of
 
-   !> Removes from a level the tuples that a neighbour can omit: those that together contribute a small share of the
-   !> tolerance.
-   subroutine trim_set(discretisation, options, level)
+   !> Removes from a solved level what a neighbour can omit: tuples that together contribute a small share of the tolerance, and
+   !> samples without which aliasing stays within its share of the tolerance.
+   subroutine trim_for_neighbour(system, discretisation, options, result, level)
+      type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
+      type(motion_result_t), intent(in) :: result                     !! on the level
+      type(level_t), intent(inout) :: level
+      real(wp) :: allowed                                             ! error by aliasing
+      real(wp) :: density                                             ! of samples, relative to the present one
+
+      call trim_set(discretisation, options, minor, level)
+      if (.not. options%accuracy%refines_grid) return
+      density = 1.0_wp
+      if (degree_of(system) == 0) then
+         allowed = share_of_grid*margin*options%accuracy%tolerance
+         density = min(1.0_wp, (raised_by(result)*result%error_estimate%aliasing/allowed)**(1.0_wp/decay))
+      end if
+      level%n_samples = min(level%n_samples, max(needed_samples(level%set%highest, degree_of(system)), &
+                                                 fast_size(ceiling(density*level%n_samples))))
+   end subroutine trim_for_neighbour
+
+   !> Leaves of a trimmed level what is the motion of a neighbour to a few tolerances: a small set from which the set of the
+   !> neighbour grows again. The grid follows unless aliasing has made it finer than its set requires.
+   subroutine coarsen(system, discretisation, options, level)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(level_t), intent(inout) :: level
+      real(wp), parameter :: few = 3.0_wp                             ! tolerances
+      logical :: follows_set
+
+      follows_set = options%accuracy%refines_grid .and. all(level%n_samples <= needed_samples(level%set%highest, degree_of(system)))
+      call trim_set(discretisation, options, few, level)
+      if (follows_set) level%n_samples = needed_samples(level%set%highest, degree_of(system))
+   end subroutine coarsen
+
+   !> Removes from a level the tuples that together contribute a share of the tolerance.
+   subroutine trim_set(discretisation, options, share, level)
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      real(wp), intent(in) :: share
       type(level_t), intent(inout) :: level
       type(level_t) :: trimmed
       type(error_t), allocatable :: error
@@ -189,7 +226,7 @@ contains
       do h = 1, level%set%n_harmonics
          if (is_needed_at(discretisation, options, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
-      allocate (retained, source=largest_indices(amplitudes, minor*options%accuracy%tolerance, size(amplitudes)))
+      allocate (retained, source=largest_indices(amplitudes, share*options%accuracy%tolerance, size(amplitudes)))
       if (size(retained) == size(amplitudes)) return
       call new_harmonics(trimmed%set, level%set%tuples(:, retained), error)
       if (allocated(error)) return
@@ -211,7 +248,7 @@ contains
 
       n_harmonics = level%set%n_harmonics
       allocate (n_samples, source=level%n_samples)
-      if (options%accuracy%grows_set) call trim_set(discretisation, options, level)
+      if (options%accuracy%grows_set) call trim_set(discretisation, options, minor, level)
       if (options%accuracy%refines_grid) then
          least = needed_samples(level%set%highest, degree_of(system))
          if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))

@@ -5,18 +5,22 @@ module hb_neighbour
    use hb_branches, only: is_far_above
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: level_t, same_set, transferred
-   use hb_options, only: options_t
+   use hb_level, only: coarsen, level_t, same_set, transferred
+   use hb_model, only: model_t
    implicit none
    private
    public :: neighbour_t
 
    real(wp), parameter :: farthest = 4.0_wp                           ! limit of the extrapolation, in steps between its points
+   integer, parameter :: longest_pause = 8                            ! points
 
-   !> The last two solutions of a chain.
+   !> The last two solutions of a chain. By tolerance a point starts on the set of the last one. Where such a set had to grow, a few
+   !> points start on a part of it, and more of them each time: large levels that decide nothing cost most.
    type :: neighbour_t
       private
       integer :: n_retained = 0
+      integer :: pause = 0                                            ! points that start on a part of the set after it had to grow
+      integer :: n_left = 0                                           ! of them
       type(level_t) :: last                                           ! with its grid, if points choose their own
       real(wp), allocatable :: before(:)                              ! unknowns in the same set
       real(wp) :: last_value = 0.0_wp, before_value = 0.0_wp
@@ -25,6 +29,7 @@ module hb_neighbour
       procedure :: keep => neighbour_keep
       procedure :: predict => neighbour_predict
       procedure :: predict_level => neighbour_predict_level
+      procedure :: starts_small => neighbour_starts_small
    end type neighbour_t
 
 contains
@@ -38,12 +43,19 @@ contains
 
    !> Stores the solution of a point. The previous one is removed if its harmonics differ or if the motion has jumped:
    !> a line through two branches is of no use.
-   pure subroutine neighbour_keep(self, parameter, level)
+   pure subroutine neighbour_keep(self, parameter, level, n_levels)
       class(neighbour_t), intent(inout) :: self
       real(wp), intent(in) :: parameter                               !! its value at the point, in the unit of the input
       type(level_t), intent(in) :: level                              !! set, grid and unknowns of the point
+      integer, intent(in) :: n_levels                                 !! that the point has needed
       logical :: is_same
 
+      if (self%n_left > 0) then
+         self%n_left = self%n_left - 1
+      else if (self%n_retained > 0) then
+         self%pause = merge(max(1, min(longest_pause, 2*self%pause)), 0, n_levels > 1)
+         self%n_left = self%pause
+      end if
       is_same = .false.
       if (allocated(self%last%unknowns)) &
          is_same = size(level%unknowns) == size(self%last%unknowns) .and. same_set(level%set, self%last%set)
@@ -85,16 +97,26 @@ contains
 
    !> Returns the set and the grid of the last point with a first guess in them, if the model requests first guesses
    !> from neighbours and there is one; neighbours share sets as long as these are suitable.
-   pure subroutine neighbour_predict_level(self, parameter, options, level)
+   subroutine neighbour_predict_level(self, parameter, model, level)
       class(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter
-      type(options_t), intent(in) :: options
+      type(model_t), intent(in) :: model
       type(level_t), intent(out) :: level
 
-      if (.not. options%chain%is_on .or. self%n_retained == 0) return
-      level = self%last
-      call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
+      associate (options => model%options)
+         if (.not. options%chain%is_on .or. self%n_retained == 0) return
+         level = self%last
+         call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
+         if (self%starts_small() .and. options%accuracy%grows_set) call coarsen(model%system, model%discretisation, options, level)
+      end associate
    end subroutine neighbour_predict_level
+
+   !> Whether the next point starts on a part of the last set.
+   pure logical function neighbour_starts_small(self) result(starts_small)
+      class(neighbour_t), intent(in) :: self
+
+      starts_small = self%n_left > 0
+   end function neighbour_starts_small
 
    !> Whether the motion has left the branch of the previous points, as far as these show.
    pure logical function has_jumped(self, parameter, unknowns)

@@ -28,7 +28,7 @@ contains
       real(wp), allocatable :: start(:)
 
       if (model%options%accuracy%is_on) then
-         call neighbour%predict_level(value, model%options, below)
+         call neighbour%predict_level(value, model, below)
       else if (model%options%chain%is_on) then
          call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
       end if
