@@ -18,21 +18,19 @@ module hb_accurate_motion
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
    use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      level_t, margin, max_failures, min_goal, put_on_level, trim_for_neighbour, &
-      with_caution
+      level_t, margin, max_failures, min_goal, trim_for_neighbour, with_caution
+   use hb_level_stability, only: add_stability
    use hb_model, only: model_t
-   use hb_motion, only: solve_system
-   use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
    use hb_outcome, only: is_answer => is_solved, outcome, reason
    use hb_refinement, only: refinable_t, refine
+   use hb_solve_level, only: solve_level
    use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, starting_point, technique
-   use hb_stability, only: few_periods, share_of_stability, stability_method, stability_verdict => verdict
+   use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
    use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: primary_method
-   use hb_tones, only: tones_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none
@@ -53,7 +51,6 @@ module hb_accurate_motion
       type(system_t), pointer :: system => null()
       type(discretisation_t), pointer :: whole => null()              ! has all loads
       type(options_t), pointer :: options => null()                   ! of the point
-      type(discretisation_t) :: here                                  ! of a level
       type(options_t) :: level_options
       logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
    contains
@@ -573,7 +570,6 @@ contains
       self%system => system
       self%whole => discretisation
       self%options => options
-      self%here = discretisation
       self%level_options = options
       associate (level_options => self%level_options)
          level_options%primary_method = primary_method%balance
@@ -601,15 +597,13 @@ contains
 
       call move_alloc(level%unknowns, first_guess)
       associate (options => self%options, solver => self%level_options%solver)
-         call put_on_level(self%here, self%system, self%whole, self%level_options, level, error)
-         if (allocated(error)) return
          solver%fallback = options%solver%fallback .and. with_fallback
          solver%patience = merge(0, patience, with_fallback)
          solver%fallback_work = min(options%solver%fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
          call limit%enter(huge(1.0_wp), max(options%max_work() - self%work_spent, &
                                             merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
-         call solve_system(self%system, self%here, self%level_options, result, error, first_guess, found)
+         call solve_level(self%system, self%whole, self%level_options, level, first_guess, result, error, found)
          call limit%leave()
          result%work_spent = limit%budget%spent
          self%is_out_of_work = limit%verdict == verdict%out_of_work
@@ -646,7 +640,8 @@ contains
             result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
          compares = compares_in_time(self)
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
-            call add_stability(self%system, self%discretisation, self%options, self%top, self%solver%work_spent, compares, result)
+            call add_stability(self%system, self%discretisation, self%options, self%top, solver_tolerance(self%options), &
+                               self%solver%work_spent, compares, result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set
@@ -667,63 +662,6 @@ contains
       compares = self%result%status == outcome%converged .and. self%options%has_time_domain() .and. &
                  self%options%error_estimate%is_on .and. self%system%may_jump_within_period()
    end function compares_in_time
-
-   !> Solves the last level again, with stability and samples of the motion.
-   subroutine add_stability(system, discretisation, options, top, work_spent, compares, result)
-      type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
-      type(options_t), intent(in) :: options
-      type(level_t), intent(in) :: top
-      real(wp), intent(in) :: work_spent                              !! for the motion
-      logical, intent(in) :: compares                                 !! with a short time integration
-      type(motion_result_t), intent(inout) :: result
-      type(discretisation_t) :: here
-      type(options_t) :: alone                                        !! the motion and its stability, without estimates
-      type(tones_t) :: tones
-      type(motion_result_t) :: whole
-      type(error_t), allocatable :: error
-
-      here = discretisation
-      alone = options
-      alone%may_integrate = .false.
-      alone%error_estimate%is_on = .false.
-      alone%solver%tolerance = solver_tolerance(options)
-      alone%stability%work_spent = work_spent
-      alone%compares_in_time = compares
-      if (alone%stability%method == stability_method%auto) alone%stability%min_periods = few_periods
-      call put_on_level(here, system, discretisation, alone, top, error)
-      if (.not. allocated(error)) call solve_system(system, here, alone, whole, error, top%unknowns)
-      if (allocated(error) .or. whole%status /= outcome%converged) return
-      if (result%status == outcome%converged) then
-         result%stability = whole%stability
-         tones = system%tones
-         tones%omega = result%frequency
-         call compare_with_refined(system, here, alone, tones, result%error_estimate, result%stability)
-         call allow_for_growth(result, options%accuracy%tolerance)
-         call allow_for_departure(whole%departure, options%accuracy%tolerance, result)
-      end if
-      if (.not. allocated(whole%displacement_samples)) return
-      result%displacement_samples = whole%displacement_samples
-      result%force_samples = whole%force_samples
-      result%corrected_samples = whole%corrected_samples
-   end subroutine add_stability
-
-   !> If a time integration from a motion leaves it by more than its estimated error and the tolerance explain, the difference is
-   !> its error.
-   subroutine allow_for_departure(departure, tolerance, result)
-      real(wp), intent(in) :: departure                               !! relative; negative if it is not known
-      real(wp), intent(in) :: tolerance
-      type(motion_result_t), intent(inout) :: result
-      real(wp), parameter :: explained = 2.0_wp                       ! of the estimate: it may be too small by as much
-
-      result%departure = departure
-      if (result%status /= outcome%converged .or. departure <= explained*max(tolerance, estimate_of_motion(result))) return
-      result%status = outcome%truncated
-      result%reason = reason%departure
-      result%level_estimate = min(1.0_wp, departure)
-      result%message = "a time integration that starts on the motion leaves it by "//rounded(departure)// &
-                       ", more than the estimated error: the motion may jump within a period of the slowest tone"
-   end subroutine allow_for_departure
 
    !> Names the least accurate output.
    function message_on_outputs(accuracy, estimates) result(message)

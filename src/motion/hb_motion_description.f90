@@ -28,7 +28,8 @@ module hb_motion_description
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: allow_for_growth, compare_with_refined, describe_motion, keep_motion, request_stability, solution_t, stability_of
+   public :: add_stability_of, allow_for_growth, compare_with_refined, describe_motion, keep_motion, request_stability, &
+      solution_t, stability_of
 
    !> A solution of a balance. It refers to its parts.
    type :: solution_t
@@ -72,6 +73,7 @@ contains
             call compare_with_refined(system, discretisation, options, tones_of(system, balance), result%error_estimate, &
                                       result%stability)
          end if
+         result%usual_work = usual_work(balance)
          if (options%compares_in_time) call compare_in_time(system, discretisation, options, &
             harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), result)
          call allow_for_growth(result, options%error_estimate%truncation)
@@ -100,6 +102,18 @@ contains
                              harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), &
                              usual_work(balance), stability)
    end subroutine stability_of
+
+   !> Adds to the result of a solved motion its stability and, if requested, its comparison with a time integration.
+   subroutine add_stability_of(system, discretisation, options, motion, result)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(harmonic_motion_t), intent(in) :: motion
+      type(motion_result_t), intent(inout) :: result
+
+      call request_stability(system, discretisation, options, options%stability, motion, result%usual_work, result%stability)
+      if (options%compares_in_time) call compare_in_time(system, discretisation, options, motion, result)
+   end subroutine add_stability_of
 
    !> Finds how far a short time integration leaves a motion that is not unstable.
    subroutine compare_in_time(system, discretisation, options, motion, result)

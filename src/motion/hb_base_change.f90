@@ -1,0 +1,297 @@
+!> Another choice of base frequencies, in which a set of tuples needs fewer samples. With an integer matrix A of determinant 1 or
+!> -1, the tuples A j and the frequencies A^-T omega have the same combinations, (A j).(A^-T omega) = j.omega, so that they
+!> describe the same motions. The tuples of contact under several tones lie along a slow combination, a diagonal of their box;
+!> where A turns it into an axis, the box, and the grid with it, is several times smaller.
+module hb_base_change
+   use hb_amplitudes, only: amplitudes_t
+   use hb_discretisation, only: discretisation_t
+   use hb_error, only: error_t
+   use hb_error_estimate, only: error_estimate_t, near_commensurate
+   use hb_harmonics, only: canonical_sign, harmonics_t, new_harmonics
+   use hb_hysteretic_law, only: has_memory
+   use hb_kinds, only: wp
+   use hb_level, only: degree_of, level_t, needed_samples
+   use hb_motion_result, only: motion_result_t
+   use hb_options, only: options_t
+   use hb_system, only: system_t
+   use hb_torus, only: fast_size
+   implicit none
+   private
+   public :: base_change_t, reduced_base
+
+   integer, parameter :: smallest_grid = 4096                         ! samples, below which nothing is gained
+   real(wp), parameter :: worth_it = 0.6_wp                           ! samples, relative to those of the given base
+   real(wp), parameter :: slowest = 1.0e-6_wp                         ! base frequency, relative to the largest one
+
+   type :: base_change_t
+      logical :: is_on = .false.
+      type(system_t) :: system                                        !! with the other base frequencies
+      type(discretisation_t) :: discretisation                        !! the whole one, with all loads
+      type(level_t) :: level
+      integer, allocatable, private :: matrix(:, :), inverse(:, :)    ! A, (n_tones, n_tones)
+   contains
+      procedure :: choose => base_change_choose
+      procedure :: bring_back => base_change_bring_back
+   end type base_change_t
+
+contains
+
+   !> Chooses the base for a level, and puts system, discretisation and level in it, if that saves samples.
+   subroutine base_change_choose(self, system, discretisation, options, level, guess)
+      class(base_change_t), intent(out) :: self
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation            !! has all loads
+      type(options_t), intent(in) :: options
+      type(level_t), intent(in) :: level
+      real(wp), allocatable, intent(inout) :: guess(:)                !! unknowns of the level, if it is allocated
+      real(wp), allocatable :: omega(:)
+      integer, allocatable :: n_samples(:)
+      type(error_t), allocatable :: error
+
+      if (.not. may_change(system, options) .or. product(real(level%n_samples, wp)) < smallest_grid) return
+      call reduced_base(level%set%tuples, self%matrix, self%inverse)
+      call make_positive(self, system%tones%omega, omega)
+      if (minval(omega) < slowest*maxval(omega)) return
+      allocate (n_samples, source=samples_in(self, system, level))
+      if (product(real(n_samples, wp)) > worth_it*product(real(level%n_samples, wp))) return
+      call move_set(self%matrix, level%set, self%level%set, error)
+      if (.not. allocated(error)) call move_set(self%matrix, discretisation%harmonics, self%discretisation%harmonics, error)
+      if (allocated(error)) return
+      self%is_on = .true.
+      self%level%n_samples = n_samples
+      self%system = system
+      self%system%tones%omega = omega
+      associate (there => self%discretisation, turned => is_turned(self%matrix, discretisation%harmonics))
+         there%symmetry = discretisation%symmetry
+         there%torus%corrects_kinks = discretisation%torus%corrects_kinks
+         there%loads = turned_amplitudes(discretisation%loads, turned, 1.0_wp)
+         there%load_slopes = turned_amplitudes(discretisation%load_slopes, turned, -1.0_wp)
+         there%start = turned_amplitudes(discretisation%start, turned, 1.0_wp)
+      end associate
+      if (allocated(guess)) call turn(guess, level%set, is_turned(self%matrix, level%set), omega)
+   end subroutine base_change_choose
+
+   !> Brings a result back to the given base.
+   subroutine base_change_bring_back(self, system, options, set, result, unknowns)
+      class(base_change_t), intent(in) :: self
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(harmonics_t), intent(in) :: set                            !! of the level, in the given base
+      type(motion_result_t), intent(inout) :: result
+      real(wp), allocatable, intent(inout) :: unknowns(:)
+      logical :: turned(set%n_harmonics)
+
+      turned = is_turned(self%matrix, set)
+      if (allocated(result%frequency)) result%frequency = system%tones%omega
+      if (allocated(result%coefficients)) call turn_sines(result%coefficients, turned)
+      if (allocated(result%force_coefficients)) call turn_sines(result%force_coefficients, turned)
+      if (allocated(result%corrected_coefficients)) call turn_sines(result%corrected_coefficients, turned)
+      if (allocated(unknowns)) call turn(unknowns, set, turned, system%tones%omega)
+      call bring_estimate_back(self, system, result%error_estimate)
+      result%is_near_commensurate = allocated(result%error_estimate%combination) .and. &
+         result%error_estimate%combination_frequency < options%error_estimate%commensurability*maxval(system%tones%omega)
+   end subroutine base_change_bring_back
+
+   !> Error estimates name tuples: those of the wider set, and a combination of the tones.
+   subroutine bring_estimate_back(self, system, estimate)
+      class(base_change_t), intent(in) :: self
+      type(system_t), intent(in) :: system
+      type(error_estimate_t), intent(inout) :: estimate
+      type(harmonics_t) :: around
+      type(error_t), allocatable :: error
+      logical, allocatable :: turned(:)
+      integer :: h
+
+      if (allocated(estimate%combination)) &
+         call near_commensurate(system%tones, estimate%combination, estimate%combination_frequency)
+      if (estimate%around%n_harmonics == 0) return
+      turned = is_turned(self%inverse, estimate%around)
+      call move_set(self%inverse, estimate%around, around, error)
+      if (allocated(error)) then                                      ! too large a box: the next level grows without it
+         if (allocated(estimate%neglected)) deallocate (estimate%neglected)
+         if (allocated(estimate%first_order)) deallocate (estimate%first_order)
+         return
+      end if
+      if (allocated(estimate%first_order)) then
+         do h = 1, around%n_harmonics
+            if (turned(h) .and. around%sin_at(h) > 0) &
+               estimate%first_order(around%sin_at(h), :) = -estimate%first_order(around%sin_at(h), :)
+         end do
+      end if
+      if (allocated(estimate%refined)) then
+         do h = 1, around%n_harmonics
+            if (turned(h)) estimate%refined(:, h) = conjg(estimate%refined(:, h))
+         end do
+      end if
+      estimate%around = around
+   end subroutine bring_estimate_back
+
+   !> Whether nothing in a model depends on the base itself: laws that take phases or base frequencies do, and so do unknown
+   !> tones and requests for single harmonics. Laws with memory follow the base frequencies sample by sample.
+   pure logical function may_change(system, options)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      integer :: i
+
+      may_change = system%tones%n_tones > 1 .and. .not. any(system%tones%is_unknown) .and. options%accuracy%refines_grid .and. &
+                   .not. system%normal_mode%is_requested .and. .not. has_memory(system%laws)
+      if (may_change .and. allocated(options%accuracy%outputs)) may_change = size(options%accuracy%outputs) == 0
+      do i = 1, size(system%laws)
+         may_change = may_change .and. system%laws(i)%law%n_phases == 0 .and. .not. system%laws(i)%law%needs_frequencies
+      end do
+   end function may_change
+
+   !> A base in which the box around some tuples is small: while the product of its sides decreases, rows of A are added to or
+   !> subtracted from others, as in Euclid's algorithm. Tuples with an odd sum stay odd.
+   subroutine reduced_base(tuples, matrix, inverse)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, any)
+      integer, allocatable, intent(out) :: matrix(:, :), inverse(:, :)
+      integer :: there(size(tuples, 1), size(tuples, 2))              ! A j
+      integer :: i, k, sign_of, best_i, best_k, best_sign, n
+      real(wp) :: ratio, best
+
+      n = size(tuples, 1)
+      allocate (matrix(n, n), inverse(n, n), source=0)
+      do i = 1, n
+         matrix(i, i) = 1
+      end do
+      inverse = matrix
+      there = tuples
+      do
+         best = 1.0_wp
+         do i = 1, n
+            do k = 1, n
+               if (i == k) cycle
+               do sign_of = -1, 1, 2
+                  ratio = side(there(i, :) + sign_of*there(k, :))/side(there(i, :))
+                  if (ratio >= best) cycle
+                  best = ratio
+                  best_i = i
+                  best_k = k
+                  best_sign = sign_of
+               end do
+            end do
+         end do
+         if (best >= 1.0_wp) exit
+         call add_row(best_i, best_k, best_sign)
+      end do
+      do i = 1, n                                                     ! sums of an odd column of A are odd again
+         if (modulo(sum(inverse(:, i)), 2) == 1) cycle
+         do k = 1, n
+            if (modulo(sum(inverse(:, k)), 2) == 1) exit
+         end do
+         sign_of = merge(1, -1, side(there(k, :) + there(i, :)) <= side(there(k, :) - there(i, :)))
+         call add_row(k, i, sign_of)
+      end do
+
+   contains
+
+      pure real(wp) function side(row)
+         integer, intent(in) :: row(:)
+
+         side = 2*maxval(abs(row)) + 1
+      end function side
+
+      subroutine add_row(to, from, factor)
+         integer, intent(in) :: to, from, factor
+
+         matrix(to, :) = matrix(to, :) + factor*matrix(from, :)
+         inverse(:, from) = inverse(:, from) - factor*inverse(:, to)
+         there(to, :) = there(to, :) + factor*there(from, :)
+      end subroutine add_row
+   end subroutine reduced_base
+
+   !> Turns rows of A so that all base frequencies are positive.
+   pure subroutine make_positive(self, given, omega)
+      class(base_change_t), intent(inout) :: self
+      real(wp), intent(in) :: given(:)                                !! [rad/s]
+      real(wp), allocatable, intent(out) :: omega(:)                  !! [rad/s]
+      integer :: m
+
+      allocate (omega, source=[(dot_product(given, self%inverse(:, m)), m=1, size(given))])
+      do m = 1, size(omega)
+         if (omega(m) >= 0.0_wp) cycle
+         omega(m) = -omega(m)
+         self%matrix(m, :) = -self%matrix(m, :)
+         self%inverse(:, m) = -self%inverse(:, m)
+      end do
+   end subroutine make_positive
+
+   !> Samples in the other base, as dense as those of the level.
+   pure function samples_in(self, system, level) result(n_samples)
+      class(base_change_t), intent(in) :: self
+      type(system_t), intent(in) :: system
+      type(level_t), intent(in) :: level
+      integer, allocatable :: n_samples(:)
+      integer :: highest(level%set%n_tones)
+      real(wp) :: density
+
+      highest = maxval(abs(matmul(self%matrix, level%set%tuples)), dim=2)
+      density = product(level%n_samples/(2.0_wp*level%set%highest + 1.0_wp))**(1.0_wp/size(highest))
+      n_samples = needed_samples(highest, degree_of(system))
+      if (degree_of(system) == 0) n_samples = max(n_samples, fast_size(ceiling(density*(2*highest + 1))))
+   end function samples_in
+
+   !> The set of the tuples B j, in the order of j.
+   subroutine move_set(matrix, set, moved, error)
+      integer, intent(in) :: matrix(:, :)                             !! B
+      type(harmonics_t), intent(in) :: set
+      type(harmonics_t), intent(out) :: moved
+      type(error_t), allocatable, intent(out) :: error
+
+      call new_harmonics(moved, matmul(matrix, set%tuples), error)
+   end subroutine move_set
+
+   !> Whether a moved set contains the negative of B j.
+   pure function is_turned(matrix, set)
+      integer, intent(in) :: matrix(:, :)
+      type(harmonics_t), intent(in) :: set
+      logical :: is_turned(set%n_harmonics)
+      integer :: h
+
+      is_turned = [(canonical_sign(matmul(matrix, set%tuples(:, h))) < 0, h=1, set%n_harmonics)]
+   end function is_turned
+
+   !> Amplitudes of -j where the set contains it; derivatives by j.omega change their sign as well.
+   pure function turned_amplitudes(amplitudes, turned, factor) result(other)
+      type(amplitudes_t), intent(in) :: amplitudes
+      logical, intent(in) :: turned(:)
+      real(wp), intent(in) :: factor                                  !! of turned ones
+      type(amplitudes_t) :: other
+      integer :: k
+
+      other = amplitudes
+      if (.not. allocated(other%harmonics)) return
+      do k = 1, size(other%harmonics)
+         if (turned(other%harmonics(k))) other%values(:, k) = factor*conjg(other%values(:, k))
+      end do
+   end function turned_amplitudes
+
+   !> Changes the sign of sines of turned tuples.
+   pure subroutine turn_sines(pairs, turned)
+      real(wp), intent(inout) :: pairs(:, :, :)                       !! (cos and sin, n_harmonics, any)
+      logical, intent(in) :: turned(:)
+      integer :: h
+
+      do h = 1, size(turned)
+         if (turned(h)) pairs(2, h, :) = 0.0_wp - pairs(2, h, :)      ! no zero has a sign
+      end do
+   end subroutine turn_sines
+
+   !> The same for unknowns: coefficients at all coordinates, then the base frequencies.
+   pure subroutine turn(unknowns, set, turned, omega)
+      real(wp), intent(inout) :: unknowns(:)
+      type(harmonics_t), intent(in) :: set                            !! both have the same positions
+      logical, intent(in) :: turned(:)
+      real(wp), intent(in) :: omega(:)                                !! [rad/s]
+      integer :: first, h, n_all
+
+      n_all = size(unknowns) - size(omega)
+      do first = 0, n_all - 1, set%n_coefficients
+         do h = 1, set%n_harmonics
+            if (turned(h) .and. set%sin_at(h) > 0) unknowns(first + set%sin_at(h)) = 0.0_wp - unknowns(first + set%sin_at(h))
+         end do
+      end do
+      unknowns(n_all + 1:) = omega
+   end subroutine turn
+end module hb_base_change
