@@ -4,6 +4,7 @@
 !> where A turns it into an axis, the box, and the grid with it, is several times smaller.
 module hb_base_change
    use hb_amplitudes, only: amplitudes_t
+   use hb_characteristic, only: samples_along_time
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_error_estimate, only: error_estimate_t, near_commensurate
@@ -53,6 +54,7 @@ contains
       call make_positive(self, system%tones%omega, omega)
       if (minval(omega) < slowest*maxval(omega)) return
       allocate (n_samples, source=samples_in(self, system, level))
+      if (has_memory(system%laws)) n_samples = samples_along_time(n_samples, omega)
       if (product(real(n_samples, wp)) > worth_it*product(real(level%n_samples, wp))) return
       call move_set(self%matrix, level%set, self%level%set, error)
       if (.not. allocated(error)) call move_set(self%matrix, discretisation%harmonics, self%discretisation%harmonics, error)
@@ -127,17 +129,20 @@ contains
    end subroutine bring_estimate_back
 
    !> Whether nothing in a model depends on the base itself: laws that take phases or base frequencies do, and so do unknown
-   !> tones and requests for single harmonics. Laws with memory follow the base frequencies sample by sample.
+   !> tones and requests for single harmonics. Rigid laws hold at the samples alone, so that their errors depend on the grid more
+   !> than those of others do.
    pure logical function may_change(system, options)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       integer :: i
 
       may_change = system%tones%n_tones > 1 .and. .not. any(system%tones%is_unknown) .and. options%accuracy%refines_grid .and. &
-                   .not. system%normal_mode%is_requested .and. .not. has_memory(system%laws)
+                   .not. system%normal_mode%is_requested
       if (may_change .and. allocated(options%accuracy%outputs)) may_change = size(options%accuracy%outputs) == 0
       do i = 1, size(system%laws)
-         may_change = may_change .and. system%laws(i)%law%n_phases == 0 .and. .not. system%laws(i)%law%needs_frequencies
+         associate (law => system%laws(i)%law)
+            may_change = may_change .and. law%n_phases == 0 .and. .not. (law%needs_frequencies .or. law%is_multiplier)
+         end associate
       end do
    end function may_change
 
