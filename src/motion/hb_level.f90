@@ -194,19 +194,18 @@ contains
                                                  fast_size(ceiling(density*level%n_samples))))
    end subroutine trim_for_neighbour
 
-   !> Leaves of a trimmed level what is the motion of a neighbour to a few tolerances: a small set from which the set of the
-   !> neighbour grows again. The grid follows unless aliasing has made it finer than its set requires.
+   !> Leaves of a level what is its motion to a few tolerances: a small set from which that of the next point grows. The grid is
+   !> the coarsest one for that set.
    subroutine coarsen(system, discretisation, options, level)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(inout) :: level
       real(wp), parameter :: few = 3.0_wp                             ! tolerances
-      logical :: follows_set
 
-      follows_set = options%accuracy%refines_grid .and. all(level%n_samples <= needed_samples(level%set%highest, degree_of(system)))
       call trim_set(discretisation, options, few, level)
-      if (follows_set) level%n_samples = needed_samples(level%set%highest, degree_of(system))
+      if (options%accuracy%refines_grid) &
+         level%n_samples = min(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
    end subroutine coarsen
 
    !> Removes from a level the tuples that together contribute a share of the tolerance.
