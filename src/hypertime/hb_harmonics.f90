@@ -23,6 +23,8 @@ module hb_harmonics
       logical :: has_zero = .false.
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), the zero tuple first
       integer, allocatable :: highest(:)                              !! (n_tones) largest |j_m|
+      integer, allocatable :: units(:, :)                             !! tuples of the tones of the input, in columns (n_tones,
+                                                                      !! n_tones): unit vectors but for other base frequencies
       integer, allocatable :: cos_at(:)                               !! (n_harmonics) position of the cosine
       integer, allocatable :: sin_at(:)                               !! (n_harmonics) position of the sine, 0 for the zero tuple
       integer, allocatable, private :: lookup(:)                      !! harmonic by linear key of the tuple
@@ -117,6 +119,7 @@ contains
       self%n_harmonics = size(retained)
       self%tuples = set%tuples(:, retained)
       call index_coefficients(self, error, set%highest)
+      self%units = set%units
    end subroutine new_subset
 
    !> Fills the set with the tuples of a box truncated by sum |j_m| <= largest_sum.
@@ -198,6 +201,10 @@ contains
 
       self%highest = maxval(abs(self%tuples), dim=2)
       if (present(highest)) self%highest = highest
+      allocate (self%units(self%n_tones, self%n_tones), source=0)
+      do h = 1, self%n_tones
+         self%units(h, h) = 1
+      end do
       if (exceeds_largest_box(self%highest)) then
          call fail(error, "the largest entries of the tuples span more than "//to_text(largest_set)//" tuples")
          return

@@ -98,7 +98,8 @@ contains
    !> always be 0. Five steps with one tone: order 6 does not show the error of order 3 for a stop that is touched for
    !> a short part of the period; and all tuples where a set has gaps, since one of those between twice its own may be
    !> next to a resonance. In addition, the responses of quadratic and cubic forces to the largest tuples: a
-   !> load at tuple 7 has its next harmonics at 14 and 21.
+   !> load at tuple 7 has its next harmonics at 14 and 21. Steps are along the tones of the input, by which loads and laws couple
+   !> the tuples, whatever the base frequencies of the set.
    subroutine new_doubled_set(self, set, error, carried, others)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
@@ -109,7 +110,7 @@ contains
       integer, parameter :: max_in_gaps = 8                          ! order, times the tuples of the set: with a single distant
                                                                       ! one those up to it would cost more than the motion
       type(tuple_union_t) :: union
-      integer :: h, j(set%n_tones), k, m, s
+      integer :: farthest(set%n_tones), h, j(set%n_tones), k, m, s
 
       call union%add(set%tuples)
       if (present(carried)) call add_answers(union, set, carried)
@@ -123,25 +124,26 @@ contains
             call union%add(reshape([(k, k=0, last)], [1, last + 1]))
          end associate
       end if
+      farthest = 2*set%highest + sum(abs(set%units), dim=2) - 1
       do h = 1, set%n_harmonics
          do k = 0, 3**set%n_tones - 1                                 ! digit m: increment of entry m, plus one
+            j = 2*set%tuples(:, h)
             do m = 1, set%n_tones
-               j(m) = 2*set%tuples(m, h) + modulo(k/3**(m - 1), 3) - 1
+               j = j + (modulo(k/3**(m - 1), 3) - 1)*set%units(:, m)
             end do
-            if (all(abs(j) <= 2*set%highest)) call add_tuple(union, j)
+            if (all(abs(j) <= farthest)) call add_tuple(union, j)
          end do
          do m = 1, set%n_tones                                        ! two steps, or one
             do k = 1, set%n_tones
                do s = 0, 5
-                  j = set%tuples(:, h)
-                  j(m) = j(m) + modulo(s, 2)*2 - 1
-                  j(k) = j(k) + s/2 - 1
+                  j = set%tuples(:, h) + (modulo(s, 2)*2 - 1)*set%units(:, m) + (s/2 - 1)*set%units(:, k)
                   call add_tuple(union, j)
                end do
             end do
          end do
       end do
       call new_harmonics(self, union%list(), error)
+      if (.not. allocated(error)) self%units = set%units
    end subroutine new_doubled_set
 
    !> Adds j or -j, whichever is canonical; j is replaced by it.

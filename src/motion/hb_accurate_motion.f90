@@ -153,6 +153,10 @@ contains
                .not. (motion%solver%is_out_of_work .or. motion%solver%work > options%accuracy%max_work)
          case (set_choice%refined)
             applies = allocated(motion%top%unknowns)
+         case (set_choice%alone)
+            applies = allocated(motion%start%unknowns) .and. motion%result%status == outcome%truncated .and. &
+                      .not. (self%is_finer .or. motion%solver%is_out_of_work .or. work_is_over() .or. &
+                             motion%solver%work > options%accuracy%max_work)
          case (set_choice%finer)
             applies = .not. self%is_finer .and. options%accuracy%grows_set .and. .not. work_is_over() .and. &
                       is_denied(system, motion%result)
@@ -207,6 +211,9 @@ contains
                attempt%has_succeeded = motion%result%status == outcome%converged
             case (set_choice%finer)
                call refine_for_verdict(self, rule%share)
+            case (set_choice%alone)
+               call solve_alone(self)
+               attempt%has_succeeded = motion%result%status == outcome%converged
             case default
                call find_first(motion, rule, within)
                attempt%has_succeeded = allocated(motion%top%unknowns)
@@ -283,6 +290,27 @@ contains
          end associate
       end do
    end subroutine refine_for_verdict
+
+   !> Solves the point without its neighbour, and keeps the motion with the smaller error: a branch, or a set, that does not lead
+   !> to the tolerance may be that of the neighbour alone.
+   recursive subroutine solve_alone(self)
+      class(point_attempts_t), intent(inout) :: self
+      type(options_t), target :: balance_alone
+      type(point_attempts_t), allocatable :: other
+
+      allocate (other)
+      balance_alone = self%motion%options
+      balance_alone%may_integrate = .false.
+      other%motion%solver = self%motion%solver
+      call solve_by_levels(other, self%motion%system, self%motion%discretisation, balance_alone)
+      self%motion%solver%effort_t = other%motion%solver%effort_t
+      self%motion%result%effort_t = other%motion%solver%effort_t
+      if (allocated(other%motion%error) .or. .not. allocated(other%motion%top%unknowns)) return
+      if (other%motion%result%status /= outcome%converged .and. .not. other%motion%estimate < self%motion%estimate) return
+      self%motion%result = other%motion%result
+      self%motion%top = other%motion%top
+      self%motion%estimate = other%motion%estimate
+   end subroutine solve_alone
 
    !> Integrates before any balance; `is_done` if that decides the point.
    subroutine integrate_before(self, is_done)

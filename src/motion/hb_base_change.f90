@@ -245,6 +245,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call new_harmonics(moved, matmul(matrix, set%tuples), error)
+      if (.not. allocated(error)) moved%units = matmul(matrix, set%units)
    end subroutine move_set
 
    !> Whether a moved set contains the negative of B j.

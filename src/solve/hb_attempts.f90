@@ -21,7 +21,7 @@ module hb_attempts
 
    !> All attempts, stage by stage, in their order. Attempts of the solver without a share of the fallbacks' budget are the normal
    !> way to a solution.
-   type(attempt_rule_t), parameter :: attempt_rules(26) = [ &
+   type(attempt_rule_t), parameter :: attempt_rules(27) = [ &
       attempt_rule_t("smaller_problems_first", "from a solution with fewer harmonics", fallback%none, &
                      technique%smaller_problems, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
       attempt_rule_t("direct", "from the first guess", fallback%none, &
@@ -64,6 +64,8 @@ module hb_attempts
                      stage=stage%point, discretisation=set_choice%lines, on_failure="end"), &
       attempt_rule_t("refinement", start=starting_point%motion, stage=stage%point, &
                      discretisation=set_choice%refined, on_success="finer_for_stability"), &
+      attempt_rule_t("without_neighbour", start=starting_point%first_guess, stage=stage%point, &
+                     discretisation=set_choice%alone, on_success="end"), &
       attempt_rule_t("lines_from_motion", &
                      technique=technique%integration, start=starting_point%motion, stage=stage%point, &
                      discretisation=set_choice%lines, on_failure="end"), &

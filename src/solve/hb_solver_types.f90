@@ -63,6 +63,7 @@ module hb_solver_types
       integer :: finer = 7                                            !! likewise, to a part of the tolerance
       integer :: lines = 8                                            !! the lines of a record
       integer :: other_end = 9                                        !! that of the other end of a curve
+      integer :: alone = 10                                           !! as for a point without neighbours
    end type set_choice_t
    type(set_choice_t), parameter :: set_choice = set_choice_t()
 
