@@ -14,14 +14,13 @@ module hb_base_change
    use hb_level, only: degree_of, level_t, needed_samples
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
+   use hb_reduced_base, only: may_change_base, reduced_base, smallest_grid, worth_it
    use hb_system, only: system_t
    use hb_torus, only: fast_size
    implicit none
    private
-   public :: base_change_t, reduced_base
+   public :: base_change_t
 
-   integer, parameter :: smallest_grid = 4096                         ! samples, below which nothing is gained
-   real(wp), parameter :: worth_it = 0.6_wp                           ! samples, relative to those of the given base
    real(wp), parameter :: slowest = 1.0e-6_wp                         ! base frequency, relative to the largest one
 
    type :: base_change_t
@@ -49,7 +48,7 @@ contains
       integer, allocatable :: n_samples(:)
       type(error_t), allocatable :: error
 
-      if (.not. may_change(system, options) .or. product(real(level%n_samples, wp)) < smallest_grid) return
+      if (.not. may_change_base(system, options) .or. product(real(level%n_samples, wp)) < smallest_grid) return
       call reduced_base(level%set%tuples, self%matrix, self%inverse)
       call make_positive(self, system%tones%omega, omega)
       if (minval(omega) < slowest*maxval(omega)) return
@@ -127,84 +126,6 @@ contains
       end if
       estimate%around = around
    end subroutine bring_estimate_back
-
-   !> Whether nothing in a model depends on the base itself: laws that take phases or base frequencies do, and so do unknown
-   !> tones and requests for single harmonics. Rigid laws hold at the samples alone, so that their errors depend on the grid more
-   !> than those of others do.
-   pure logical function may_change(system, options)
-      type(system_t), intent(in) :: system
-      type(options_t), intent(in) :: options
-      integer :: i
-
-      may_change = system%tones%n_tones > 1 .and. .not. any(system%tones%is_unknown) .and. options%accuracy%refines_grid .and. &
-                   .not. system%normal_mode%is_requested
-      if (may_change .and. allocated(options%accuracy%outputs)) may_change = size(options%accuracy%outputs) == 0
-      do i = 1, size(system%laws)
-         associate (law => system%laws(i)%law)
-            may_change = may_change .and. law%n_phases == 0 .and. .not. (law%needs_frequencies .or. law%is_multiplier)
-         end associate
-      end do
-   end function may_change
-
-   !> A base in which the box around some tuples is small: while the product of its sides decreases, rows of A are added to or
-   !> subtracted from others, as in Euclid's algorithm. Tuples with an odd sum stay odd.
-   subroutine reduced_base(tuples, matrix, inverse)
-      integer, intent(in) :: tuples(:, :)                             !! (n_tones, any)
-      integer, allocatable, intent(out) :: matrix(:, :), inverse(:, :)
-      integer :: there(size(tuples, 1), size(tuples, 2))              ! A j
-      integer :: i, k, sign_of, best_i, best_k, best_sign, n
-      real(wp) :: ratio, best
-
-      n = size(tuples, 1)
-      allocate (matrix(n, n), inverse(n, n), source=0)
-      do i = 1, n
-         matrix(i, i) = 1
-      end do
-      inverse = matrix
-      there = tuples
-      do
-         best = 1.0_wp
-         do i = 1, n
-            do k = 1, n
-               if (i == k) cycle
-               do sign_of = -1, 1, 2
-                  ratio = side(there(i, :) + sign_of*there(k, :))/side(there(i, :))
-                  if (ratio >= best) cycle
-                  best = ratio
-                  best_i = i
-                  best_k = k
-                  best_sign = sign_of
-               end do
-            end do
-         end do
-         if (best >= 1.0_wp) exit
-         call add_row(best_i, best_k, best_sign)
-      end do
-      do i = 1, n                                                     ! sums of an odd column of A are odd again
-         if (modulo(sum(inverse(:, i)), 2) == 1) cycle
-         do k = 1, n
-            if (modulo(sum(inverse(:, k)), 2) == 1) exit
-         end do
-         sign_of = merge(1, -1, side(there(k, :) + there(i, :)) <= side(there(k, :) - there(i, :)))
-         call add_row(k, i, sign_of)
-      end do
-
-   contains
-
-      pure real(wp) function side(row)
-         integer, intent(in) :: row(:)
-
-         side = 2*maxval(abs(row)) + 1
-      end function side
-
-      subroutine add_row(to, from, factor)
-         integer, intent(in) :: to, from, factor
-
-         matrix(to, :) = matrix(to, :) + factor*matrix(from, :)
-         inverse(:, from) = inverse(:, from) - factor*inverse(:, to)
-         there(to, :) = there(to, :) + factor*there(from, :)
-      end subroutine add_row
-   end subroutine reduced_base
 
    !> Turns rows of A so that all base frequencies are positive.
    pure subroutine make_positive(self, given, omega)

@@ -12,6 +12,7 @@ module hb_level
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: options_t
+   use hb_reduced_base, only: grid_share
    use hb_system, only: system_t
    use hb_thresholds, only: minor, next_to_none, reliable
    use hb_torus, only: fast_size, new_torus, samples_for
@@ -60,7 +61,7 @@ contains
       integer, intent(in) :: n_failures                               !! of levels chosen from this one
       type(level_t), intent(out) :: next
       type(error_t), allocatable :: error
-      real(wp) :: finer
+      real(wp) :: finer, most
       integer, allocatable :: least(:)
 
       if (.not. goal > 0.0_wp) return
@@ -81,7 +82,8 @@ contains
          if (degree_of(system) > 0) next%n_samples = least
          if (has_memory(system%laws) .and. .not. any(system%tones%is_unknown)) &
             next%n_samples = samples_along_time(next%n_samples, system%tones%omega)
-         do while (product(real(next%n_samples, wp)) > options%accuracy%max_samples)
+         most = options%accuracy%max_samples/grid_share(system, options, next%set%tuples, next%n_samples)
+         do while (product(real(next%n_samples, wp)) > most)
             if (all(next%n_samples <= least)) return
             next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
          end do
