@@ -18,7 +18,7 @@ module hb_accurate_motion
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
    use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      level_t, margin, max_failures, min_goal, trim_for_neighbour, with_caution
+      level_t, margin, max_failures, min_goal, trim_for_neighbour, trim_set, with_caution
    use hb_level_stability, only: add_stability
    use hb_model, only: model_t
    use hb_motion_result, only: effort_t, motion_result_t
@@ -362,9 +362,13 @@ contains
             motion%result%level_estimate = max(motion%result%level_estimate, motion%best_estimate)
          end if
          call finish(motion)
-         if (options%accuracy%grows_set .and. options%chain%is_on .and. motion%result%status == outcome%converged .and. &
-             size(options%gradient%by) == 0) &                         ! which is that of the whole set
+         if (.not. (options%accuracy%grows_set .and. options%chain%is_on .and. motion%result%status == outcome%converged) .or. &
+             size(options%gradient%by) > 0) return                     ! which is that of the whole set
+         if (motion%system%tones%n_tones == 1) then                   ! whose grids cost little
+            call trim_set(motion%discretisation, options, minor, motion%top)
+         else
             call trim_for_neighbour(motion%system, motion%discretisation, options, motion%result, motion%top)
+         end if
       end associate
    end subroutine refine_motion
 

@@ -21,7 +21,7 @@ module hb_level
    private
    public :: caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
    public :: is_rigid, join, level_of, margin, max_failures, min_goal, needed_samples, put_on_level, put_on_set
-   public :: coarsen, level_t, same_set, transferred, trim_for_neighbour, with_caution
+   public :: coarsen, level_t, same_set, transferred, trim_for_neighbour, trim_set, with_caution
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
@@ -210,7 +210,7 @@ contains
          level%n_samples = min(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
    end subroutine coarsen
 
-   !> Removes from a level the tuples that together contribute a share of the tolerance.
+   !> Removes from a level the tuples that together contribute at most a share of the tolerance.
    subroutine trim_set(discretisation, options, share, level)
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options

@@ -107,7 +107,8 @@ contains
          if (.not. options%chain%is_on .or. self%n_retained == 0) return
          level = self%last
          call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
-         if (self%starts_small() .and. options%accuracy%grows_set) call coarsen(model%system, model%discretisation, options, level)
+         if (self%starts_small() .and. options%accuracy%grows_set .and. size(level%n_samples) > 1) & ! levels of one tone cost little
+            call coarsen(model%system, model%discretisation, options, level)
       end associate
    end subroutine neighbour_predict_level
 
