@@ -61,7 +61,7 @@ contains
       integer, intent(in) :: n_failures                               !! of levels chosen from this one
       type(level_t), intent(out) :: next
       type(error_t), allocatable :: error
-      real(wp) :: finer, most
+      real(wp) :: finer, share
       integer, allocatable :: least(:)
 
       if (.not. goal > 0.0_wp) return
@@ -82,9 +82,13 @@ contains
          if (degree_of(system) > 0) next%n_samples = least
          if (has_memory(system%laws) .and. .not. any(system%tones%is_unknown)) &
             next%n_samples = samples_along_time(next%n_samples, system%tones%omega)
-         most = options%accuracy%max_samples/grid_share(system, options, next%set%tuples, next%n_samples)
-         do while (product(real(next%n_samples, wp)) > most)
-            if (all(next%n_samples <= least)) return
+         do while (product(real(next%n_samples, wp)) > options%accuracy%max_samples)
+            if (all(next%n_samples <= least)) then
+               if (estimate_of_wanted(result) <= options%accuracy%tolerance) return
+               share = grid_share(system, options, next%set%tuples, next%n_samples) ! in its own base the level may have fewer
+               if (share*product(real(next%n_samples, wp)) > options%accuracy%max_samples) return
+               exit
+            end if
             next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
          end do
       else if (any(next%n_samples < 2*next%set%highest + 1)) then
