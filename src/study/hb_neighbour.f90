@@ -107,7 +107,7 @@ contains
          if (.not. options%chain%is_on .or. self%n_retained == 0) return
          level = self%last
          call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
-         if (self%starts_small() .and. options%accuracy%grows_set .and. size(level%n_samples) > 1) & ! levels of one tone cost little
+         if (self%starts_small() .and. options%accuracy%grows_set .and. size(level%n_samples) > 1) & ! one tone costs little
             call coarsen(model%system, model%discretisation, options, level)
       end associate
    end subroutine neighbour_predict_level
