@@ -98,7 +98,7 @@ contains
       status = success
       is_reported = rank_of(comm) == 0 .and. options%level >= log_level%normal
       if (is_reported) call say("nhbm "//options%verb//" "//options%input//": "// &
-         room_text(study)//" on "//number_of(size_of(comm), "rank")//", "// &
+         room_text(study)//" on "//number_of(size_of(comm), "rank")//threads_text(study%model%options%solver%n_threads)//", "// &
          number_of(study%model%system%tones%n_tones, "tone")//", "//set_text(study))
       if (is_reported .and. study%n_chains() > 0 .and. study%n_chains() < size_of(comm)) call say("note: "// &
          number_of(study%n_chains(), "chain")//" of points for "//number_of(size_of(comm), "rank")// &
@@ -536,4 +536,13 @@ contains
          text = text//" for a tolerance of "//to_text(study%model%options%accuracy%tolerance)
       end if
    end function set_text
+
+   !> How many threads each rank has, for the first line of a run.
+   pure function threads_text(n) result(text)
+      integer, intent(in) :: n
+      character(:), allocatable :: text
+
+      text = ""
+      if (n > 1) text = " of "//to_text(n)//" threads"
+   end function threads_text
 end module verb_solve

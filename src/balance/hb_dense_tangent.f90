@@ -9,14 +9,15 @@ module hb_dense_tangent
    use hb_kinds, only: wp
    use hb_law_jacobian, only: find_response, responding_dofs
    use hb_linear_part, only: linear_part_t
-   use hb_projected_laws, only: projected_laws_t, slope
+   use hb_projected_laws, only: part_of, projected_laws_t, slope
+   use hb_threads, only: this_thread
    implicit none
    private
    public :: dense_tangent_t
 
    !> Owner of external resources: call `destroy`.
    type :: dense_tangent_t
-      real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
+      real(wp), allocatable, private :: columns(:, :, :)              ! (n_coefficients, 2, n_lanes) of a product
       type(real_block_t), private :: response                         ! (n_samples, 1) of a law with memory
    contains
       procedure :: assemble => dense_tangent_assemble
@@ -50,10 +51,21 @@ contains
                if (.not. is_filled(i, k)) jacobian(:, i, :, k) = 0.0_wp
             end do
          end do
-         do i = 1, pairs%n_pairs
-            call laws%tabulate(i)
-            call put_products(self, linear, laws, frequencies, i, is_filled(pairs%row(i), pairs%column(i)), jacobian)
-         end do
+         if (laws%n_lanes == 1) then
+            do i = 1, pairs%n_pairs
+               call laws%tabulate(i, 1)
+               call put_products(self, linear, laws, frequencies, i, 1, is_filled(pairs%row(i), pairs%column(i)), jacobian)
+            end do
+         else                                                         ! a row is written by one thread
+            !$omp parallel do num_threads(laws%n_lanes) schedule(dynamic) private(i)
+            do k = 1, laws%n_dofs
+               do i = pairs%first(k), pairs%first(k + 1) - 1
+                  call laws%tabulate(pairs%order(i), this_thread())
+                  call put_products(self, linear, laws, frequencies, pairs%order(i), this_thread(), &
+                                    is_filled(k, pairs%column(pairs%order(i))), jacobian)
+               end do
+            end do
+         end if
       end associate
       do k = 1, laws%n_dofs
          do h = 1, size(frequencies)
@@ -76,7 +88,7 @@ contains
       call laws%prepare_products(error)
       if (allocated(error)) return
       if (.not. allocated(self%columns)) &
-         allocate (self%columns(laws%transform%harmonics%n_coefficients, 2), source=0.0_wp)
+         allocate (self%columns(laws%transform%harmonics%n_coefficients, 2, laws%n_lanes), source=0.0_wp)
       if (laws%has_memory .and. .not. associated(self%response%values)) &
          call new_real_block(self%response, laws%transform%torus%n_total, 1, error)
    end subroutine allocate_work
@@ -117,7 +129,7 @@ contains
          associate (set => laws%transform%harmonics)
             if (set%sin_at(h) == 0) then
                call laws%table%add_columns(slope%by_motion, set, h, cosine, sine, jacobian(:, row, set%cos_at(h), column), &
-                                           self%columns(:, 1))
+                                           self%columns(:, 1, 1))
             else
                call laws%table%add_columns(slope%by_motion, set, h, cosine, sine, jacobian(:, row, set%cos_at(h), column), &
                                            jacobian(:, row, set%sin_at(h), column))
@@ -162,10 +174,10 @@ contains
                         if (position == 0) cycle
                         do i = 1, size(responding)
                            call find_response(laws%sampled, law, in_block, part, responding(i), self%response%values(:, 1))
-                           call laws%transform%to_coefficients_of_one(self%response%values, self%columns(:, 1))
+                           call laws%transform%to_coefficients_of_one(self%response%values, self%columns(:, 1, 1))
                            do k = 1, size(moved)
                               jacobian(:, responding(i), position, moved(k)) = jacobian(:, responding(i), position, moved(k)) &
-                                                                            + laws%factor*shape(k, b)*self%columns(:, 1)
+                                                                            + laws%factor*shape(k, b)*self%columns(:, 1, 1)
                            end do
                         end do
                      end do
@@ -272,21 +284,22 @@ contains
 
       associate (set => laws%transform%harmonics)
          do h = 1, set%n_harmonics
-            call laws%table%columns(slope%by_motion, set, h, self%columns(:, 1), self%columns(:, 2))
-            block(:, set%cos_at(h)) = block(:, set%cos_at(h)) + self%columns(:, 1)
-            if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + self%columns(:, 2)
+            call laws%table%columns(slope%by_motion, set, h, self%columns(:, 1, 1), self%columns(:, 2, 1))
+            block(:, set%cos_at(h)) = block(:, set%cos_at(h)) + self%columns(:, 1, 1)
+            if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + self%columns(:, 2, 1)
          end do
       end associate
    end subroutine add_motion
 
    !> T[df/dq] + T[df/dv] d/dt into block (row, column), and -T[df/ds] S(column, k) into block (row, k), column by column while
    !> these are in the cache: the rate of cos is -frequency sin, that of sin is frequency cos.
-   subroutine put_products(self, linear, laws, frequencies, pair, is_first, jacobian)
+   subroutine put_products(self, linear, laws, frequencies, pair, lane, is_first, jacobian)
       type(dense_tangent_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(in) :: laws
       real(wp), intent(in) :: frequencies(:)
       integer, intent(in) :: pair                                     !! tabulated, at (row, column)
+      integer, intent(in) :: lane                                     !! in whose parts of the table
       logical, intent(in) :: is_first !! first access of block (row, column), which is undefined before
       real(wp), intent(inout), contiguous :: jacobian(:, :, :, :)
       integer :: h, k
@@ -295,14 +308,14 @@ contains
                  column => laws%jacobian%column(pair))
          do h = 1, set%n_harmonics
             if (set%sin_at(h) == 0) then                              ! an extra column receives values without a position
-               call put(jacobian(:, row, set%cos_at(h), column), self%columns(:, 1))
+               call put(jacobian(:, row, set%cos_at(h), column), self%columns(:, 1, lane))
             else
                call put(jacobian(:, row, set%cos_at(h), column), jacobian(:, row, set%sin_at(h), column))
             end if
             if (.not. laws%needs_reaction) cycle
             do k = pattern%first(column), pattern%last(column)
                if (set%sin_at(h) == 0) then
-                  call add_reaction(k, jacobian(:, row, set%cos_at(h), k), self%columns(:, 1))
+                  call add_reaction(k, jacobian(:, row, set%cos_at(h), k), self%columns(:, 1, lane))
                else
                   call add_reaction(k, jacobian(:, row, set%cos_at(h), k), jacobian(:, row, set%sin_at(h), k))
                end if
@@ -317,12 +330,12 @@ contains
 
          associate (set => laws%transform%harmonics, table => laws%table)
             if (is_first) then
-               call table%columns(slope%by_motion, set, h, cosine_column, sine_column)
+               call table%columns(part_of(slope%by_motion, lane), set, h, cosine_column, sine_column)
             else
-               call table%add_columns(slope%by_motion, set, h, 1.0_wp, 0.0_wp, cosine_column, sine_column)
+               call table%add_columns(part_of(slope%by_motion, lane), set, h, 1.0_wp, 0.0_wp, cosine_column, sine_column)
             end if
             if (laws%needs_velocity) &
-               call table%add_columns(slope%by_rate, set, h, 0.0_wp, -frequencies(h), cosine_column, sine_column)
+               call table%add_columns(part_of(slope%by_rate, lane), set, h, 0.0_wp, -frequencies(h), cosine_column, sine_column)
          end associate
       end subroutine put
 
@@ -331,8 +344,8 @@ contains
          real(wp), intent(inout), contiguous :: cosine_column(:), sine_column(:)
 
          associate (s => linear%entry(laws%jacobian%column(pair), k, h))
-            call laws%table%add_columns(slope%by_reaction, laws%transform%harmonics, h, -real(s), aimag(s), cosine_column, &
-                                        sine_column)
+            call laws%table%add_columns(part_of(slope%by_reaction, lane), laws%transform%harmonics, h, -real(s), aimag(s), &
+                                        cosine_column, sine_column)
          end associate
       end subroutine add_reaction
    end subroutine put_products

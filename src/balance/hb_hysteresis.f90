@@ -33,6 +33,7 @@ module hb_hysteresis
    contains
       procedure :: forget_tones => hysteresis_forget_tones
       procedure :: evaluate => hysteresis_evaluate
+      procedure :: find_slope => hysteresis_find_slope
       procedure :: add_slope => hysteresis_add_slope
       procedure :: prepare_line => hysteresis_prepare_line
       procedure :: find_line => hysteresis_find_line
@@ -139,15 +140,12 @@ contains
       end associate
    end subroutine gather_part
 
-   !> Adds the derivative of the forces along a direction to its `f`, from the derivatives of the paths of the steps.
-   !> Fails if the derivative of the states does not become periodic.
-   subroutine hysteresis_add_slope(self, characteristic, weight_slope, along, error)
+   !> Computes the derivative of the forces along a direction, from the derivatives of the paths of the steps; `add_slope` adds it.
+   subroutine hysteresis_find_slope(self, characteristic, weight_slope, along)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)                         !! of `characteristic`
-      type(law_samples_t), intent(inout) :: along
-      type(error_t), allocatable, intent(out) :: error
-      integer :: c, k
+      type(law_samples_t), intent(in) :: along
 
       if (.not. allocated(self%derivative)) then
          allocate (self%derivative)
@@ -156,12 +154,22 @@ contains
       end if
       call gather_path(self, characteristic, along, self%derivative%path)
       call self%derivative%integration(self%sliders, self%law, characteristic, weight_slope)
+      if (self%derivative%repeats) call self%derivative%force(self%sliders, self%law, characteristic, self%f_along)
+   end subroutine hysteresis_find_slope
+
+   !> Adds the derivative of the forces along a direction to its `f`, after `find_slope`. Fails if that of the states has not become
+   !> periodic.
+   subroutine hysteresis_add_slope(self, along, error)
+      class(hysteresis_t), intent(in) :: self
+      type(law_samples_t), intent(inout) :: along
+      type(error_t), allocatable, intent(out) :: error
+      integer :: c, k
+
       if (.not. self%derivative%repeats) then
          call fail(error, "law '"//self%law%label//"': the derivative of its memory does not repeat "// &
                    "from round to round of the torus")
          return
       end if
-      call self%derivative%force(self%sliders, self%law, characteristic, self%f_along)
       associate (shape => self%law%shape, columns => self%law%dofs, f => along%f%values)
          do c = 1, size(shape, 2)
             do k = 1, size(columns)

@@ -14,6 +14,7 @@ module hb_law_jacobian
    use hb_kinds, only: wp
    use hb_law_samples, only: law_samples_t
    use hb_sampled_law, only: sampled_law_t
+   use hb_threads, only: n_threads
    implicit none
    private
    public :: add_multiplier_response, find_response, law_jacobian_t, new_law_jacobian, responding_dofs
@@ -23,6 +24,7 @@ module hb_law_jacobian
       integer :: n_pairs = 0
       integer, allocatable :: row(:), column(:)                       !! (n_pairs) i and k of each pair
       integer, allocatable :: pair_at(:, :)                           !! (n_dofs, n_dofs), 0: no pair
+      integer, allocatable :: order(:), first(:)                      !! (n_pairs) row by row, (n_dofs + 1) where each row begins
       logical :: needs_velocity = .false., needs_reaction = .false.   !! of any law
       type(real_block_t) :: df_dq                                     !! [N/m], (n_samples, n_pairs), after `allocate_slopes`
       type(real_block_t) :: df_dv                                     !! [N s/m], as df_dq if a law needs it
@@ -82,6 +84,17 @@ contains
             self%pair_at(a, b) = i
          end do
       end do
+      allocate (self%order(self%n_pairs), self%first(n_dofs + 1))
+      i = 0
+      do a = 1, n_dofs
+         self%first(a) = i + 1
+         do b = 1, n_dofs
+            if (.not. coupled(a, b)) cycle
+            i = i + 1
+            self%order(i) = self%pair_at(a, b)
+         end do
+      end do
+      self%first(n_dofs + 1) = i + 1
    end subroutine new_law_jacobian
 
    !> Returns a Jacobian with these pairs, without memory for derivatives.
@@ -92,6 +105,8 @@ contains
       allocate (pattern%row, source=self%row)
       allocate (pattern%column, source=self%column)
       allocate (pattern%pair_at, source=self%pair_at)
+      allocate (pattern%order, source=self%order)
+      allocate (pattern%first, source=self%first)
       pattern%needs_velocity = self%needs_velocity
       pattern%needs_reaction = self%needs_reaction
    end function law_jacobian_pattern
@@ -231,16 +246,34 @@ contains
    subroutine law_jacobian_add_product(self, along)
       class(law_jacobian_t), intent(in) :: self
       type(law_samples_t), intent(inout) :: along
-      integer :: i
+      integer :: dof, i, n
 
-      do i = 1, self%n_pairs
-         associate (f => along%f%values(:, self%row(i)), k => self%column(i))
-            f = f + self%df_dq%values(:, i)*along%q%values(:, k)
-            if (self%needs_velocity) f = f + self%df_dv%values(:, i)*along%v%values(:, k)
-            if (self%needs_reaction) f = f + self%df_ds%values(:, i)*along%s%values(:, k)
-         end associate
-      end do
+      n = n_threads(self%n_pairs*size(along%f%values, 1))
+      if (n == 1) then
+         do i = 1, size(self%order)
+            call add_pair(self, self%order(i), along)
+         end do
+      else                                                            ! a force is summed by one thread
+         !$omp parallel do num_threads(n) private(i)
+         do dof = 1, size(self%first) - 1
+            do i = self%first(dof), self%first(dof + 1) - 1
+               call add_pair(self, self%order(i), along)
+            end do
+         end do
+      end if
    end subroutine law_jacobian_add_product
+
+   subroutine add_pair(self, i, along)
+      type(law_jacobian_t), intent(in) :: self
+      integer, intent(in) :: i
+      type(law_samples_t), intent(in) :: along                        ! its f is written
+
+      associate (f => along%f%values(:, self%row(i)), k => self%column(i))
+         f = f + self%df_dq%values(:, i)*along%q%values(:, k)
+         if (self%needs_velocity) f = f + self%df_dv%values(:, i)*along%v%values(:, k)
+         if (self%needs_reaction) f = f + self%df_ds%values(:, i)*along%s%values(:, k)
+      end associate
+   end subroutine add_pair
 
    !> Adds the product with the transposed derivatives: to q, v and s of `along` from its f.
    subroutine law_jacobian_add_transposed(self, along)
@@ -314,7 +347,7 @@ contains
       call self%df_dq%destroy()
       call self%df_dv%destroy()
       call self%df_ds%destroy()
-      if (allocated(self%row)) deallocate (self%row, self%column, self%pair_at)
+      if (allocated(self%row)) deallocate (self%row, self%column, self%pair_at, self%order, self%first)
       self%n_pairs = 0
    end subroutine law_jacobian_destroy
 

@@ -16,6 +16,7 @@ module hb_linear_part
    use hb_kinds, only: wp
    use hb_null_space, only: find_null_space
    use hb_structure, only: structure_t
+   use hb_threads, only: n_threads
    use hb_thresholds, only: minor
    implicit none
    private
@@ -255,28 +256,49 @@ contains
       real(wp), intent(in), contiguous :: u(:, :)                     !! [m], (n_coefficients, n_law)
       real(wp), intent(in) :: load_factor
       real(wp), intent(inout), contiguous :: reaction(:, :)           !! [N], as u
-      complex(wp) :: c, s(size(u, 2))
-      integer :: h, k
+      integer :: h, n
 
       if (size(u, 2) == 1) then
          call find_reaction_of_one(set, load_factor, self%load(1, :), self%condensed(1, 1, :), u(:, 1), reaction(:, 1))
          return
       end if
-      do h = 1, set%n_harmonics
-         associate (cosine => set%cos_at(h), sine => set%sin_at(h))
-            s = load_factor*self%load(:, h)
-            do k = 1, size(u, 2)
-               c = cmplx(u(cosine, k), 0.0_wp, wp)
-               if (sine > 0) c = cmplx(u(cosine, k), -u(sine, k), wp)
-               associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
-                  s(first:last) = s(first:last) - self%condensed(shift + first:shift + last, k, h)*c
-               end associate
-            end do
-            reaction(cosine, :) = real(s)
-            if (sine > 0) reaction(sine, :) = -aimag(s)
-         end associate
-      end do
+      n = n_threads(size(self%condensed))
+      if (n == 1) then
+         do h = 1, set%n_harmonics
+            call find_reaction_in(self, set, h, u, load_factor, reaction)
+         end do
+      else
+         !$omp parallel do num_threads(n)
+         do h = 1, set%n_harmonics
+            call find_reaction_in(self, set, h, u, load_factor, reaction)
+         end do
+      end if
    end subroutine linear_part_find_reaction
+
+   !> The reaction in harmonic h alone.
+   subroutine find_reaction_in(self, set, h, u, load_factor, reaction)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: h
+      real(wp), intent(in), contiguous :: u(:, :)
+      real(wp), intent(in) :: load_factor
+      real(wp), intent(inout), contiguous :: reaction(:, :)
+      complex(wp) :: c, s(size(u, 2))
+      integer :: k
+
+      associate (cosine => set%cos_at(h), sine => set%sin_at(h))
+         s = load_factor*self%load(:, h)
+         do k = 1, size(u, 2)
+            c = cmplx(u(cosine, k), 0.0_wp, wp)
+            if (sine > 0) c = cmplx(u(cosine, k), -u(sine, k), wp)
+            associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
+               s(first:last) = s(first:last) - self%condensed(shift + first:shift + last, k, h)*c
+            end associate
+         end do
+         reaction(cosine, :) = real(s)
+         if (sine > 0) reaction(sine, :) = -aimag(s)
+      end associate
+   end subroutine find_reaction_in
 
    !> The reaction of one degree of freedom, without the loops over blocks, which would take a tenth of the time of a
    !> product.

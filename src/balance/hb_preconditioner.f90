@@ -10,6 +10,7 @@ module hb_preconditioner
    use hb_kinds, only: wp
    use hb_linear_part, only: linear_part_t
    use hb_projected_laws, only: projected_laws_t, slope
+   use hb_threads, only: n_threads
    implicit none
    private
    public :: preconditioner_t, unit_work
@@ -99,10 +100,8 @@ contains
       logical, intent(out) :: is_strongest                            !! a higher level would not be better
       real(wp), dimension(laws%n_dofs, laws%n_dofs) :: df_dq, df_dv, df_ds
       real(wp), dimension(laws%n_dofs) :: varies_q, varies_v, varies_s
-      complex(wp) :: block(self%pattern%n_rows, laws%n_dofs)
       real(wp) :: coupling(size(frequencies))
-      logical :: is_singular
-      integer :: h, i
+      integer :: h, n
 
       call laws%mean_slopes(df_dq, df_dv, df_ds)
       df_dq = laws%factor*df_dq
@@ -113,9 +112,30 @@ contains
          allocate (self%alone)
          call new_block_factors(self%alone, self%pattern, size(frequencies))
       end if
-      do h = 1, size(frequencies)
+      n = n_threads(size(frequencies)*self%pattern%n_rows*laws%n_dofs)
+      if (n == 1) then
+         do h = 1, size(frequencies)
+            call update_harmonic(h)
+         end do
+      else
+         !$omp parallel do num_threads(n) schedule(dynamic)
+         do h = 1, size(frequencies)
+            call update_harmonic(h)
+         end do
+      end if
+      call choose_coupled(self, laws%transform%harmonics, level, coupling, is_strongest)
+      if (allocated(self%coupled)) call fill_coupled(self, linear, laws, frequencies)
+
+   contains
+
+      subroutine update_harmonic(h)
+         integer, intent(in) :: h
+         complex(wp) :: block(self%pattern%n_rows, laws%n_dofs)
+         logical :: is_singular
+         integer :: i
+
          call self%harmonic_tangent(linear, h, frequencies(h), df_dq, df_dv, df_ds, block)
-         coupling(h) = coupling_of(h)
+         coupling(h) = coupling_of(h, block)
          call self%alone%factorise(h, block, is_singular)
          if (is_singular) then                                        ! a unit step per unit force: the value is arbitrary
             block = (0.0_wp, 0.0_wp)
@@ -124,16 +144,14 @@ contains
             end do
             call self%alone%factorise(h, block, is_singular)
          end if
-      end do
-      call choose_coupled(self, laws%transform%harmonics, level, coupling, is_strongest)
-      if (allocated(self%coupled)) call fill_coupled(self, linear, laws, frequencies)
-
-   contains
+      end subroutine update_harmonic
 
       !> Strength of the response of a harmonic to others through the laws: the variation of their slopes, relative to
       !> its own stiffness, at the degree of freedom with the largest ratio.
-      real(wp) function coupling_of(h)
+      real(wp) function coupling_of(h, block)
          integer, intent(in) :: h
+         complex(wp), intent(in) :: block(:, :)
+         integer :: i
 
          coupling_of = 0.0_wp
          do i = 1, laws%n_dofs
@@ -237,7 +255,7 @@ contains
             end do
          end do
          do i = 1, laws%jacobian%n_pairs
-            call laws%tabulate(i)
+            call laws%tabulate(i, 1)
             associate (row => laws%jacobian%row(i), column => laws%jacobian%column(i))
                do h = 1, set%n_harmonics
                   call find_columns(h, slope%by_motion)

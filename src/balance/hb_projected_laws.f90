@@ -9,11 +9,12 @@ module hb_projected_laws
    use hb_law, only: law_box_t
    use hb_law_samples, only: law_samples_t
    use hb_sampled_laws, only: new_sampled_laws, sampled_laws_t
+   use hb_threads, only: n_threads
    use hb_torus, only: torus_t
    use hb_transform, only: new_transform, product_table_t, transform_t
    implicit none
    private
-   public :: new_projected_laws, projected_laws_t, slope
+   public :: new_projected_laws, part_of, projected_laws_t, slope
 
    !> Parts of the table of products: the factors of the slopes.
    type :: slope_t
@@ -22,12 +23,14 @@ module hb_projected_laws
       integer :: by_reaction = 3
    end type slope_t
    type(slope_t), parameter :: slope = slope_t()
+   integer, parameter :: n_slopes = 3
 
    !> Owner of external resources: call `destroy`.
    type, extends(sampled_laws_t) :: projected_laws_t
       type(transform_t) :: transform
       real(wp) :: factor = 1.0_wp                                     !! of the forces in the balance, 0 to 1 along a homotopy
       type(product_table_t) :: table                                  !! of products with slopes, after `prepare_products`
+      integer :: n_lanes = 1                                          !! threads that tabulate at the same time, each in own parts
       real(wp), allocatable, private :: u_before(:, :)                ! (n_coefficients, n_dofs) motion a step of time earlier
    contains
       procedure :: bring_to => projected_laws_bring_to
@@ -52,6 +55,7 @@ contains
 
       self%factor = 1.0_wp
       self%table = product_table_t()
+      self%n_lanes = 1
       call new_transform(self%transform, harmonics, torus, n_coordinates, error)
       if (allocated(error)) return
       call new_sampled_laws(self%sampled_laws_t, laws, n_coordinates, torus, omega, error)
@@ -114,22 +118,36 @@ contains
       class(projected_laws_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      call self%transform%prepare_products(self%table, 3, error) ! by displacement, velocity, reaction
+      if (allocated(self%table%mean)) return
+      self%n_lanes = n_threads(self%jacobian%n_pairs*self%transform%torus%n_total)
+      call self%transform%prepare_products(self%table, n_slopes*self%n_lanes, error, self%n_lanes)
    end subroutine projected_laws_prepare_products
 
-   !> Fills the parts of the table with the slopes of pair i, times `factor`.
-   subroutine projected_laws_tabulate(self, i)
+   !> Fills the parts of a lane with the slopes of pair i, times `factor`.
+   subroutine projected_laws_tabulate(self, i, lane)
       class(projected_laws_t), intent(inout) :: self
       integer, intent(in) :: i
+      integer, intent(in) :: lane                                     !! 1 to n_lanes
 
       associate (jacobian => self%jacobian)
-         call self%transform%tabulate_product(jacobian%df_dq%values, i, self%table, slope%by_motion, self%factor)
+         call self%transform%tabulate_product(jacobian%df_dq%values, i, self%table, part_of(slope%by_motion, lane), self%factor, &
+                                              lane)
          if (self%needs_velocity) &
-            call self%transform%tabulate_product(jacobian%df_dv%values, i, self%table, slope%by_rate, self%factor)
+            call self%transform%tabulate_product(jacobian%df_dv%values, i, self%table, part_of(slope%by_rate, lane), self%factor, &
+                                                 lane)
          if (self%needs_reaction) &
-            call self%transform%tabulate_product(jacobian%df_ds%values, i, self%table, slope%by_reaction, self%factor)
+            call self%transform%tabulate_product(jacobian%df_ds%values, i, self%table, part_of(slope%by_reaction, lane), &
+                                                 self%factor, lane)
       end associate
    end subroutine projected_laws_tabulate
+
+   !> The part of the table with a slope in a lane.
+   pure integer function part_of(of, lane)
+      integer, intent(in) :: of                                       !! one of `slope`
+      integer, intent(in) :: lane
+
+      part_of = of + (lane - 1)*n_slopes
+   end function part_of
 
    !> Stores the response of the force of a line of the laws' kinks to its coordinate at a neighbour of each sample in
    !> the table, times `factor`, like slopes of the motion, and returns the angle by which the wave exp(i j.tau) is

@@ -5,6 +5,8 @@
 !> integrated along time. Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_sampled_laws
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use, intrinsic :: iso_c_binding, only: c_ptr
+   use hb_cancellation, only: share_work, work_of_thread
    use hb_characteristic, only: characteristic_t, new_characteristic
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
@@ -16,6 +18,7 @@ module hb_sampled_laws
    use hb_law_samples, only: law_samples_t, new_law_samples
    use hb_numbers, only: number_t
    use hb_sampled_law, only: new_sampled_law, sampled_law_t
+   use hb_threads, only: n_threads
    use hb_torus, only: torus_t
    implicit none
    private
@@ -230,7 +233,8 @@ contains
    subroutine run_laws(self, with_derivatives)
       class(sampled_laws_t), intent(inout) :: self
       logical, intent(in) :: with_derivatives
-      integer :: i, pass
+      type(c_ptr) :: work
+      integer :: i, n, pass
 
       associate (samples => self%samples)
          do i = 1, self%n_dofs
@@ -241,30 +245,68 @@ contains
             samples%f%values = ieee_value(1.0_wp, ieee_quiet_nan)
             return
          end if
+         n = n_threads(size(samples%q%values))
          do pass = 1, 2                                                ! explicit laws, then multipliers
-            do i = 1, size(self%laws)
-               if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
-               associate (law => self%sampled(i))
-                  if (allocated(law%hysteresis)) then
-                     call law%hysteresis%evaluate(self%characteristic, samples, law%f)
-                  else
-                     call law%gather(samples)
-                     if (with_derivatives) then
-                        call law%differentiate()
-                        call self%jacobian%add(law)
-                        call law%find_failure(with_derivatives, self%error_text, self%is_given_up)
-                     else
-                        call law%evaluate()
-                     end if
-                  end if
-                  call law%scatter(samples%f)
-               end associate
-            end do
+            if (n == 1) then
+               do i = 1, size(self%laws)
+                  if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
+                  call run_law(self, i, with_derivatives)
+                  call add_law(self, i, with_derivatives)
+               end do
+            else
+               work = work_of_thread()
+               !$omp parallel do num_threads(n) schedule(dynamic)
+               do i = 1, size(self%laws)
+                  if ((self%laws(i)%law%is_multiplier .neqv. pass == 2) .or. self%laws(i)%law%is_users_own) cycle
+                  call share_work(work)
+                  call run_law(self, i, with_derivatives)
+               end do
+               do i = 1, size(self%laws)
+                  if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
+                  if (self%laws(i)%law%is_users_own) call run_law(self, i, with_derivatives)
+                  call add_law(self, i, with_derivatives)
+               end do
+            end if
          end do
          call self%kinks%correct(samples, with_derivatives)
          if (with_derivatives) call self%kinks%add_own_slopes(self%jacobian%pair_at, self%jacobian%df_dq)
       end associate
    end subroutine run_laws
+
+   !> Evaluates law i; changes nothing that others read, so that threads may share the laws.
+   subroutine run_law(self, i, with_derivatives)
+      class(sampled_laws_t), intent(inout) :: self
+      integer, intent(in) :: i
+      logical, intent(in) :: with_derivatives
+
+      associate (law => self%sampled(i))
+         if (allocated(law%hysteresis)) then
+            call law%hysteresis%evaluate(self%characteristic, self%samples, law%f)
+            return
+         end if
+         call law%gather(self%samples)
+         if (with_derivatives) then
+            call law%differentiate()
+         else
+            call law%evaluate()
+         end if
+      end associate
+   end subroutine run_law
+
+   !> Adds law i to the forces and derivatives of all laws.
+   subroutine add_law(self, i, with_derivatives)
+      class(sampled_laws_t), intent(inout) :: self
+      integer, intent(in) :: i
+      logical, intent(in) :: with_derivatives
+
+      associate (law => self%sampled(i))
+         if (with_derivatives .and. .not. allocated(law%hysteresis)) then
+            call self%jacobian%add(law)
+            call law%find_failure(with_derivatives, self%error_text, self%is_given_up)
+         end if
+         call law%scatter(self%samples%f)
+      end associate
+   end subroutine add_law
 
    !> Force of law i alone at its coordinates, after `evaluate`.
    function sampled_laws_force_of(self, i) result(force)
@@ -296,9 +338,10 @@ contains
 
       self%along%f%values = 0.0_wp
       if (present(weight_slope) .and. self%has_memory) then
+         call differentiate_memory(self, weight_slope)
          do i = 1, size(self%sampled)
             if (.not. allocated(self%sampled(i)%hysteresis)) cycle
-            call self%sampled(i)%hysteresis%add_slope(self%characteristic, weight_slope, self%along, error)
+            call self%sampled(i)%hysteresis%add_slope(self%along, error)
             if (allocated(error)) return
          end do
          call add_multiplier_response(self%sampled, self%along%f)
@@ -306,6 +349,23 @@ contains
       call self%jacobian%add_product(self%along)
       call self%kinks%add_along(self%along)
    end subroutine sampled_laws_differentiate_along
+
+   !> The derivatives of all laws with memory along the direction.
+   subroutine differentiate_memory(self, weight_slope)
+      class(sampled_laws_t), intent(inout) :: self
+      real(wp), intent(in) :: weight_slope(:)
+      type(c_ptr) :: work
+      integer :: i, n
+
+      n = n_threads(size(self%along%q%values))
+      work = work_of_thread()
+      !$omp parallel do num_threads(n) schedule(dynamic) if (n > 1)
+      do i = 1, size(self%sampled)
+         if (.not. allocated(self%sampled(i)%hysteresis)) cycle
+         if (n > 1) call share_work(work)
+         call self%sampled(i)%hysteresis%find_slope(self%characteristic, weight_slope, self%along)
+      end do
+   end subroutine differentiate_memory
 
    !> Derivative of the forces with respect to a number of some laws at a fixed motion, `along%f`, after `differentiate`.
    !> Kinks between samples move with the number; their correction is differentiated by central differences, and so are

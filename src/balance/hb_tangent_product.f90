@@ -11,6 +11,7 @@ module hb_tangent_product
    use hb_law_samples, only: law_samples_t, new_law_samples
    use hb_packed_fft, only: direction
    use hb_projected_laws, only: projected_laws_t
+   use hb_threads, only: n_threads, this_thread
    use hb_torus, only: cheap_size, new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
    implicit none
@@ -23,8 +24,8 @@ module hb_tangent_product
       type(transform_t), private :: wide, narrow                      ! of slopes, on the grid of the laws and on this one
       type(law_samples_t), private :: along                           ! a direction
       type(law_jacobian_t), private :: jacobian
-      type(real_block_t), private :: column                           ! (n_samples, 1)
-      real(wp), allocatable, private :: spectrum(:, :)                ! (coefficients of a slope, 1)
+      type(real_block_t), allocatable, private :: columns(:)          ! (n_lanes) of (n_samples, 1)
+      real(wp), allocatable, private :: spectra(:, :)                 ! (coefficients of a slope, n_lanes)
    contains
       procedure :: update => thin_grid_update
       procedure :: apply => thin_grid_apply
@@ -105,7 +106,7 @@ contains
       integer, parameter :: min_samples = 2048 ! of one tone; with fewer a coarse grid costs more than it saves
       type(harmonics_t) :: band
       type(torus_t) :: thin
-      integer :: m
+      integer :: lane, m, n_lanes
 
       if (laws%has_memory .or. any(torus%n_samples < 4*harmonics%highest + 1)) return
       if (harmonics%n_tones == 1 .and. torus%n_total*laws%n_dofs < min_samples) return
@@ -117,17 +118,21 @@ contains
       allocate (self)
       call new_band(band, harmonics, torus, error)                    ! fails if it exceeds the largest set
       if (.not. allocated(error)) call new_transform(self%transform, harmonics, thin, laws%n_dofs, error)
-      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, error, direction%to_spectrum)
-      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, error, direction%to_samples)
+      n_lanes = n_threads(laws%jacobian%n_pairs*torus%n_total)
+      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, error, direction%to_spectrum, n_lanes)
+      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, error, direction%to_samples, n_lanes)
       if (.not. allocated(error)) call new_law_samples(self%along, thin%n_total, laws%n_dofs, laws%needs_velocity, &
                                                        laws%needs_reaction, .false., error)
-      if (.not. allocated(error)) call new_real_block(self%column, thin%n_total, 1, error)
+      allocate (self%columns(n_lanes))
+      do lane = 1, n_lanes
+         if (.not. allocated(error)) call new_real_block(self%columns(lane), thin%n_total, 1, error)
+      end do
       if (.not. allocated(error)) then
          self%jacobian = laws%jacobian%pattern()
          call self%jacobian%allocate_slopes(thin%n_total, error)
       end if
       if (.not. allocated(error)) then
-         allocate (self%spectrum(band%n_coefficients, 1))
+         allocate (self%spectra(band%n_coefficients, n_lanes))
       else
          call self%destroy()
          deallocate (self)
@@ -157,25 +162,41 @@ contains
       type(projected_laws_t), intent(in) :: laws
       integer :: i
 
-      associate (from => laws%jacobian, to => self%jacobian)
-         do i = 1, from%n_pairs
-            call self%bring(from%df_dq, to%df_dq, i)
-            if (from%needs_velocity) call self%bring(from%df_dv, to%df_dv, i)
-            if (from%needs_reaction) call self%bring(from%df_ds, to%df_ds, i)
+      if (size(self%columns) == 1) then
+         do i = 1, laws%jacobian%n_pairs
+            call self%bring(laws%jacobian, i, 1)
          end do
-      end associate
+      else
+         !$omp parallel do num_threads(size(self%columns))
+         do i = 1, laws%jacobian%n_pairs
+            call self%bring(laws%jacobian, i, this_thread())
+         end do
+      end if
    end subroutine thin_grid_update
 
-   !> Transforms column i of sampled slopes to the coarse grid.
-   subroutine thin_grid_bring(self, from, to, i)
+   !> Transforms the slopes of pair i to the coarse grid.
+   subroutine thin_grid_bring(self, from, i, lane)
       class(thin_grid_t), intent(inout) :: self
-      type(real_block_t), intent(in) :: from
-      type(real_block_t), intent(inout) :: to
+      type(law_jacobian_t), intent(in) :: from
       integer, intent(in) :: i
+      integer, intent(in) :: lane                                     !! of the calling thread
 
-      call self%wide%to_coefficients_of_one(from%values(:, i:i), self%spectrum(:, 1))
-      call self%narrow%to_samples(self%spectrum, self%column%values)  ! a column of `to` need not be aligned
-      to%values(:, i) = self%column%values(:, 1)
+      call bring(from%df_dq, self%jacobian%df_dq)
+      if (from%needs_velocity) call bring(from%df_dv, self%jacobian%df_dv)
+      if (from%needs_reaction) call bring(from%df_ds, self%jacobian%df_ds)
+
+   contains
+
+      subroutine bring(from, to)
+         type(real_block_t), intent(in) :: from
+         type(real_block_t), intent(inout) :: to
+
+         associate (spectrum => self%spectra(:, lane), column => self%columns(lane)%values(:, 1))
+            call self%wide%to_coefficients_of_one(from%values(:, i:i), spectrum, lane)
+            call self%narrow%to_samples_of_one(spectrum, column, lane) ! a column of `to` need not be aligned
+            to%values(:, i) = column
+         end associate
+      end subroutine bring
    end subroutine thin_grid_bring
 
    !> Coefficients of the forces in response to a motion u with the reaction s.
@@ -198,13 +219,18 @@ contains
    !> Frees transforms and samples; safe to call twice.
    subroutine thin_grid_destroy(self)
       class(thin_grid_t), intent(inout) :: self
+      integer :: lane
 
-      if (allocated(self%spectrum)) deallocate (self%spectrum)
+      if (allocated(self%spectra)) deallocate (self%spectra)
       call self%transform%destroy()
       call self%wide%destroy()
       call self%narrow%destroy()
       call self%along%destroy()
       call self%jacobian%destroy()
-      call self%column%destroy()
+      if (.not. allocated(self%columns)) return
+      do lane = 1, size(self%columns)
+         call self%columns(lane)%destroy()
+      end do
+      deallocate (self%columns)
    end subroutine thin_grid_destroy
 end module hb_tangent_product

@@ -11,9 +11,11 @@ module hb_cancellation
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_loc, c_null_ptr, c_ptr
    use hb_budget, only: budget_t
    use hb_kinds, only: wp
+   use hb_threads, only: this_thread
    implicit none
    private
-   public :: cancellation_t, note_level, note_progress, spend_work, verdict, verdict_on_work, work_is_over
+   public :: cancellation_t, note_level, note_progress, share_work, spend_work, verdict, verdict_on_work, work_is_over
+   public :: work_of_thread
 
    type :: verdict_t
       integer :: go_on = 0
@@ -107,7 +109,9 @@ contains
       real(wp), intent(in) :: work
       type(slot_t), pointer :: outer
 
+      !$omp critical(hb_budget)
       call self%budget%spend(work)
+      !$omp end critical(hb_budget)
       if (.not. c_associated(self%outer)) return
       call c_f_pointer(self%outer, outer)
       call outer%cancellation%spend(work)
@@ -207,7 +211,20 @@ contains
       call slot%cancellation%note_progress(n_done, n_steps)
    end subroutine note_progress
 
-   !> Why the work of this thread must end; `go_on` if it need not, or if there is no cancellation.
+   !> The current cancellation of this thread, for the threads that help it.
+   type(c_ptr) function work_of_thread() result(work)
+      work = hb_current_cancellation()
+   end function work_of_thread
+
+   !> Makes this thread, which helps another one, charge its work to that of the other.
+   subroutine share_work(work)
+      type(c_ptr), intent(in) :: work                                 !! `work_of_thread` of the other one
+
+      call hb_set_current_cancellation(work)
+   end subroutine share_work
+
+   !> Why the work of this thread must end; `go_on` if it need not, or if there is no cancellation. A thread that helps another one
+   !> does not decide: it sees what the other has found.
    integer function verdict_on_work() result(found)
       type(c_ptr) :: current
       type(slot_t), pointer :: slot
@@ -216,6 +233,10 @@ contains
       current = hb_current_cancellation()
       if (.not. c_associated(current)) return
       call c_f_pointer(current, slot)
-      if (slot%cancellation%is_over()) found = slot%cancellation%verdict
+      if (this_thread() > 1) then
+         found = slot%cancellation%verdict
+      else if (slot%cancellation%is_over()) then
+         found = slot%cancellation%verdict
+      end if
    end function verdict_on_work
 end module hb_cancellation

@@ -36,10 +36,16 @@ module hb_packed_fft
    !> length, to one in which the next lower tone has its full length as well.
    type :: stage_t
       type(axis_plan_t) :: plan
-      type(complex_block_t) :: spectrum                               ! (any, 1), only for transforms to samples
       integer :: high_spectrum = 0                                    ! start of negative j of the next lower tone, in both;
       integer :: high_samples = 0                                     ! 0: all of its j are transformed at once
    end type stage_t
+
+   !> The arrays of one thread.
+   type :: lane_t
+      type(complex_block_t), allocatable :: spectra(:)                ! (n_tones) of the stages, (any, 1), for transforms to samples
+      type(complex_block_t) :: work(2)                                ! intermediate arrays of the transform to the spectrum
+      type(complex_block_t) :: loose                                  ! samples, if they are not transformed in place
+   end type lane_t
 
    !> Owner of external resources: call `destroy`.
    type :: packed_fft_t
@@ -53,13 +59,13 @@ module hb_packed_fft
       integer, allocatable, private :: twisted(:)                     ! columns of lower tones whose last entries are odd
       integer, private :: n_columns = 0                               ! of lower tones, before the last one is transformed
       type(stage_t), allocatable, private :: stages(:)                ! (n_tones)
-      type(complex_block_t), private :: work(2)                       ! intermediate arrays of the transform to the spectrum
-      type(complex_block_t), private :: loose                         ! samples, if they are not transformed in place
+      type(lane_t), allocatable, private :: lanes(:)
    contains
       procedure :: position => packed_fft_position
       procedure :: n_positions => packed_fft_n_positions
       procedure :: factors => packed_fft_factors
       procedure :: shares => packed_fft_shares
+      procedure :: n_lanes => packed_fft_n_lanes
       procedure :: spectrum => packed_fft_spectrum
       procedure :: to_samples => packed_fft_to_samples
       procedure :: to_spectrum => packed_fft_to_spectrum
@@ -69,14 +75,15 @@ module hb_packed_fft
 contains
 
    !> Plans the transforms of one function at a time on a grid, between samples and tuples with |j_m| <= highest(m).
-   subroutine new_packed_fft(self, torus, parity, highest, directions, error)
+   subroutine new_packed_fft(self, torus, parity, highest, directions, error, n_lanes)
       type(packed_fft_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; arbitrary on the whole grid
       integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid resolves: all
       integer, intent(in) :: directions                               !! one of `direction`
       type(error_t), allocatable, intent(out) :: error
-      integer :: grid(size(highest)), m, n_tones
+      integer, intent(in), optional :: n_lanes                        !! threads that transform a function each; default 1
+      integer :: grid(size(highest)), lane, m, n_tones
 
       call self%destroy()
       n_tones = size(highest)
@@ -95,18 +102,33 @@ contains
       allocate (self%stages(n_tones))
       do m = 1, n_tones
          if (.not. allocated(error)) call plan_stage(self%stages(m), m)
-         if (directions /= direction%to_spectrum .and. .not. allocated(error)) &
-            call new_complex_block(self%stages(m)%spectrum, product(self%extent(:m - 1))*product(grid(m:)), 1, error)
       end do
       if (torus%is_half) call find_twist()
-      if ((self%n_together == 1 .or. (torus%is_half .and. n_tones == 1)) .and. .not. allocated(error)) &
-         call new_complex_block(self%loose, product(grid), 1, error)
-      if (directions == direction%to_samples) return
-      if (.not. allocated(error)) call new_complex_block(self%work(1), product(grid), 1, error)
-      if (.not. allocated(error) .and. n_tones > 1) &
-         call new_complex_block(self%work(2), self%extent(1)*product(grid(2:)), 1, error)
+      lane = 1
+      if (present(n_lanes)) lane = n_lanes
+      allocate (self%lanes(lane))
+      do lane = 1, size(self%lanes)
+         if (.not. allocated(error)) call make_lane(self%lanes(lane))
+      end do
 
    contains
+
+      subroutine make_lane(lane)
+         type(lane_t), intent(inout) :: lane
+         integer :: m
+
+         allocate (lane%spectra(n_tones))
+         do m = 1, n_tones
+            if (directions /= direction%to_spectrum .and. .not. allocated(error)) &
+               call new_complex_block(lane%spectra(m), product(self%extent(:m - 1))*product(grid(m:)), 1, error)
+         end do
+         if ((self%n_together == 1 .or. (torus%is_half .and. n_tones == 1)) .and. .not. allocated(error)) &
+            call new_complex_block(lane%loose, product(grid), 1, error)
+         if (directions == direction%to_samples) return
+         if (.not. allocated(error)) call new_complex_block(lane%work(1), product(grid), 1, error)
+         if (.not. allocated(error) .and. n_tones > 1) &
+            call new_complex_block(lane%work(2), self%extent(1)*product(grid(2:)), 1, error)
+      end subroutine make_lane
 
       !> Determines the twisted columns: those in which the sum of the lower entries requires an odd last entry.
       subroutine find_twist()
@@ -233,35 +255,45 @@ contains
       packed_fft_n_positions = product(self%extent)
    end function packed_fft_n_positions
 
+   !> Number of threads that may transform a function each at the same time.
+   pure integer function packed_fft_n_lanes(self) result(n_lanes)
+      class(packed_fft_t), intent(in) :: self
+
+      n_lanes = size(self%lanes)
+   end function packed_fft_n_lanes
+
    !> The spectrum from which `to_samples` starts, zero at first and not modified: a caller that always writes the
    !> same elements need not clear it.
-   function packed_fft_spectrum(self) result(spectrum)
+   function packed_fft_spectrum(self, lane) result(spectrum)
       class(packed_fft_t), intent(in) :: self
+      integer, intent(in) :: lane                                     !! 1 to n_lanes
       complex(wp), pointer, contiguous :: spectrum(:)                 !! by `position`
 
-      spectrum => self%stages(size(self%stages))%spectrum%values(:, 1)
+      spectrum => self%lanes(lane)%spectra(size(self%stages))%values(:, 1)
    end function packed_fft_spectrum
 
    !> Transforms the values written into `spectrum` to samples.
-   subroutine packed_fft_to_samples(self, samples)
+   subroutine packed_fft_to_samples(self, lane, samples)
       class(packed_fft_t), intent(inout) :: self
+      integer, intent(in) :: lane                                     !! that of `spectrum`
       real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw
       complex(wp), pointer, contiguous :: z(:)
       integer :: m
 
-      do m = size(self%stages), 2, -1
-         call run(self%stages(m), self%stages(m)%spectrum%values(:, 1), self%stages(m - 1)%spectrum%values(:, 1))
-         if (m == size(self%stages) .and. self%is_half) &
-            call multiply_by_twist(self, self%stages(m - 1)%spectrum%values(:, 1), .false.)
-      end do
-      if (self%n_together == 2) then
-         z => two_together(samples)
-         call run(self%stages(1), self%stages(1)%spectrum%values(:, 1), z)
-         if (size(self%stages) == 1 .and. self%is_half) call multiply_by_twist(self, z, .false.)
-      else
-         call run(self%stages(1), self%stages(1)%spectrum%values(:, 1), self%loose%values(:, 1))
-         samples = real(self%loose%values(:, 1))
-      end if
+      associate (spectra => self%lanes(lane)%spectra, loose => self%lanes(lane)%loose)
+         do m = size(self%stages), 2, -1
+            call run(self%stages(m), spectra(m)%values(:, 1), spectra(m - 1)%values(:, 1))
+            if (m == size(self%stages) .and. self%is_half) call multiply_by_twist(self, spectra(m - 1)%values(:, 1), .false.)
+         end do
+         if (self%n_together == 2) then
+            z => two_together(samples)
+            call run(self%stages(1), spectra(1)%values(:, 1), z)
+            if (size(self%stages) == 1 .and. self%is_half) call multiply_by_twist(self, z, .false.)
+         else
+            call run(self%stages(1), spectra(1)%values(:, 1), loose%values(:, 1))
+            samples = real(loose%values(:, 1))
+         end if
+      end associate
 
    contains
 
@@ -274,37 +306,40 @@ contains
       end subroutine run
    end subroutine packed_fft_to_samples
 
-   !> Transforms samples to their spectrum, which is valid until the next call.
-   subroutine packed_fft_to_spectrum(self, samples, spectrum)
-      class(packed_fft_t), intent(inout) :: self
+   !> Transforms samples to their spectrum, which is valid until the next call with this lane.
+   subroutine packed_fft_to_spectrum(self, lane, samples, spectrum)
+      class(packed_fft_t), intent(inout), target :: self
+      integer, intent(in) :: lane                                     !! 1 to n_lanes
       real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw; unchanged
       complex(wp), intent(out), pointer, contiguous :: spectrum(:)    !! by `position`
       complex(wp), pointer, contiguous :: z(:)
       integer :: from, m
 
-      if (self%n_together == 1) then
-         self%loose%values(:, 1) = samples
-         z => self%loose%values(:, 1)
-      else if (size(self%stages) == 1 .and. self%is_half) then
-         z => two_together(samples)
-         self%loose%values(:, 1) = z
-         z => self%loose%values(:, 1)
-         call multiply_by_twist(self, z, .true.)
-      else
-         z => two_together(samples)
-      end if
-      call self%stages(1)%plan%to_spectrum(z, self%work(1)%values(:, 1))
-      from = 1
-      do m = 2, size(self%stages)
-         associate (stage => self%stages(m), z => self%work(from)%values(:, 1), spectrum => self%work(3 - from)%values(:, 1))
-            if (m == size(self%stages) .and. self%is_half) call multiply_by_twist(self, z, .true.)
-            call stage%plan%to_spectrum(z, spectrum)
-            if (stage%high_spectrum > 0) &
-               call stage%plan%to_spectrum(z(1 + stage%high_samples:), spectrum(1 + stage%high_spectrum:))
-         end associate
-         from = 3 - from
-      end do
-      spectrum => self%work(from)%values(:, 1)
+      associate (own => self%lanes(lane))
+         if (self%n_together == 1) then
+            own%loose%values(:, 1) = samples
+            z => own%loose%values(:, 1)
+         else if (size(self%stages) == 1 .and. self%is_half) then
+            z => two_together(samples)
+            own%loose%values(:, 1) = z
+            z => own%loose%values(:, 1)
+            call multiply_by_twist(self, z, .true.)
+         else
+            z => two_together(samples)
+         end if
+         call self%stages(1)%plan%to_spectrum(z, own%work(1)%values(:, 1))
+         from = 1
+         do m = 2, size(self%stages)
+            associate (stage => self%stages(m), z => own%work(from)%values(:, 1), spectrum => own%work(3 - from)%values(:, 1))
+               if (m == size(self%stages) .and. self%is_half) call multiply_by_twist(self, z, .true.)
+               call stage%plan%to_spectrum(z, spectrum)
+               if (stage%high_spectrum > 0) &
+                  call stage%plan%to_spectrum(z(1 + stage%high_samples:), spectrum(1 + stage%high_spectrum:))
+            end associate
+            from = 3 - from
+         end do
+         spectrum => own%work(from)%values(:, 1)
+      end associate
    end subroutine packed_fft_to_spectrum
 
    !> Multiplies the columns whose last entries are odd by the twist of each sample of the last tone, or by its conjugate.
@@ -327,18 +362,27 @@ contains
    !> Frees plans and memory; safe to call twice.
    subroutine packed_fft_destroy(self)
       class(packed_fft_t), intent(inout) :: self
-      integer :: m
+      integer :: lane, m
 
       if (allocated(self%stages)) then
          do m = 1, size(self%stages)
             call self%stages(m)%plan%destroy()
-            call self%stages(m)%spectrum%destroy()
          end do
          deallocate (self%stages)
       end if
-      call self%work(1)%destroy()
-      call self%work(2)%destroy()
-      call self%loose%destroy()
+      if (allocated(self%lanes)) then
+         do lane = 1, size(self%lanes)
+            if (allocated(self%lanes(lane)%spectra)) then
+               do m = 1, size(self%lanes(lane)%spectra)
+                  call self%lanes(lane)%spectra(m)%destroy()
+               end do
+            end if
+            call self%lanes(lane)%work(1)%destroy()
+            call self%lanes(lane)%work(2)%destroy()
+            call self%lanes(lane)%loose%destroy()
+         end do
+         deallocate (self%lanes)
+      end if
       if (allocated(self%twist)) deallocate (self%twist, self%twisted)
    end subroutine packed_fft_destroy
 end module hb_packed_fft

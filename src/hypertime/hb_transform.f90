@@ -1,4 +1,5 @@
 !> Coefficients <-> samples on the torus, for many degrees of freedom at once, and the rate of change along time.
+!> Threads share the functions.
 !>
 !> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of
 !> one remains in the cache; see hb_packed_fft for its layout. Source: docs/why/theory.md, section 3.
@@ -7,6 +8,7 @@ module hb_transform
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_packed_fft, only: direction, new_packed_fft, packed_fft_t
+   use hb_threads, only: n_threads, this_thread
    use hb_torus, only: torus_t
    implicit none
    private
@@ -28,6 +30,7 @@ module hb_transform
       procedure :: to_rate_samples => transform_to_rate_samples
       procedure :: to_coefficients => transform_to_coefficients
       procedure :: to_coefficients_of_one => transform_to_coefficients_of_one
+      procedure :: to_samples_of_one => transform_to_samples_of_one
       procedure :: prepare_products => transform_prepare_products
       procedure :: tabulate_product => transform_tabulate_product
       procedure :: destroy => transform_destroy
@@ -51,15 +54,17 @@ module hb_transform
 contains
 
    !> Plans the transforms of `n_channels` functions, in both directions or one.
-   subroutine new_transform(self, harmonics, torus, n_channels, error, directions)
+   subroutine new_transform(self, harmonics, torus, n_channels, error, directions, n_lanes)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: n_channels                               !! >= 1
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: directions                     !! one of hb_packed_fft%direction, default: both
+      integer, intent(in), optional :: n_lanes                        !! threads that transform a function each; default: as many as
+                                                                      !! the functions occupy
       logical, allocatable :: is_used(:)
-      integer :: chosen, first(0:harmonics%highest(1)), h, j(harmonics%n_tones)
+      integer :: chosen, lanes, first(0:harmonics%highest(1)), h, j(harmonics%n_tones)
       complex(wp), dimension(0:harmonics%highest(1)) :: far, near
 
       call self%destroy()
@@ -68,7 +73,9 @@ contains
       self%n_channels = n_channels
       chosen = direction%both
       if (present(directions)) chosen = directions
-      call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, error)
+      lanes = min(n_channels, n_threads(n_channels*torus%n_total))
+      if (present(n_lanes)) lanes = n_lanes
+      call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, error, lanes)
       if (allocated(error)) return
       if (allocated(self%at)) deallocate (self%at, self%mirror_at)
       allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
@@ -96,20 +103,36 @@ contains
       class(transform_t), intent(inout) :: self
       real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      integer :: channel
+
+      if (self%fft%n_lanes() == 1) then
+         do channel = 1, self%n_channels
+            call sample_motion(self, 1, x(:, channel), samples(:, channel))
+         end do
+      else
+         !$omp parallel do num_threads(self%fft%n_lanes())
+         do channel = 1, self%n_channels
+            call sample_motion(self, this_thread(), x(:, channel), samples(:, channel))
+         end do
+      end if
+   end subroutine transform_to_samples
+
+   subroutine sample_motion(self, lane, x, samples)
+      type(transform_t), intent(inout) :: self
+      integer, intent(in) :: lane
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(inout), contiguous :: samples(:)
       complex(wp) :: c(self%harmonics%n_harmonics)
-      integer :: channel, h
+      integer :: h
 
       associate (set => self%harmonics)
-         if (set%has_zero) c(1) = 0.0_wp
-         do channel = 1, self%n_channels
-            if (set%has_zero) c(1) = x(1, channel)
-            do h = merge(2, 1, set%has_zero), set%n_harmonics
-               c(h) = cmplx(x(set%cos_at(h), channel), -x(set%sin_at(h), channel), wp)
-            end do
-            call sample_amplitudes(self, c, samples(:, channel))
+         if (set%has_zero) c(1) = x(1)
+         do h = merge(2, 1, set%has_zero), set%n_harmonics
+            c(h) = cmplx(x(set%cos_at(h)), -x(set%sin_at(h)), wp)
          end do
       end associate
-   end subroutine transform_to_samples
+      call sample_amplitudes(self, lane, c, samples)
+   end subroutine sample_motion
 
    !> Samples of d/dt of the motions with coefficients `x`: tau_m = omega_m t, so the phase of harmonic j grows at the
    !> rate j.omega.
@@ -118,30 +141,48 @@ contains
       real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
+      integer :: channel
+
+      if (self%fft%n_lanes() == 1) then
+         do channel = 1, self%n_channels
+            call sample_rate(self, 1, x(:, channel), frequencies, samples(:, channel))
+         end do
+      else
+         !$omp parallel do num_threads(self%fft%n_lanes())
+         do channel = 1, self%n_channels
+            call sample_rate(self, this_thread(), x(:, channel), frequencies, samples(:, channel))
+         end do
+      end if
+   end subroutine transform_to_rate_samples
+
+   subroutine sample_rate(self, lane, x, frequencies, samples)
+      type(transform_t), intent(inout) :: self
+      integer, intent(in) :: lane
+      real(wp), intent(in) :: x(:), frequencies(:)
+      real(wp), intent(inout), contiguous :: samples(:)
       complex(wp) :: c(self%harmonics%n_harmonics)
-      integer :: channel, h
+      integer :: h
 
       associate (set => self%harmonics)
          if (set%has_zero) c(1) = 0.0_wp
-         do channel = 1, self%n_channels
-            do h = merge(2, 1, set%has_zero), set%n_harmonics
-               c(h) = frequencies(h)*cmplx(x(set%sin_at(h), channel), x(set%cos_at(h), channel), wp)
-            end do
-            call sample_amplitudes(self, c, samples(:, channel))
+         do h = merge(2, 1, set%has_zero), set%n_harmonics
+            c(h) = frequencies(h)*cmplx(x(set%sin_at(h)), x(set%cos_at(h)), wp)
          end do
       end associate
-   end subroutine transform_to_rate_samples
+      call sample_amplitudes(self, lane, c, samples)
+   end subroutine sample_rate
 
    !> Samples of Re sum c exp(i j.tau). The same elements of the spectrum are written each time, so that the others
    !> remain zero.
-   subroutine sample_amplitudes(self, c, samples)
+   subroutine sample_amplitudes(self, lane, c, samples)
       type(transform_t), intent(inout) :: self
+      integer, intent(in) :: lane                                     !! of `fft`
       complex(wp), intent(in) :: c(:)                                 !! (n_harmonics)
       real(wp), intent(inout), contiguous :: samples(:)               !! (n_total), aligned
       complex(wp), pointer, contiguous :: spectrum(:)
       integer :: h
 
-      spectrum => self%fft%spectrum()
+      spectrum => self%fft%spectrum(lane)
       if (self%has_shared_positions) then
          spectrum(self%at) = (0.0_wp, 0.0_wp)
          spectrum(self%mirror_at) = (0.0_wp, 0.0_wp)
@@ -160,7 +201,7 @@ contains
          end do
          if (self%harmonics%has_zero) spectrum(self%at(1)) = (self%near_factor(1) + self%far_factor(1))*real(c(1))
       end if
-      call self%fft%to_samples(samples)
+      call self%fft%to_samples(lane, samples)
    end subroutine sample_amplitudes
 
    !> Coefficients of the sampled functions in the retained harmonics (their projection).
@@ -170,22 +211,45 @@ contains
       real(wp), intent(out) :: x(:, :)                                !! (n_coefficients, n_channels)
       integer :: channel
 
-      do channel = 1, self%n_channels
-         call find_coefficients(self, samples(:, channel), x(:, channel))
-      end do
+      if (self%fft%n_lanes() == 1) then
+         do channel = 1, self%n_channels
+            call find_coefficients(self, 1, samples(:, channel), x(:, channel))
+         end do
+      else
+         !$omp parallel do num_threads(self%fft%n_lanes())
+         do channel = 1, self%n_channels
+            call find_coefficients(self, this_thread(), samples(:, channel), x(:, channel))
+         end do
+      end if
    end subroutine transform_to_coefficients
 
    !> Coefficients of one function alone, whatever the number of channels.
-   subroutine transform_to_coefficients_of_one(self, samples, x)
+   subroutine transform_to_coefficients_of_one(self, samples, x, lane)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, 1), aligned; unchanged
       real(wp), intent(out) :: x(:)                                   !! (n_coefficients)
+      integer, intent(in), optional :: lane                           !! of the calling thread, default 1
 
-      call find_coefficients(self, samples(:, 1), x)
+      if (present(lane)) then
+         call find_coefficients(self, lane, samples(:, 1), x)
+      else
+         call find_coefficients(self, 1, samples(:, 1), x)
+      end if
    end subroutine transform_to_coefficients_of_one
 
-   subroutine find_coefficients(self, samples, x)
+   !> Samples of one motion alone, likewise.
+   subroutine transform_to_samples_of_one(self, x, samples, lane)
+      class(transform_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)                                    !! (n_coefficients)
+      real(wp), intent(inout), contiguous :: samples(:)               !! (n_total), aligned
+      integer, intent(in) :: lane                                     !! of the calling thread
+
+      call sample_motion(self, lane, x, samples)
+   end subroutine transform_to_samples_of_one
+
+   subroutine find_coefficients(self, lane, samples, x)
       type(transform_t), intent(inout) :: self
+      integer, intent(in) :: lane                                     !! of `fft`
       real(wp), intent(inout), contiguous :: samples(:)
       real(wp), intent(out) :: x(:)
       complex(wp), pointer, contiguous :: spectrum(:)
@@ -193,7 +257,7 @@ contains
       integer :: h
       real(wp) :: weight
 
-      call self%fft%to_spectrum(samples, spectrum)
+      call self%fft%to_spectrum(lane, samples, spectrum)
       weight = 2.0_wp/self%torus%n_total
       associate (set => self%harmonics)
          do h = 1, set%n_harmonics
@@ -209,30 +273,34 @@ contains
    end subroutine find_coefficients
 
    !> Prepares products: plans the transform of their tuples and allocates their table at its first use.
-   subroutine transform_prepare_products(self, table, n_parts, error)
+   subroutine transform_prepare_products(self, table, n_parts, error, n_lanes)
       class(transform_t), intent(inout) :: self
       type(product_table_t), intent(inout) :: table
       integer, intent(in) :: n_parts                                  !! functions stored at once, the same number each time
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_lanes                        !! threads that tabulate at the same time, default 1
 
       if (allocated(table%at)) return
-      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, direction%to_spectrum, error)
+      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, direction%to_spectrum, error, n_lanes)
       if (.not. allocated(error)) call index_table(self, table, n_parts, error)
    end subroutine transform_prepare_products
 
    !> Fills one part of the table with `factor` times the function sampled in one column of `samples`, after `prepare_products`.
-   subroutine transform_tabulate_product(self, samples, column, table, part, factor)
+   subroutine transform_tabulate_product(self, samples, column, table, part, factor, lane)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, any); unchanged
       integer, intent(in) :: column
       type(product_table_t), intent(inout) :: table
       integer, intent(in) :: part
       real(wp), intent(in) :: factor
+      integer, intent(in), optional :: lane                           !! of the calling thread, default 1
       complex(wp), pointer, contiguous :: spectrum(:)
       complex(wp) :: far, near
-      integer :: i, m, n, n_inner
+      integer :: i, m, n, n_inner, own
 
-      call self%products%to_spectrum(samples(:, column), spectrum)
+      own = 1
+      if (present(lane)) own = lane
+      call self%products%to_spectrum(own, samples(:, column), spectrum)
       n = size(table%at)
       n_inner = n/size(table%near_share)
       do m = 1, size(table%near_share)

@@ -15,6 +15,7 @@ module hb_model_settings
    use hb_structure, only: structure_t
    use hb_system, only: system_t
    use hb_text, only: string_t, to_text
+   use hb_threads, only: are_threads_available
    use hb_time_domain, only: integration_config_t
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
@@ -51,6 +52,9 @@ contains
          call group%get("secant", self%options%chain%secant)
          call group%get("memory_limit", limit)
          if (limit > 0.0_wp) self%options%memory_limit = limit*gib
+         call group%get("threads", solver%n_threads)
+         if (solver%n_threads > 1 .and. .not. are_threads_available()) &
+            call group%problem("threads", "this program was built without threads (HB_THREADS=OFF); 1 is permitted")
          call group%get("time_limit", limit)
          if (limit > 0.0_wp) solver%time_limit = limit
          solver%has_fallback_work = group%given("fallback_work")

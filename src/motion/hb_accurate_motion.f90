@@ -29,6 +29,7 @@ module hb_accurate_motion
    use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, starting_point, technique
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
+   use hb_threads, only: use_threads
    use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: primary_method
    use hb_torus, only: samples_for
@@ -106,6 +107,7 @@ contains
       type(point_attempts_t) :: attempts
 
       call cancellation%enter(model%options%solver%time_limit)
+      call use_threads(model%options%solver%n_threads)
       if (present(start)) attempts%motion%start = start
       call solve_by_levels(attempts, model%system, model%discretisation, model%options)
       result = attempts%motion%result

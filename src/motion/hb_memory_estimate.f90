@@ -88,7 +88,7 @@ contains
       if (s%n_coordinates <= 0) return
       bytes%samples = sample_bytes(s, s%n_harmonics, s%samples, .true.)
       dense = real_bytes*n*n
-      table = real_bytes*(20*n + 6.5_wp*table_size(s%highest))        ! of products, with the vectors of a solver
+      table = real_bytes*(20*n + 6.5_wp*s%solver%n_threads*table_size(s%highest))   ! of products, with the vectors of a solver
       bytes%tangent = dense + table
       if (s%solver%method == method%broyden) bytes%tangent = bytes%tangent + 2*real_bytes*n*s%solver%memory
       if (s%solver%fallback) bytes%fallback = 2*dense + table
@@ -303,7 +303,8 @@ contains
       real(wp) :: n_slice
 
       sample_bytes = real_bytes*volume(samples)*(s%n_coordinates*(s%n_kinds + merge(4, 1, s%states > 0.0_wp)) + &
-                                                 s%n_kinds*s%n_pairs + s%per_sample + 1 + 2*min(2, size(samples))) ! spectra
+                                                 s%n_kinds*s%n_pairs + s%per_sample + &
+                                                 (1 + 2*min(2, size(samples)))*s%solver%n_threads) ! spectra
       if (.not. with_answers .or. s%states <= 0.0_wp) return
       n_slice = volume(samples)/minval(samples)
       sample_bytes = sample_bytes + real_bytes*(s%answers_per_sample*volume(samples) + &

@@ -30,6 +30,7 @@ module hb_motion
    use hb_stability, only: stability_method, stability_t
    use hb_structure, only: max_dense
    use hb_system, only: system_t
+   use hb_threads, only: use_threads
    use hb_thresholds, only: nearby_steps, rounding
    use hb_time_domain, only: locking_t, may_be_locked, primary_method, steady_motion_t
    implicit none
@@ -87,6 +88,7 @@ contains
       real(wp), allocatable :: found(:)
 
       call cancellation%enter(options%solver%time_limit)
+      call use_threads(options%solver%n_threads)
       if (present(guess)) found = guess
       call solve_with_cancellation(system, discretisation, options, result, error, found, cached)
       call cancellation%leave()

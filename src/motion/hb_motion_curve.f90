@@ -29,6 +29,7 @@ module hb_motion_curve
    use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, stability_t
    use hb_system, only: system_t
    use hb_text, only: to_text
+   use hb_threads, only: use_threads
    use hb_thresholds, only: faint, nearby_steps, next_to_none, reliable
    implicit none
    private
@@ -470,6 +471,7 @@ contains
       type(cancellation_t), target :: cancellation
 
       call cancellation%enter(self%model%options%solver%time_limit)
+      call use_threads(self%model%options%solver%n_threads)
       call find_next(self, result, error)
       call cancellation%leave()
    end subroutine motion_curve_next

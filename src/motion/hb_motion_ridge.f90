@@ -20,6 +20,7 @@ module hb_motion_ridge
    use hb_point_kinds, only: curve_kind
    use hb_system, only: system_t
    use hb_text, only: to_text
+   use hb_threads, only: use_threads
    use hb_thresholds, only: next_to_none
    implicit none
    private
@@ -191,6 +192,7 @@ contains
 
       started = wall_clock()
       call cancellation%enter(self%model%options%solver%time_limit)
+      call use_threads(self%model%options%solver%n_threads)
       associate (request => self%request, sense => sign(1.0_wp, self%request%to - self%request%from))
          do
             value = self%value + sense*self%step*request%moving%typical

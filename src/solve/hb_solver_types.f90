@@ -137,6 +137,7 @@ module hb_solver_types
       real(wp) :: fallback_share = 4.0_wp                             !! at least so many times that of the direct attempt
       real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
+      integer :: n_threads = 1                                        !! that share the work of a large point
    end type solver_config_t
 
    !> An attempt and its outcome.

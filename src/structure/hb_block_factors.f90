@@ -8,6 +8,7 @@ module hb_block_factors
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
    use hb_small_lu, only: factorise_small, largest_small, solve_small
+   use hb_threads, only: n_threads
    implicit none
    private
    public :: block_factors_t, block_pattern_t, new_block_factors, new_block_pattern
@@ -137,27 +138,46 @@ contains
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: r(set%n_coefficients, self%pattern%n)
       real(wp), intent(out) :: x(set%n_coefficients, self%pattern%n)
-      complex(wp) :: c(self%pattern%n)
-      integer :: h, i
+      integer :: h, n
 
       if (self%pattern%n == 1) then
          x = set%times(self%inverses, r)
          return
       end if
-      do h = 1, set%n_harmonics
-         do i = 1, self%pattern%n
-            c(i) = set%amplitude(r(:, i), h)
+      n = n_threads(set%n_harmonics*self%pattern%n_rows*self%pattern%n)
+      if (n == 1) then
+         do h = 1, set%n_harmonics
+            call solve_harmonic(self, set, h, r, x)
          end do
-         if (self%is_there(h)) then
-            call self%solve(h, c)
-         else
-            c = (0.0_wp, 0.0_wp)
-         end if
-         do i = 1, self%pattern%n
-            call set%set_amplitude(x(:, i), h, c(i))
+      else
+         !$omp parallel do num_threads(n)
+         do h = 1, set%n_harmonics
+            call solve_harmonic(self, set, h, r, x)
          end do
-      end do
+      end if
    end subroutine block_factors_solve_harmonics
+
+   subroutine solve_harmonic(self, set, h, r, x)
+      type(block_factors_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: h
+      real(wp), intent(in) :: r(set%n_coefficients, self%pattern%n)
+      real(wp), intent(inout) :: x(set%n_coefficients, self%pattern%n)
+      complex(wp) :: c(self%pattern%n)
+      integer :: i
+
+      do i = 1, self%pattern%n
+         c(i) = set%amplitude(r(:, i), h)
+      end do
+      if (self%is_there(h)) then
+         call self%solve(h, c)
+      else
+         c = (0.0_wp, 0.0_wp)
+      end if
+      do i = 1, self%pattern%n
+         call set%set_amplitude(x(:, i), h, c(i))
+      end do
+   end subroutine solve_harmonic
 
    !> Pattern of order `n` with entries up to `half_bandwidth` off the diagonal: a band if its factors need at most
    !> half of the dense block.

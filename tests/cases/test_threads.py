@@ -7,7 +7,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
+from program import read, run
 
 LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
 if not LIBRARY.is_file():
@@ -47,3 +49,22 @@ def test_a_race_detector_sees_nothing(two_models):
                            two_models],
                           capture_output=True, text=True, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"})  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
+
+
+def test_threads_of_a_point_change_no_bit(tmp_path):
+    """Four contacts on 72 x 72 samples, with error estimate and stability."""
+    laws = "".join(f"&law type='elastic_stop', dof='x{i}', stiffness=2.0, gap=0.4 /\n" for i in range(1, 5))
+    (tmp_path / "shared.nml").write_text(
+        "&structure type='chain', n_masses=4, mass=1.0, coupling_stiffness=1.0, ground_stiffness=1.0, damping_mass=0.2 /\n"
+        "&tones frequency=0.7, 1.13 /\n&harmonics order=5 /\n&sampling samples=72 /\n"
+        "&load dof='x1', tuple=1,0, cos=1.0 /\n&load dof='x4', tuple=0,1, cos=1.0 /\n" + laws,
+        encoding="utf-8",
+    )
+    found = {}
+    for n in (1, 2):
+        result = tmp_path / f"{n}.h5"
+        done = run("solve", "shared.nml", "--set", f"solver%threads={n}", "-o", result, cwd=tmp_path)
+        assert ("on 1 rank of 2 threads" in done.stdout) == (n == 2)
+        found[n] = read(result, "coefficients", "truncation_estimate", "status", "n_unstable", "stability_estimate")
+    for one, shared in zip(found[1], found[2], strict=True):
+        assert np.array_equal(one, shared, equal_nan=True)
