@@ -40,8 +40,8 @@ module hb_curve_request
 
    !> A response, and the kind of points that are located for it.
    type, extends(response_t) :: located_response_t
-      integer :: kind = curve_kind%peak                               !! or minimum, amplitude, resonance
-      real(wp) :: amplitude = 0.0_wp                                  !! requested amplitude
+      integer :: kind = curve_kind%peak                               !! or another one whose row in `curve_kinds` has a key
+      real(wp) :: target = 0.0_wp                                     !! value at which it is located, of a kind with `targets`
    end type located_response_t
 
    !> A located point, such as a peak or fold along a first value, that is followed along a second one instead of the

@@ -8,7 +8,7 @@ module hb_event_location
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: transferred
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, max_multipliers, stability_method, stability_t
    use hb_thresholds, only: agreement, clearly, faint, minor, next_to_none, rounding, sharp
    implicit none
@@ -137,12 +137,11 @@ contains
             if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp))) cycle
             if (response%kind == curve_kind%peak .and. values(1) < 0.0_wp) cycle
             if (response%kind == curve_kind%minimum .and. values(1) > 0.0_wp) cycle
-            unit = self%square_at(response, self%curve%x)
-            if (response%kind == curve_kind%resonance) unit = sqrt(unit)
+            unit = self%unit_of_function(response, self%curve%x)
             if (.not. unit > 0.0_wp) cycle
             ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
             if (is_at_origin(self) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
-            call find(self, search, response_event_t(response%kind, any(response%kind == [curve_kind%peak, curve_kind%minimum]), &
+            call find(self, search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, &
                                                      rounding_of(self), self, response, unit), values/unit, is_found)
             if (is_found) self%waiting(size(self%waiting))%response = i
          end associate

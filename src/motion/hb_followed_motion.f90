@@ -124,6 +124,7 @@ module hb_followed_motion
       procedure :: evaluate_here => followed_motion_evaluate_here
       procedure :: function_at => followed_motion_function_at
       procedure :: square_at => followed_motion_square_at
+      procedure :: unit_of_function => followed_motion_unit_of_function
       procedure :: slope_at => followed_motion_slope_at
       procedure :: find_series => followed_motion_find_series
       procedure :: find_stability => followed_motion_find_stability
@@ -509,7 +510,7 @@ contains
 
       select case (response%kind)
       case (curve_kind%amplitude)
-         value = self%square_at(response, x) - response%amplitude**2
+         value = self%square_at(response, x) - response%target**2
       case (curve_kind%resonance)
          call self%find_series(response, x, set, c, load)
          value = ieee_value(value, ieee_quiet_nan)
@@ -519,6 +520,16 @@ contains
          value = self%slope_at(response, x, direction)
       end select
    end function followed_motion_function_at
+
+   !> A unit for the values of that function near x.
+   real(wp) function followed_motion_unit_of_function(self, response, x) result(unit)
+      class(followed_motion_t), intent(inout), target :: self
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:)
+
+      unit = self%square_at(response, x)
+      if (response%kind == curve_kind%resonance) unit = sqrt(unit)
+   end function followed_motion_unit_of_function
 
    !> Square of a response.
    real(wp) function followed_motion_square_at(self, response, x) result(square)

@@ -318,8 +318,8 @@ contains
          "number of the branch point from which this part of the curve starts, from 1; 0: from its start", position%branch)
       call t%real("curve_length", "1", "", "length of the curve from its start, "// &
          "in units of the range and of the largest motion; negative in the other direction", position%length)
-      call t%integer("curve_response", "1", "", "number of the response that is located there, of 'peak_of', 'minimum_of', "// &
-         "'amplitude_of' and 'resonance_of' together; 0: none", position%response)
+      call t%integer("curve_response", "1", "", &
+         "number of the response that is located there, of all keys that name responses together; 0: none", position%response)
       call t%real("curve_over", "1", "", "value of 'over' in its unit for continued located points, else 0", position%over)
       call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
       call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", position%unknowns)

@@ -3,7 +3,7 @@ module hb_point_kinds
    implicit none
    private
    public :: curve_kind, curve_kind_names, curve_kinds, kind_attribute_t, kind_attributes, located_by, point_kind_t, &
-      response_keys, response_kinds
+      response_keys, response_kinds, target_keys
 
    !> Kinds of points of a curve; numbers as in the result file.
    type :: curve_kind_t
@@ -42,6 +42,8 @@ module hb_point_kinds
       character(21) :: label = "", plural = ""                        !! in pictures; empty: not marked
       character(8) :: mark = ""                                       !! shape in pictures
       character(12) :: key = ""                                       !! of &curve, which names responses; empty: none
+      character(12) :: targets = ""                                   !! key of the values at which these are located; empty: none
+      logical :: needs_load = .false.                                 !! it compares a harmonic with its load
       logical :: is_extreme = .false.                                 !! of the moving value or a response
       logical :: is_bifurcation = .false.                             !! the stability may change there
       logical :: has_derivatives = .false.                            !! its position has derivatives by numbers of the model
@@ -68,16 +70,17 @@ module hb_point_kinds
       point_kind_t("minimum", located_by%response, "minimum", "minima", "left", "minimum_of", &
                    is_extreme=.true., has_derivatives=.true.), &
       point_kind_t("amplitude", located_by%response, "given amplitude", "given amplitudes", "right", "amplitude_of", &
-                   has_derivatives=.true.), &
+                   "amplitudes", has_derivatives=.true.), &
       point_kind_t("resonance", located_by%response, "phase resonance", "phase resonances", "octagon", "resonance_of", &
-                   has_derivatives=.true.)]
+                   needs_load=.true., has_derivatives=.true.)]
 
    character(*), parameter :: curve_kind_names(0:*) = curve_kinds%name
 
    integer :: i_kind                                                  ! of implied loops
 
-   !> Keys of &curve that name responses, and the kind of point that is located for each.
+   !> Keys of &curve that name responses, those of the values at which these are located (blank: none), and the kind of point.
    character(*), parameter :: response_keys(*) = pack(curve_kinds%key, curve_kinds%key /= "")
+   character(*), parameter :: target_keys(*) = pack(curve_kinds%targets, curve_kinds%key /= "")
    integer, parameter :: response_kinds(*) = pack([(i_kind, i_kind=0, ubound(curve_kinds, 1))], curve_kinds%key /= "")
 
    type :: kind_attribute_t

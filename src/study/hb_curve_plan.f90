@@ -13,7 +13,7 @@ module hb_curve_plan
    use hb_movement, only: movement_t, new_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome
-   use hb_point_kinds, only: curve_kind, curve_kind_names, curve_kinds, located_by, response_keys, response_kinds
+   use hb_point_kinds, only: curve_kind_names, curve_kinds, located_by, response_keys, response_kinds, target_keys
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_stability, only: stability_method
@@ -24,9 +24,10 @@ module hb_curve_plan
    private
    public :: curve_plan_t, read_curve_plan
 
-   !> Names of responses.
+   !> Names of responses, and the values at which each of them is located, where its kind has these.
    type :: names_t
       type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: targets(:)
    end type names_t
 
    !> A request whose responses and origin are still text: resolving them requires the model.
@@ -36,7 +37,6 @@ module hb_curve_plan
       character(:), allocatable :: units                              !! of the value; empty until known
       character(:), allocatable :: location                           !! of the group, for messages
       type(names_t) :: responses_of(size(response_keys))          !! as the keys
-      real(wp), allocatable :: amplitudes(:)                          !! of each of `amplitude_of`
       character(:), allocatable :: origin_path !! result file whose point is the origin of the curve; empty: none
       integer :: origin_point = 0                                     !! from 0
       integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
@@ -65,7 +65,7 @@ contains
       if (allocated(error)) return
       self%location = group%location()
       self%units = ""
-      allocate (self%values(0), self%others(0), self%amplitudes(0))
+      allocate (self%values(0), self%others(0))
       call group%get("parameter", self%path)
       call group%get("from", self%from)
       call group%get("to", self%to)
@@ -76,14 +76,15 @@ contains
       call group%get("points", self%n_points)
       call group%get("max_step", self%longest_step)
       do i = 1, size(response_keys)
-         allocate (self%responses_of(i)%names(0))
-         call group%get(trim(response_keys(i)), self%responses_of(i)%names)
+         associate (responses => self%responses_of(i))
+            allocate (responses%names(0), responses%targets(0))
+            call group%get(trim(response_keys(i)), responses%names)
+            if (target_keys(i) == "") cycle
+            call group%get(trim(target_keys(i)), responses%targets)
+            if ((size(responses%targets) > 0) .neqv. (size(responses%names) > 0)) &
+               call group%problem(trim(target_keys(i)), "require '"//trim(response_keys(i))//"' with their responses")
+         end associate
       end do
-      call group%get("amplitudes", self%amplitudes)
-      associate (with_amplitudes => self%responses_of(findloc(response_kinds, curve_kind%amplitude, dim=1))%names)
-         if ((size(self%amplitudes) > 0) .neqv. (size(with_amplitudes) > 0)) &
-            call group%problem("amplitudes", "require 'amplitude_of' with their responses")
-      end associate
       call group%get("tie", tie)
       self%moving%is_tied = tie == "ratio"
       call group%get("switch", self%switches)
@@ -135,6 +136,7 @@ contains
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: follow                              !! one of `curve_kind_names`
       integer :: i, n
+      logical :: has_targets
 
       allocate (self%over)
       self%over%kind = findloc(curve_kind_names, follow, dim=1) - 1
@@ -144,10 +146,11 @@ contains
       self%over%moving%typical = abs(self%over%to - self%over%from)
       do i = 1, size(response_keys)
          if (response_kinds(i) /= self%over%kind) cycle
+         has_targets = target_keys(i) /= ""
          n = size(self%responses_of(i)%names)
-         if (follow == "amplitude") n = n*size(self%amplitudes)
+         if (has_targets) n = n*size(self%responses_of(i)%targets)
          if (n /= 1) call group%problem(trim(response_keys(i)), "name the one response whose "//follow//" is followed"// &
-                                        repeat(", and its one amplitude", merge(1, 0, follow == "amplitude")))
+                                        repeat(", and its one "//follow, merge(1, 0, has_targets)))
       end do
       if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a "//follow//" is followed from 'from'")
       if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a "//follow)
@@ -227,14 +230,17 @@ contains
             if (.not. (allocated(error) .or. model%options%accuracy%grows_set .or. &
                        response%is_in(model%discretisation%harmonics))) &
                call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple")
-            if (response%kind == curve_kind%resonance .and. .not. allocated(error)) &
+            if (curve_kinds(response%kind)%needs_load .and. .not. allocated(error)) &
                call check_loads(model%system, model%discretisation, response, error)
             if (allocated(error)) then
                error%message = self%location//": "//trim(response_keys(k))//": "//error%message
                return
             end if
-            if (response%kind /= curve_kind%amplitude) request%responses = [request%responses, response]
-            if (response%kind == curve_kind%amplitude) call add_amplitudes(self%amplitudes, response, request%responses)
+            if (target_keys(k) == "") then
+               request%responses = [request%responses, response]
+            else
+               call add_targets(self%responses_of(k)%targets, response, request%responses)
+            end if
          end do
       end do
 
@@ -344,20 +350,20 @@ contains
       end if
    end subroutine check_model
 
-   !> Adds a response with each of some amplitudes.
-   subroutine add_amplitudes(amplitudes, response, responses)
-      real(wp), intent(in) :: amplitudes(:)
+   !> Adds a response with each of some values.
+   subroutine add_targets(targets, response, responses)
+      real(wp), intent(in) :: targets(:)
       type(located_response_t), intent(in) :: response
       type(located_response_t), allocatable, intent(inout) :: responses(:)
       integer :: i
 
-      do i = 1, size(amplitudes)
+      do i = 1, size(targets)
          responses = [responses, response]
-         responses(size(responses))%amplitude = amplitudes(i)
+         responses(size(responses))%target = targets(i)
       end do
-   end subroutine add_amplitudes
+   end subroutine add_targets
 
-   !> Fails if a response is not a harmonic with loads of one phase: it then cannot be in quadrature with them.
+   !> Fails if a response is not a harmonic with loads of one phase, with which it could be compared.
    subroutine check_loads(system, discretisation, response, error)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation

@@ -56,7 +56,9 @@ CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGN
 LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
 CASE = re.compile(r"^\s*(?:case\s*\(kind_of_part%(\w+)\)|end select)", re.IGNORECASE)
 FURTHER = re.compile(r'"(\w+_)dofs"')  # a further coordinate of a law, which has weights too
-KEYS_OF_RESPONSES = re.findall(r'"(\w+_of)"', (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8"))
+ROWS_OF_KINDS = (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8")
+KEYS_OF_RESPONSES = re.findall(r'"(\w+_of)"', ROWS_OF_KINDS)
+KEYS_OF_TARGETS = re.findall(r'"\w+_of", (?:&\s*)?"(\w+)"', ROWS_OF_KINDS)
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
 
 
@@ -83,7 +85,7 @@ def keys_of_program() -> dict[str, dict[str, str]]:
     keys: dict[str, dict[str, str]] = {}
     for path in sorted(SRC.rglob("*.f90")):
         procedure, kind = "", None
-        lists: dict[str, list[str]] = {"response_keys": KEYS_OF_RESPONSES}
+        lists: dict[str, list[str]] = {"response_keys": KEYS_OF_RESPONSES, "target_keys": KEYS_OF_TARGETS}
         for number, line in enumerate(code_of(path), start=1):
             if match := PROCEDURE.match(line):
                 procedure = match.group(1).lower()
