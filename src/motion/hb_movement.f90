@@ -120,8 +120,14 @@ contains
       type(system_t), intent(in) :: system
       type(model_number_t), intent(in) :: number
 
-      is_affine_in = number%object == has_number%load
-      if (number%object == has_number%structure) is_affine_in = system%builder%is_affine_in(number%number_t)
+      select case (number%object)
+      case (has_number%load)
+         is_affine_in = system%loads(number%i)%is_affine_in(number%number_t)
+      case (has_number%structure)
+         is_affine_in = system%builder%is_affine_in(number%number_t)
+      case default
+         is_affine_in = .false.
+      end select
    end function is_affine_in
 
    !> Whether it moves numbers of the model.

@@ -21,6 +21,7 @@ module hb_chain
       real(wp), allocatable :: ground_stiffness(:)           !! [N/m]
    contains
       procedure :: declare_numbers => chain_declare_numbers
+      procedure :: is_affine_in => chain_is_affine_in
       procedure :: build => chain_build
       procedure :: find_slope => chain_find_slope
    end type chain_t
@@ -36,6 +37,13 @@ contains
       call numbers%add("ground_stiffness", self%ground_stiffness)
       call self%proportional%declare_numbers(numbers)
    end subroutine chain_declare_numbers
+
+   pure logical function chain_is_affine_in(self, number) result(is_affine)
+      class(chain_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      is_affine = .true.
+   end function chain_is_affine_in
 
    subroutine chain_build(self, structure, error, memory_limit)
       class(chain_t), intent(inout) :: self

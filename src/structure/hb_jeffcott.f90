@@ -11,7 +11,7 @@
 module hb_jeffcott
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_numbers, only: numbers_t
+   use hb_numbers, only: number_t, numbers_t
    use hb_proportional_damping, only: proportional_damping_t
    use hb_structure, only: label_length, new_structure, structure_t, unit_length
    use hb_structure_builder, only: structure_builder_t
@@ -37,6 +37,7 @@ module hb_jeffcott
       real(wp) :: ring_damping = 0.0_wp                      !! d_r [N s/m]
    contains
       procedure :: declare_numbers => jeffcott_declare_numbers
+      procedure :: is_affine_in => jeffcott_is_affine_in
       procedure :: build => jeffcott_build
    end type jeffcott_t
 
@@ -65,6 +66,13 @@ contains
       end if
       call self%proportional%declare_numbers(numbers)
    end subroutine jeffcott_declare_numbers
+
+   pure logical function jeffcott_is_affine_in(self, number) result(is_affine)
+      class(jeffcott_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      is_affine = .true.
+   end function jeffcott_is_affine_in
 
    subroutine jeffcott_build(self, structure, error, memory_limit)
       class(jeffcott_t), intent(inout) :: self

@@ -31,6 +31,7 @@ module hb_load
       procedure :: declare_numbers => load_declare_numbers
       procedure :: add_to => load_add_to
       procedure :: add_slope_to => load_add_slope_to
+      procedure :: is_affine_in => load_is_affine_in
       procedure :: grows => load_grows
       procedure :: depends_on_structure => load_depends_on_structure
    end type load_t
@@ -44,6 +45,14 @@ contains
       call numbers%add("cos", self%cosine, unit=trim(self%unit))
       call numbers%add("sin", self%sine, unit=trim(self%unit))
    end subroutine load_declare_numbers
+
+   !> Whether the force is an affine function of a number, as it is of both amplitudes.
+   pure logical function load_is_affine_in(self, number) result(is_affine)
+      class(load_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+
+      is_affine = number%key == "cos" .or. number%key == "sin"
+   end function load_is_affine_in
 
    !> Whether the force depends on the frequency.
    elemental logical function load_grows(self) result(grows)
