@@ -30,7 +30,7 @@ include(FindPackageHandleStandardArgs)
 find_package_handle_standard_args(CVODE HANDLE_VERSION_RANGE VERSION_VAR CVODE_VERSION
    REQUIRED_VARS ${CVODE_needs} CVODE_INCLUDE_DIR CVODE_HAS_DOUBLE_PRECISION
    REASON_FAILURE_MESSAGE "nhbm calls CVODE of SUNDIALS 6 or 7 in double precision: libsundials-dev of Debian 12 or 13. \
--DCMAKE_PREFIX_PATH=... says where it is.")
+-DCMAKE_PREFIX_PATH=... says where it is, -DHB_CVODE=OFF builds without it.")
 mark_as_advanced(CVODE_INCLUDE_DIR)
 
 if(CVODE_FOUND AND NOT TARGET CVODE::cvode)

@@ -93,7 +93,6 @@ contains
       if (present(df_dz)) df_dz(:, 1, 1) = 2.0_wp*f(:, 1)/distance
    end subroutine electrostatic_evaluate
 
-   !> -c V**2/(d - z), from z = 0 on.
    !> Voltage and distance of the plates at each sample; NaN where they touch.
    pure subroutine find_state(self, z, voltage, distance)
       class(electrostatic_t), intent(in) :: self
@@ -131,6 +130,7 @@ contains
       end select
    end subroutine electrostatic_number_slope
 
+   !> -c V**2/(d - z), from that of z = 0 on.
    subroutine electrostatic_potential(self, z, energy, gradient)
       class(electrostatic_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)

@@ -1,6 +1,6 @@
-!> The request for a curve of motions.
-!> The point at which a curve of other motions leaves the one on which it was found: at a period doubling or a torus
-!> bifurcation.
+!> The request for a curve of motions, and the point at which a curve of other motions leaves the one on which it was found: at a
+!> period doubling or a torus bifurcation.
+!>
 !> The motion at this point is also one of the wider set, in which its additional harmonics are zero; the tangent of
 !> the balance with respect to these has a null vector, the direction of the other motions, which is computed by
 !> inverse iteration. The multipliers determine the frequency of an additional tone only up to a multiple of the given

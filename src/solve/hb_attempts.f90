@@ -21,7 +21,7 @@ module hb_attempts
 
    !> All attempts, stage by stage, in their order. Attempts of the solver without a share of the fallbacks' budget are the normal
    !> way to a solution.
-   type(attempt_rule_t), parameter :: attempt_rules(27) = [ &
+   type(attempt_rule_t), parameter :: attempt_rules(*) = [ &
       attempt_rule_t("smaller_problems_first", "from a solution with fewer harmonics", fallback%none, &
                      technique%smaller_problems, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
       attempt_rule_t("direct", "from the first guess", fallback%none, &
