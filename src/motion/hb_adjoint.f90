@@ -191,7 +191,7 @@ contains
       end if
    end subroutine adjoint_find_derivatives
 
-   !> Contribution of an amplitude of a load, in which the forces are linear.
+   !> Contribution of a number of a load.
    subroutine add_load(self, base, number, derivatives)
       class(adjoint_t), intent(in) :: self
       type(model_problem_t), intent(in) :: base

@@ -1,10 +1,10 @@
-!> A load, or a term of a first guess: cosine and sine amplitudes of one tuple at some degrees of freedom. A force, or
-!> the motion of a base; both may grow with a power of the frequency.
+!> A load, or a term of a first guess: cosine and sine amplitudes of one tuple at some degrees of freedom and a phase by which it
+!> leads. A force, or the motion of a base; both may grow with a power of the frequency.
 module hb_load
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_numbers, only: number_t, numbered_t, numbers_t
    use hb_structure, only: structure_t
    implicit none
@@ -26,6 +26,7 @@ module hb_load
       integer, allocatable :: dofs(:)
       real(wp), allocatable :: weights(:)                             !! (size(dofs))
       real(wp) :: cosine = 0.0_wp, sine = 0.0_wp
+      real(wp) :: phase = 0.0_wp                                      !! [rad], without effect for the zero tuple
       character(4) :: unit = "N"                                      !! of both
    contains
       procedure :: declare_numbers => load_declare_numbers
@@ -44,6 +45,7 @@ contains
 
       call numbers%add("cos", self%cosine, unit=trim(self%unit))
       call numbers%add("sin", self%sine, unit=trim(self%unit))
+      call numbers%add("phase", self%phase)
    end subroutine load_declare_numbers
 
    !> Whether the force is an affine function of a number, as it is of both amplitudes.
@@ -79,10 +81,13 @@ contains
       type(amplitudes_t), intent(inout), optional :: slopes           !! their derivatives by j.omega [N s]
       type(amplitudes_t) :: amplitudes
       type(error_t), allocatable :: error
+      real(wp) :: phase
       integer :: h, power
 
       call new_amplitudes(amplitudes, structure%n_dofs, set%n_harmonics)
-      call amplitudes%add_tuple(set, self%tuple, self%dofs, self%weights*self%cosine, self%weights*self%sine, error)
+      phase = merge(self%phase, 0.0_wp, any(self%tuple /= 0))
+      call amplitudes%add_tuple(set, self%tuple, self%dofs, self%weights*(self%cosine*cos(phase) + self%sine*sin(phase)), &
+                                self%weights*(self%sine*cos(phase) - self%cosine*sin(phase)), error)
       if (allocated(error)) return
       power = self%power
       if (self%kind /= load_kind%force) then
@@ -101,7 +106,7 @@ contains
          call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
    end subroutine load_add_to
 
-   !> Adds the derivative of the force by one of its numbers, in which it is linear.
+   !> Adds the derivative of the force by one of its numbers: linear in the amplitudes, and a quarter of a period ahead for the phase.
    subroutine load_add_slope_to(self, number, structure, set, frequencies, slope)
       class(load_t), intent(in) :: self
       type(number_t), intent(in) :: number                            !! one that it declares
@@ -113,9 +118,14 @@ contains
       logical :: is_set
 
       unit = self
-      unit%cosine = 0.0_wp
-      unit%sine = 0.0_wp
-      call unit%set_number(number, 1.0_wp, is_set)
+      is_set = any(self%tuple /= 0)
+      if (number%key == "phase") then
+         unit%phase = self%phase + 0.25_wp*two_pi
+      else
+         unit%cosine = 0.0_wp
+         unit%sine = 0.0_wp
+         call unit%set_number(number, 1.0_wp, is_set)
+      end if
       if (is_set) call unit%add_to(structure, set, frequencies, slope)
    end subroutine load_add_slope_to
 end module hb_load
