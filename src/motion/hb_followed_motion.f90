@@ -499,23 +499,26 @@ contains
    end subroutine followed_motion_evaluate_here
 
    !> The function whose zeros are located: the slope of the square of a response along a direction, the difference of
-   !> the square from the requested one, or the part of a harmonic in phase with its load.
+   !> the square from the requested one, or the part of a harmonic in phase with its load, turned by the requested lag behind it
+   !> and a quarter of a period back.
    real(wp) function followed_motion_function_at(self, response, x, direction) result(value)
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
       complex(wp), allocatable :: c(:)
-      complex(wp) :: load
+      complex(wp) :: load, turn
       type(harmonics_t), pointer :: set
 
+      turn = (1.0_wp, 0.0_wp)
+      if (response%kind == curve_kind%phase) turn = cmplx(sin(response%target), -cos(response%target), wp)
       select case (response%kind)
       case (curve_kind%amplitude)
          value = self%square_at(response, x) - response%target**2
-      case (curve_kind%resonance)
+      case (curve_kind%resonance, curve_kind%phase)
          call self%find_series(response, x, set, c, load)
          value = ieee_value(value, ieee_quiet_nan)
          if (abs(load) > 0.0_wp) value = 0.0_wp
-         if (abs(load) > 0.0_wp .and. size(c) > 0) value = real(c(set%index_of(response%tuple))*conjg(load))/abs(load)
+         if (abs(load) > 0.0_wp .and. size(c) > 0) value = real(turn*c(set%index_of(response%tuple))*conjg(load))/abs(load)
       case default
          value = self%slope_at(response, x, direction)
       end select
@@ -528,7 +531,7 @@ contains
       real(wp), intent(in) :: x(:)
 
       unit = self%square_at(response, x)
-      if (response%kind == curve_kind%resonance) unit = sqrt(unit)
+      if (any(response%kind == [curve_kind%resonance, curve_kind%phase])) unit = sqrt(unit)
    end function followed_motion_unit_of_function
 
    !> Square of a response.

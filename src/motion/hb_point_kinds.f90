@@ -22,6 +22,7 @@ module hb_point_kinds
       integer :: minimum = 12                                         !! of a response
       integer :: amplitude = 13                                       !! a response has a requested amplitude
       integer :: resonance = 14                                       !! a harmonic is in quadrature with its load
+      integer :: phase = 15                                           !! a harmonic lags its load by a requested angle
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
 
@@ -72,6 +73,8 @@ module hb_point_kinds
       point_kind_t("amplitude", located_by%response, "given amplitude", "given amplitudes", "right", "amplitude_of", &
                    "amplitudes", has_derivatives=.true.), &
       point_kind_t("resonance", located_by%response, "phase resonance", "phase resonances", "octagon", "resonance_of", &
+                   needs_load=.true., has_derivatives=.true.), &
+      point_kind_t("phase", located_by%response, "given phase", "given phases", "octagon", "phase_of", "phases", &
                    needs_load=.true., has_derivatives=.true.)]
 
    character(*), parameter :: curve_kind_names(0:*) = curve_kinds%name

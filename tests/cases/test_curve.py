@@ -163,6 +163,21 @@ def test_controlled_experiments_are_those_of_one_harmonic(tmp_path):
         assert set(curve.per_point("is_stable")[curve.used]) == {-1, 1}, "a controller holds what is unstable without it"
 
 
+def test_a_harmonic_lags_its_load_by_requested_angles(tmp_path):
+    """With the fundamental alone a motion that lags by p has c w A = F sin(p) and A (1 + 3/4 k3 A**2 - w**2) = F cos(p)."""
+    text = DUFFING.replace("order = 5", "order = 1") + "&error_estimate is_on = .false. /\n"
+    located = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, phase_of = 'x1 (1)', phases = 0.7, 1.5707963267948966, 2.2,"
+    with Results(solve(text + located + " resonance_of = 'x1 (1)' /\n", tmp_path, name="curve")) as curve:
+        points = curve.select({"curve_kind": "phase"})
+        assert list(curve.per_point("curve_response")[points]) == [2, 3, 4]
+        for point, lag in zip(points, (0.7, np.pi / 2, 2.2)):
+            w, size = curve.frequency(point)[0], curve.amplitude(point, "x1", (1,))
+            assert 0.05 * w * size == pytest.approx(0.18 * np.sin(lag), rel=1e-8)
+            assert size * (1 + 0.075 * size**2 - w**2) == pytest.approx(0.18 * np.cos(lag), abs=1e-8)
+        (point,) = curve.select({"curve_kind": "resonance"})
+        assert curve.frequency(points[1])[0] == pytest.approx(curve.frequency(point)[0], rel=1e-9)
+
+
 def test_motions_are_unstable_exactly_between_the_folds(tmp_path):
     with Results(solve(DUFFING + "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5 /\n", tmp_path)) as results:
         kinds, stable = results.curve_kind()[results.used], results.stability()[results.used]
