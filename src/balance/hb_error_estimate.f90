@@ -58,6 +58,7 @@ module hb_error_estimate
                                                                       !! to that of the motion there
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
+      real(wp), allocatable :: peak_force(:)                          !! largest force of each law, over its coordinates, there [N]
       type(mean_energy_t) :: energy                                   !! of the structure
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
@@ -167,7 +168,7 @@ contains
       complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], as loads
 
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
-      allocate (self%power_laws(0))
+      allocate (self%power_laws(0), self%peak_force(0))
       call near_commensurate(tones, self%combination, self%combination_frequency)
       self%power_in = loads%power_into(c, frequencies)
       call new_mean_energy(self%energy, structure, c, frequencies)
@@ -568,10 +569,11 @@ contains
       call wide%differentiate(big, error)
       if (allocated(error)) return
       self%defects = wide%law_set%defects()
-      allocate (self%power_laws(size(wide%law_set%laws)), source=0.0_wp)
+      allocate (self%power_laws(size(wide%law_set%laws)), self%peak_force(size(wide%law_set%laws)), source=0.0_wp)
       do i = 1, size(self%power_laws)
          samples => wide%law_set%force_of(i)
          motion = wide%law_set%coordinates_of(i, big)
+         self%peak_force(i) = sqrt(maxval(sum(samples**2, dim=2)))
          do c = 1, size(samples, 2)
             call wide%project_one(samples(:, c:c), force)
             self%power_laws(i) = self%power_laws(i) + mean_power(wide%harmonics, wide%frequencies, force, motion(:, c))

@@ -213,6 +213,7 @@ contains
          call t%real("power_in", "W", "", "mean power of the loads", found%power_in)
          call t%real("power_damping", "W", "", "mean dissipation in the structure", found%energy%lost)
          call t%real("power_laws", "W", "law", "mean dissipation in each law", found%power_laws)
+         call t%real("peak_force", "N", "law", "largest force of each law at a sample, over its coordinates", found%peak_force)
          call t%real("energy_kinetic", "J", "", "mean kinetic energy of the structure", found%energy%kinetic)
          call t%real("energy_strain", "J", "", "mean strain energy of the structure", found%energy%strain)
          call t%real("loss_factor", "1", "", &

@@ -163,6 +163,21 @@ def test_controlled_experiments_are_those_of_one_harmonic(tmp_path):
         assert set(curve.per_point("is_stable")[curve.used]) == {-1, 1}, "a controller holds what is unstable without it"
 
 
+def test_a_curve_turns_the_phase_of_one_of_two_loads(tmp_path):
+    """With the fundamental alone the motion is that under the one load |F1 exp(i p) + F2|; a sweep has the same motions."""
+    text = DUFFING.replace("order = 5", "order = 1") + "&load dof = 'x1', tuple = 1, sin = 0.1 /\n&error_estimate is_on = .false. /\n"
+    path = solve(text + "&curve parameter = 'load(2)%phase', from = 0.0, to = 6.0, values = 2.0, 4.0 /\n", tmp_path, name="curve")
+    points = solve(text + "&sweep parameter = 'load(2)%phase', values = 2.0, 4.0 /\n", tmp_path, name="points")
+    with Results(path) as curve, Results(points) as known:
+        phase = curve.per_point("load_2_phase")[curve.used]
+        size = np.array([curve.amplitude(p, "x1", (1,)) for p in curve.used])
+        load = abs(0.18 - 0.1j * np.exp(1j * phase))
+        assert np.ptp(load) > 0.15
+        assert size * abs(1 + 0.075 * size**2 - 0.25 + 0.025j) == pytest.approx(load, rel=1e-9)
+        there = curve.select({"curve_kind": "value"})
+        assert [curve.amplitude(p, "x1", (1,)) for p in there] == pytest.approx([known.amplitude(k, "x1", (1,)) for k in (0, 1)], rel=1e-10)
+
+
 def test_a_harmonic_lags_its_load_by_requested_angles(tmp_path):
     """With the fundamental alone a motion that lags by p has c w A = F sin(p) and A (1 + 3/4 k3 A**2 - w**2) = F cos(p)."""
     text = DUFFING.replace("order = 5", "order = 1") + "&error_estimate is_on = .false. /\n"

@@ -276,6 +276,24 @@ def test_powers_balance(tmp_path):
     assert abs(power_in - damping - laws) <= error * power_in
 
 
+def test_peak_forces_are_those_of_the_motion(tmp_path):
+    """A slider that slips carries its limit; the peak of a cubic spring follows from the largest displacement."""
+    model = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
+&tones frequency = 0.8 /
+&harmonics order = 15 /
+&load dof = 'x1', tuple = 1, cos = 0.5 /
+&law type = 'jenkins', dof = 'x1', stiffness = 2.0, limit = 0.2 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.7 /
+"""
+    motion, peak = read(solve(model, tmp_path), "coefficients", "peak_force")
+    tau = np.linspace(0.0, 2 * np.pi, 5000)
+    cos, sin = motion[0, 0].T
+    x = sum(c * np.cos(k * tau) + s * np.sin(k * tau) for k, (c, s) in enumerate(zip(cos, sin)))
+    assert peak[0, 0] == pytest.approx(0.2, rel=1e-9)
+    assert peak[0, 1] == pytest.approx(0.7 * np.abs(x).max() ** 3, rel=5e-3)
+
+
 RUBBED = """
 &structure type = 'matrices', n_dofs = 2, mass = 1.72, 0, 0, 1.88, damping = 0.472, 0.014, 0.014, 0.516,
    stiffness = 1.242, 0.073, 0.073, 1.359 /

@@ -15,6 +15,7 @@ _WORDS = {
     "tones%hertz": ("excitation frequency", "f"),
     "load%cos": ("amplitude", "F"),
     "load%sin": ("amplitude", "F"),
+    "load%phase": ("phase", r"\varphi"),
     "structure%speed": ("rotor speed", r"\Omega"),
     "normal_mode%amplitude": ("amplitude of the normal mode", "a"),
     "normal_mode%energy": ("energy of the normal mode", "E"),
