@@ -81,8 +81,10 @@ contains
             call group%get(trim(response_keys(i)), responses%names)
             if (target_keys(i) == "") cycle
             call group%get(trim(target_keys(i)), responses%targets)
-            if ((size(responses%targets) > 0) .neqv. (size(responses%names) > 0)) &
+            if (size(responses%targets) > 0 .and. size(responses%names) == 0) &
                call group%problem(trim(target_keys(i)), "require '"//trim(response_keys(i))//"' with their responses")
+            if (size(responses%targets) == 0 .and. size(responses%names) > 0) &
+               call group%problem(trim(response_keys(i)), "requires '"//trim(target_keys(i))//"', at which it is located")
          end associate
       end do
       call group%get("tie", tie)
