@@ -79,7 +79,8 @@ contains
       if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
       else
-         call say("the input is valid")
+         call say("the input is valid"//trim(merge("; nhbm integrate takes it", "                         ", &
+            study%model%system%tones%n_tones == 0)))
       end if
    end subroutine run_check
 
@@ -146,19 +147,24 @@ contains
          call say("structure   "//number_of(model%system%structure%n_dofs, "degree")//" of freedom")
          call describe_frequencies(model%system%structure)
          call describe_damping(model%system%structure)
-         tones = tone_text(model, 1)
-         samples = to_text(model%discretisation%torus%n_samples(1))
-         do i = 2, model%system%tones%n_tones
-            tones = tones//", "//tone_text(model, i)
-            samples = samples//" x "//to_text(model%discretisation%torus%n_samples(i))
-         end do
-         call say("tones       "//tones)
-         call describe_accuracy(model)
-         call say("harmonics   "//to_text(model%discretisation%harmonics%n_harmonics)//on_lowest(model%options%accuracy%grows_set))
-         call say("samples     "//samples//on_lowest(model%options%accuracy%refines_grid .and. model%options%accuracy%is_on))
-         call say("unknowns    "//to_text(model%discretisation%harmonics%n_coefficients*coordinates%n))
-         call describe_symmetry(model, coordinates%n)
-         call describe_memory(model)
+         if (model%system%tones%n_tones == 0) then
+            call say("tones       none: the model can only be integrated in time")
+         else
+            tones = tone_text(model, 1)
+            samples = to_text(model%discretisation%torus%n_samples(1))
+            do i = 2, model%system%tones%n_tones
+               tones = tones//", "//tone_text(model, i)
+               samples = samples//" x "//to_text(model%discretisation%torus%n_samples(i))
+            end do
+            call say("tones       "//tones)
+            call describe_accuracy(model)
+            call say("harmonics   "//to_text(model%discretisation%harmonics%n_harmonics)// &
+                     on_lowest(model%options%accuracy%grows_set))
+            call say("samples     "//samples//on_lowest(model%options%accuracy%refines_grid .and. model%options%accuracy%is_on))
+            call say("unknowns    "//to_text(model%discretisation%harmonics%n_coefficients*coordinates%n))
+            call describe_symmetry(model, coordinates%n)
+            call describe_memory(model)
+         end if
          do i = 1, size(model%system%laws)
             call say("law         "//model%system%laws(i)%law%label)
          end do

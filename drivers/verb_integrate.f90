@@ -16,7 +16,6 @@ module verb_integrate
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_outcome, only: outcome
    use hb_progress, only: log_level, new_progress, progress_t
-   use hb_run_callbacks, only: run_callbacks
    use hb_study, only: study_t
    use hb_text, only: to_text
    use hb_time_integration, only: report_motions
@@ -88,7 +87,7 @@ contains
       if (point == 1) return                                          ! as it is read
       document = study%document
       call study%plan%apply(point, document)
-      call read_model(study%model, document, error, callbacks=run_callbacks(is_followed=allocated(study%plan%curve)))
+      call read_model(study%model, document, error, callbacks=study%callbacks)
       call annotate(error, "point "//to_text(point - 1))
    end subroutine take_point
 
@@ -151,8 +150,10 @@ contains
                            [(amplitude_of(content, content%motion(i)), i=1, size(content%motion))], motions)
          call say(motions)
       end if
-      write (line, "(es7.1)") maxval(content%assessment%spread)
-      call say("largest difference between coefficients of both halves of the record: "//trim(line))
+      if (study%model%system%tones%n_tones > 0) then
+         write (line, "(es7.1)") maxval(content%assessment%spread)
+         call say("largest difference between coefficients of both halves of the record: "//trim(line))
+      end if
       call say_peaks(content%assessment, study%model%system%structure%labels(study%model%options%output%dofs))
    end subroutine integrate_to_file
 

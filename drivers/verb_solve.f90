@@ -439,7 +439,8 @@ contains
       call share_error(comm, error)
       if (allocated(error)) return
       call broadcast_text(comm, text, 0)
-      call make_study(study, options%input, text, options%overrides, comm, error)
+      call make_study(study, options%input, text, options%overrides, comm, error, &
+                      may_only_integrate=any(options%verb == [character(9) :: "check", "integrate"]))
    end subroutine load_study
 
    !> Creates the study of the input that is stored in a result file.
@@ -487,22 +488,23 @@ contains
 
    !> Creates a study on all ranks, one after the other: the first may have to reduce a model, and the others read the
    !> stored reduction.
-   subroutine make_study(study, name, text, overrides, comm, error)
+   subroutine make_study(study, name, text, overrides, comm, error, may_only_integrate)
       type(study_t), intent(out) :: study
       character(*), intent(in) :: name, text
       type(string_t), intent(in) :: overrides(:)
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: may_only_integrate             !! as of `new_study`
       type(string_t), allocatable :: lines(:)
       character(:), allocatable :: warning
       real(wp) :: memory
       integer :: i
 
       memory = memory_share(comm)
-      if (rank_of(comm) == 0) call new_study(study, name, text, overrides, error, memory)
+      if (rank_of(comm) == 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate)
       call share_error(comm, error)
       if (allocated(error)) return
-      if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory)
+      if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate)
       call share_error(comm, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
       warning = model_text(study%model, study%document)

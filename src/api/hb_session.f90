@@ -200,21 +200,24 @@ contains
       call self%input%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
       if (allocated(error)) return
       self%callbacks%is_followed = self%input%document%count("curve") > 0
+      self%callbacks%may_only_integrate = .true.
       call share_time(self, self%n_points)
       call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks)
       self%input%is_valid = .not. allocated(error)
    end subroutine read_document
 
    !> Updates the model to the present values. Fails with all errors of the input.
-   subroutine session_update(self, error)
+   subroutine session_update(self, error, has_balance)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: has_balance                    !! fails if the model can only be integrated in time
       logical :: is_new
 
       call self%input%check(error)
       if (allocated(error)) return
       call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks)
       if (is_new .and. allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
+      if (present(has_balance) .and. .not. allocated(error)) call self%model%system%check_balance(error)
    end subroutine session_update
 
    !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones.
@@ -302,7 +305,7 @@ contains
       call self%input%check(error)
       if (allocated(error)) return
       call share_time(self, self%n_points)
-      call self%update(error)
+      call self%update(error, has_balance=.true.)
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
       self%model%options%chain%is_on = is_warm
@@ -337,7 +340,7 @@ contains
       if (allocated(error)) return
       call self%plan%set(self%input%document, self%plan%start)
       call share_time(self, min(self%plan%n_points, usual_points))
-      call self%update(error)
+      call self%update(error, has_balance=.true.)
       if (.not. allocated(error)) call self%plan%make_request(self%model, self%input%document, self%runner%request, error)
       if (allocated(error)) return
       self%result = motion_result_t()
@@ -370,7 +373,7 @@ contains
       call end_curve(self)
       if (allocated(self%census)) deallocate (self%census)
       call share_time(self, self%n_points)
-      call self%update(error)
+      call self%update(error, has_balance=.true.)
       if (allocated(error)) return
       allocate (self%census)
       call self%cancellation%begin_work()
@@ -450,6 +453,7 @@ contains
       call forget_integration(self)
       document = self%input%document
       call read_model(model, document, error, callbacks=self%callbacks)
+      if (.not. allocated(error)) call model%system%check_balance(error)
       if (allocated(error)) return
       if (size(motion%coefficients, 3) /= model%system%structure%n_dofs) then
          call fail(error, "time integration starts from all degrees of freedom; solve without &output dofs")

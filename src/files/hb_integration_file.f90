@@ -110,7 +110,7 @@ contains
       if (laws%n_coordinates > 0) &
          call self%add_axis("law_coordinate", laws%n_coordinates, "coordinate of a law", laws%coordinate_labels())
       call self%add_axis("harmonic", size(origin%tuples, 2), "number of the harmonic")
-      call self%add_axis("tone", size(origin%tuples, 1), "number of the tone", first=1)
+      if (size(origin%tuples, 1) > 0) call self%add_axis("tone", size(origin%tuples, 1), "number of the tone", first=1)
       call self%add_axis("component", 2, "cosine or sine", ["cos", "sin"])
       associate (n => size(content%assessment%frequencies, 1))
          if (n > 0) call self%add_axis("peak", n, "number of the line, the largest first", first=1)

@@ -25,8 +25,10 @@ contains
          call t%real("force", "N", "law_coordinate time", "force of the laws on their coordinates, on the left-hand side", &
                      record%force)
          call t%real("cpu_seconds", "s", "", "processor time of the integration", record%cpu_seconds)
-         call t%real("frequency", "rad/s", "tone", "base frequencies", content%omega)
-         call t%integer("tuple", "1", "harmonic tone", "integer tuple j of each harmonic", tuples)
+         if (size(tuples, 1) > 0) then
+            call t%real("frequency", "rad/s", "tone", "base frequencies", content%omega)
+            call t%integer("tuple", "1", "harmonic tone", "integer tuple j of each harmonic", tuples)
+         end if
          call t%real("coefficients", of_dof, "dof harmonic component", &
                      "coefficients of the record by averages with a smooth window", pairs_of(assessment%coefficients))
          call t%real("spread", of_dof, "dof harmonic", "difference of the coefficients of both halves of the record", &

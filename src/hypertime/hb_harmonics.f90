@@ -64,7 +64,8 @@ contains
       call enumerate(self, [(order, m=1, n_tones)], order, odd_only, error)
    end subroutine new_diamond
 
-   !> Creates a set from a list of tuples; of j and -j either may be given, both are an error.
+   !> Creates a set from a list of tuples; of j and -j either may be given, both are an error. Without tones the only tuple is
+   !> the one without entries, the mean value.
    subroutine new_harmonics(self, tuples, error)
       type(harmonics_t), intent(out) :: self
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
@@ -72,7 +73,7 @@ contains
       integer :: h, n_tuples
 
       n_tuples = size(tuples, 2)
-      if (size(tuples, 1) < 1 .or. n_tuples < 1) then
+      if (n_tuples < 1) then
          call fail(error, "the set of harmonics is empty")
          return
       end if

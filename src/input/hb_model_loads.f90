@@ -15,7 +15,7 @@ module hb_model_loads
    use hb_text, only: to_text
    implicit none
    private
-   public :: loaded_tuples, read_loads, read_starts
+   public :: loaded_tuples, read_initial, read_loads, read_starts
 
 contains
 
@@ -56,6 +56,33 @@ contains
       call build_starts(self)
    end subroutine read_starts
 
+   !> Reads all `&initial`: the sum of their displacements and velocities.
+   subroutine read_initial(self, document)
+      type(model_t), intent(inout) :: self                            !! with its structure
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      integer, allocatable :: dofs(:)
+      real(wp), allocatable :: weights(:)
+      real(wp) :: displacement, velocity
+      integer :: i
+
+      if (document%count("initial") == 0) return
+      associate (config => self%options%integration)
+         allocate (config%displacement(self%system%structure%n_dofs), config%velocity(self%system%structure%n_dofs), source=0.0_wp)
+         do i = 1, document%count("initial")
+            group => document%group("initial", i)
+            call read_position(self%system, group, dofs, weights)
+            call group%get("displacement", displacement)
+            call group%get("velocity", velocity)
+            if (.not. (group%given("displacement") .or. group%given("velocity"))) &
+               call group%problem("displacement", "give 'displacement', 'velocity' or both")
+            if (.not. allocated(weights)) cycle
+            config%displacement(dofs) = config%displacement(dofs) + weights*displacement
+            config%velocity(dofs) = config%velocity(dofs) + weights*velocity
+         end do
+      end associate
+   end subroutine read_initial
+
    !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
    subroutine read_load(self, system, discretisation, group)
       type(load_t), intent(inout) :: self
@@ -78,30 +105,22 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(properties_t), intent(inout) :: group
-      character(:), allocatable :: name, vector
       integer, allocatable :: dofs(:)
       real(wp), allocatable :: weights(:)
-      type(error_t), allocatable :: error
 
-      call group%get("dof", name, required=.not. group%given("vector"))
-      call group%get("vector", vector)
-      if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
-      call group%get("tuple", self%tuple, n=system%tones%n_tones)
+      call read_position(system, group, dofs, weights)
+      if (system%tones%n_tones > 0) then
+         call group%get("tuple", self%tuple, n=system%tones%n_tones)
+      else
+         allocate (self%tuple(0))
+         if (group%given("tuple")) call group%problem("tuple", "there are no &tones, to which a tuple refers; leave it out")
+      end if
       call read_numbers(self, group)
       if (.not. (group%given("cos") .or. group%given("sin"))) then
          call group%problem("cos", "give 'cos', 'sin' or both")
       end if
-      if (.not. ((allocated(name) .or. allocated(vector)) .and. allocated(self%tuple))) return
+      if (.not. (allocated(weights) .and. allocated(self%tuple))) return
       if (size(self%tuple) /= system%tones%n_tones) return
-      if (allocated(vector)) then
-         call system%structure%vectors%find(vector, dofs, weights, error)
-         if (allocated(error)) call group%problem("vector", error%message)
-      else
-         call system%structure%find_dofs(name, dofs, error)
-         if (allocated(error)) call group%problem("dof", error%message)
-         if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
-      end if
-      if (allocated(error)) return
       if (discretisation%harmonics%index_of(self%tuple) == 0) then
          call group%problem("tuple", "tuple "//tuple_text(self%tuple)//" is not in the set of harmonics; give one entry per "// &
                             "tone, and raise the order in &harmonics if it is too low")
@@ -110,6 +129,28 @@ contains
       call move_alloc(dofs, self%dofs)
       call move_alloc(weights, self%weights)
    end subroutine read_amplitude
+
+   !> Reads `dof` or `vector`. Weights are not allocated after a problem.
+   subroutine read_position(system, group, dofs, weights)
+      type(system_t), intent(in) :: system
+      type(properties_t), intent(inout) :: group
+      integer, allocatable, intent(out) :: dofs(:)
+      real(wp), allocatable, intent(out) :: weights(:)
+      character(:), allocatable :: name, vector
+      type(error_t), allocatable :: error
+
+      call group%get("dof", name, required=.not. group%given("vector"))
+      call group%get("vector", vector)
+      if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
+      if (allocated(vector)) then
+         call system%structure%vectors%find(vector, dofs, weights, error)
+         if (allocated(error)) call group%problem("vector", error%message)
+      else if (allocated(name)) then
+         call system%structure%find_dofs(name, dofs, error)
+         if (allocated(error)) call group%problem("dof", error%message)
+         if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
+      end if
+   end subroutine read_position
 
    !> Tuples of all loads and first guesses, (n_tones, any); tuples of a wrong size are reported when they are read.
    function loaded_tuples(document, n_tones) result(tuples)

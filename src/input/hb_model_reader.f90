@@ -8,11 +8,12 @@ module hb_model_reader
    use hb_floquet, only: floquet_t
    use hb_frequency_part, only: frequency_part_t
    use hb_frequency_part_input, only: read_frequency_part
+   use hb_harmonics, only: new_harmonics
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: model_t
    use hb_model_laws, only: read_laws
-   use hb_model_loads, only: loaded_tuples, read_loads, read_starts
+   use hb_model_loads, only: loaded_tuples, read_initial, read_loads, read_starts
    use hb_model_number, only: has_number, model_number_t, model_tie_t, moving_groups, numbered_groups
    use hb_model_numbers, only: find_model_number, set_model_numbers
    use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
@@ -34,8 +35,8 @@ module hb_model_reader
    public :: find_number, group_names, movable_groups, read_model, update_model
 
    !> All groups that an input file may contain.
-   character(17), parameter :: group_names(19) = [character(17) :: &
-      "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", &
+   character(17), parameter :: group_names(20) = [character(17) :: &
+      "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "initial", &
       "normal_mode", "solver", "error_estimate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
 
    real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
@@ -196,21 +197,26 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
+      logical :: has_tones                                            ! otherwise there is nothing but a time integration
 
       call read_solver(self, document%optional_group("solver"))
       call read_whole_structure(self, document, error)
       if (allocated(error)) return
       self%options%may_integrate = document%count("dynamic_stiffness") == 0
-      call read_tones(self%system%tones, document, error)
+      call read_tones(self%system%tones, document, error, may_be_absent=self%options%callbacks%may_only_integrate)
       if (allocated(error)) return
+      has_tones = self%system%tones%n_tones > 0
       if (.not. self%options%may_integrate .and. any(self%system%tones%is_unknown)) then
          group => document%group("dynamic_stiffness", 1)
          call group%problem("type", "motions with unknown tones cannot have stiffness that depends on the frequency")
       end if
       call refuse_unknown_tones(document, self%system%tones)
-      call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &
-                         self%options%callbacks%is_followed)
-      if (self%options%accuracy%grows_set) then
+      if (has_tones) call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &
+                                        self%options%callbacks%is_followed)
+      if (.not. has_tones) then
+         call refuse_harmonics(document)
+         call new_harmonics(self%discretisation%harmonics, reshape([integer ::], [0, 1]), error)
+      else if (self%options%accuracy%grows_set) then
          call read_lowest_set(self%discretisation%harmonics, document, wanted_tuples(self%system, self%options, document), error, &
                               self%discretisation%symmetry)
          if (.not. allocated(error) .and. self%discretisation%harmonics%n_harmonics > self%options%accuracy%max_harmonics) then
@@ -231,13 +237,17 @@ contains
       call read_stability(self%options%stability, document%optional_group("stability"), &
                           is_patient=self%options%callbacks%is_followed .and. self%system%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
-      call read_sampling(self, document%optional_group("sampling"))
-      call check_size()
-      if (allocated(error)) return
+      if (has_tones) then
+         call read_sampling(self, document%optional_group("sampling"))
+         call check_size()
+         if (allocated(error)) return
+      end if
       call read_loads(self, document)
       call read_starts(self, document)
-      call check_symmetry(self%system, self%discretisation, document%optional_group("harmonics"))
-      call check_size()                                               ! again: loads determine whether motions are odd
+      if (has_tones) then
+         call check_symmetry(self%system, self%discretisation, document%optional_group("harmonics"))
+         call check_size()                                            ! again: loads determine whether motions are odd
+      end if
       if (allocated(error)) return
       call check_improvement(self%system, self%options, document%optional_group("error_estimate"))
       if (any(self%system%tones%is_unknown)) then
@@ -246,6 +256,7 @@ contains
       end if
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_integration(self%options%integration, document%optional_group("integration"))
+      call read_initial(self, document)
       call put_ties(self, document)
       call read_gradient(self, document)
       if (.not. self%options%may_integrate) call refuse_integration()
@@ -275,6 +286,20 @@ contains
          call annotate(error, document%file_name)
       end subroutine check_size
    end subroutine read_parts
+
+   !> Rejects what is given about harmonics of tones that there are not.
+   subroutine refuse_harmonics(document)
+      type(document_t), intent(inout), target :: document
+      character(10), parameter :: names(3) = [character(10) :: "harmonics", "accuracy", "sampling"]
+      type(properties_t), pointer :: group
+      integer :: i
+
+      do i = 1, size(names)
+         if (document%count(trim(names(i))) == 0) cycle
+         group => document%group(trim(names(i)), 1)
+         call group%problem_as_is(group%location()//": there are no harmonics without &tones; leave it out, or give &tones")
+      end do
+   end subroutine refuse_harmonics
 
    !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` stops the reading.
    subroutine read_whole_structure(self, document, error)

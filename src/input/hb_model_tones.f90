@@ -22,17 +22,25 @@ module hb_model_tones
 contains
 
    !> Reads `&tones`: `frequency` [rad/s] or `hertz`, the `unknown` ones, and their divisors (`subharmonic`).
-   subroutine read_tones(self, document, error)
+   subroutine read_tones(self, document, error, may_be_absent)
       type(tones_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: may_be_absent                  !! without the group there is no tone; default: an error
       type(properties_t), pointer :: group
       real(wp), allocatable :: omega(:)
       logical, allocatable :: is_unknown(:)
       character(:), allocatable :: key
       integer :: subharmonic
 
+      if (present(may_be_absent)) then
+         if (may_be_absent .and. document%count("tones") == 0) then
+            allocate (self%omega(0), self%is_unknown(0))
+            return
+         end if
+      end if
       call document%required_group("tones", group, error)
+      if (allocated(error)) error%message = error%message//"; without it a model can only be integrated in time"
       if (allocated(error)) return
       if (group%given("hertz")) then
          if (group%given("frequency")) then

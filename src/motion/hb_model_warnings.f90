@@ -120,13 +120,13 @@ contains
    end function significant
 
    !> Whether nothing drives the model: no load, no law that depends on tones, and no unknown tone of a self-excited
-   !> motion.
+   !> motion. Without tones a free motion is integrated.
    pure logical function has_no_load(system, discretisation)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       integer :: i
 
-      has_no_load = .not. any(system%tones%is_unknown) .and. discretisation%loads%is_zero() .and. &
+      has_no_load = system%tones%n_tones > 0 .and. .not. any(system%tones%is_unknown) .and. discretisation%loads%is_zero() .and. &
                     .not. any([(allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])
    end function has_no_load
 

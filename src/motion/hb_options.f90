@@ -93,6 +93,7 @@ module hb_options
       class(time_domain_solver_t), allocatable :: time_domain_solver  !! not allocated: there is no time integration
       real(wp) :: share_of_integration = 1.0_wp                       !! of a point, of the work of time integration
       logical :: is_followed = .false.                                !! the motion is the first one of a curve
+      logical :: may_only_integrate = .false.                         !! models may lack what a balance needs, such as tones
    end type callbacks_t
 
    type :: options_t

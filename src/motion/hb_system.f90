@@ -1,6 +1,7 @@
 !> The system whose motions are computed: structure, laws, loads and base frequencies. It has no harmonics and no settings.
 module hb_system
    use hb_bearing, only: bearing_t
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
    use hb_load, only: load_t
@@ -28,10 +29,19 @@ module hb_system
       type(model_tie_t), allocatable :: ties(:)                       !! by which numbers follow others, in their order
    contains
       procedure :: has_restitution => system_has_restitution
+      procedure :: check_balance => system_check_balance
       procedure :: may_jump_within_period => system_may_jump_within_period
    end type system_t
 
 contains
+
+   !> Fails if the system has no balance, so that it can only be integrated in time.
+   pure subroutine system_check_balance(self, error)
+      class(system_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      if (self%tones%n_tones == 0) call fail(error, "missing group &tones; without it a model can only be integrated in time")
+   end subroutine system_check_balance
 
    !> Whether there are walls and all of them have a given restitution, of their own or by default.
    logical function system_has_restitution(self, default) result(has)

@@ -43,6 +43,7 @@ module hb_time_domain
       real(wp) :: restitution = -1.0_wp                               !! of walls without their own; < 0: not given
       real(wp) :: spectral_radius = 0.8_wp                            !! of generalized_alpha at infinite frequency
       integer :: start = integration_start%rest
+      real(wp), allocatable :: displacement(:), velocity(:)           !! added to the initial state [m], [m/s], (n_dofs)
       character(:), allocatable :: record                             !! file with the record to be continued
       integer :: starts = 1                                           !! states from which to integrate
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom

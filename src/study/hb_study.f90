@@ -52,13 +52,14 @@ module hb_study
 contains
 
    !> Reads the text of an input file with its overrides; fails with all problems of the first point and of the sweep.
-   subroutine new_study(self, file_name, text, overrides, error, available_memory)
+   subroutine new_study(self, file_name, text, overrides, error, available_memory, may_only_integrate)
       type(study_t), intent(out), target :: self
       character(*), intent(in) :: file_name                           !! for messages
       character(*), intent(in) :: text
       type(string_t), intent(in) :: overrides(:)                      !! path=value, as in --set
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
+      logical, intent(in), optional :: may_only_integrate             !! as of the callbacks; default: false
       type(document_t), target :: first
       type(curve_request_t), allocatable :: request
       type(tones_t) :: tones
@@ -80,6 +81,7 @@ contains
       end if
       call self%plan%apply(1, first)
       self%callbacks = run_callbacks(self%plan%n_expected(), allocated(self%plan%curve))
+      if (present(may_only_integrate)) self%callbacks%may_only_integrate = may_only_integrate
       call read_model(self%model, first, error, self%available_memory, self%callbacks)
       if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
       if (.not. allocated(error)) call refuse_hidden(self%plan, first, overrides, error)
@@ -98,7 +100,9 @@ contains
          if (allocated(error)) return
       end if
       call write_complete_text(first, self%input_complete)
-      if (self%model%options%accuracy%grows_set) then
+      if (self%model%system%tones%n_tones == 0) then
+         self%tuples = self%model%discretisation%harmonics%tuples
+      else if (self%model%options%accuracy%grows_set) then
          allocate (self%tuples(self%model%system%tones%n_tones, share_of_integrated*self%model%options%accuracy%max_harmonics), &
                    source=0)
       else

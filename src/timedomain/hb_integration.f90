@@ -42,12 +42,17 @@ contains
 
       if (options%integration%duration <= 0.0_wp) then
          call fail(error, "&integration: missing key 'duration', which needs a real number [s]")
+      else if (system%tones%n_tones == 0 .and. options%integration%step <= 0.0_wp) then
+         call fail(error, "&integration: missing key 'step', which needs a real number [s]: without &tones there is no period")
+      else if (system%tones%n_tones == 0 .and. options%integration%starts > 1) then
+         call fail(error, "&integration starts: other starts have velocities that follow from &tones, which are missing; give 1")
       else if (options%integration%starts > 1 .and. any(system%tones%is_unknown)) then
          call fail(error, "&integration starts: motions with an unknown tone differ by its phase, too; give 1")
       end if
    end subroutine check_integration
 
-   !> Integrates from rest, from the sum of the `&start` amplitudes, or from the end of an earlier record.
+   !> Integrates from rest, from the sum of the `&start` amplitudes, or from the end of an earlier record; all `&initial` are
+   !> added.
    subroutine integrate_model(self, system, discretisation, options, error, earlier)
       type(integration_t), intent(out), target :: self
       type(system_t), intent(in) :: system
@@ -71,6 +76,10 @@ contains
       else if (options%integration%start == integration_start%given) then
          self%state%q = sum(real(discretisation%start%values), 2)
          self%state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
+      end if
+      if (allocated(options%integration%displacement)) then
+         self%state%q = self%state%q + options%integration%displacement
+         self%state%v = self%state%v + options%integration%velocity
       end if
       step = step_of(options%integration, self%omega)
       call integrate_from(self%system, options%integration, step, options%output%dofs, self%state, self%record, error)

@@ -11,6 +11,7 @@ import pytest
 import xarray
 
 from nhbm_post import integration as post_integration
+from nhbm_post.errors import ReaderError
 from program import BAD_INPUT, NOT_ALL_CONVERGED, checksum_of_row, read, run, solve
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
@@ -230,6 +231,79 @@ def test_point_of_a_sweep_is_followed(tmp_path):
     stiffer = FORCED.replace("stiffness=0.5", "stiffness=2")
     alone = integration(stiffer + "&integration duration=10, step=0.1 /", tmp_path, name="alone")
     np.testing.assert_array_equal(read(second, "displacement"), read(alone, "displacement"))
+
+
+# Free motions
+
+
+DECAY = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=4 /\n"
+PUSHED = DECAY + "&initial dof='x1', displacement=0.02, velocity=-0.1 /\n"
+
+
+def decay(t, x0, v0):
+    """Free motion of DECAY."""
+    w = np.sqrt(4 - 0.05**2)
+    return np.exp(-0.05 * t) * (x0 * np.cos(w * t) + (v0 + 0.05 * x0) / w * np.sin(w * t))
+
+
+@pytest.mark.parametrize(
+    ("method", "tolerance"), [("cvode", 1e-10), ("runge_kutta_4", 1e-8), ("central_differences", 1e-4), ("generalized_alpha", 1e-3)]
+)
+def test_free_decay_without_a_tone(tmp_path, method, tolerance):
+    record = integration(PUSHED + f"&integration duration=60, step=0.01, method='{method}' /", tmp_path)
+    t, x = read(record, "time", "displacement")
+    np.testing.assert_allclose(x[0], decay(t, 0.02, -0.1), atol=0.054 * tolerance)
+    assert "tones" not in post_integration.info(record)
+    with pytest.raises(ReaderError, match="has no harmonics"):
+        post_integration.read_series(record, "x1")
+
+
+def test_a_velocity_is_that_of_an_impulse(tmp_path):
+    """Momentum of the second of three free masses: the centre moves with a third of its velocity."""
+    chain = "&structure type='chain', n_masses=3, mass=1, coupling_stiffness=5, ends='free' /\n&law type='cubic_spring', "
+    chain += "dofs='x1', 'x2', weights=1, -1, stiffness=7 /\n&initial dof='x2', velocity=3 /\n&integration duration=5, step=0.1 /"
+    t, x = read(integration(chain, tmp_path), "time", "displacement")
+    np.testing.assert_allclose(x.mean(axis=0), t, atol=1e-9)
+
+
+def test_initial_states_are_added(tmp_path):
+    """To a motion under a load and to the end of a record: the free motion is superposed."""
+    forced = DECAY + "&tones frequency=1.3 /\n&harmonics order=1 /\n&load dof='x1', tuple=1, cos=0.4 /\n"
+    rest = integration(forced + "&integration duration=30, step=0.1 /", tmp_path, name="rest")
+    pushed = "&initial dof='x1', displacement=0.02 /\n&initial dof='x1', velocity=-0.1 /\n"
+    first = integration(forced + pushed + "&integration duration=10, step=0.1 /", tmp_path, name="first")
+    t, x = read(first, "time", "displacement")
+    np.testing.assert_allclose(x[0] - read(rest, "displacement")[0, :101], decay(t, 0.02, -0.1), atol=1e-9)
+    integration(forced + "&integration duration=10, step=0.1 /", tmp_path, name="calm")
+    kicked = integration(forced + pushed + "&integration duration=20, step=0.1, continue='calm.h5' /", tmp_path, name="kicked")
+    x = read(kicked, "displacement")[0] - read(rest, "displacement")[0, 100:]
+    np.testing.assert_allclose(x, decay(0.1 * np.arange(201), 0.02, -0.1), atol=1e-9)
+
+
+def test_check_says_that_a_model_without_tones_is_integrated(tmp_path):
+    (tmp_path / "free.nml").write_text(PUSHED + "&integration duration=60, step=0.01 /")
+    done = run("check", "free.nml", cwd=tmp_path)
+    assert done.status == 0 and "tones       none" in done.stdout and "warning" not in done.stdout
+    for verb in ("solve", "plan", "census"):
+        done = run(verb, "free.nml", cwd=tmp_path)
+        assert done.status == BAD_INPUT and "free.nml: missing group &tones" in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PUSHED + "&integration duration=60 /", "&integration: missing key 'step'"),
+        (PUSHED + "&integration duration=60, step=0.1, starts=2 /", "&integration starts: other starts"),
+        (PUSHED + "&harmonics order=3 /\n&integration duration=60, step=0.1 /", "no harmonics without &tones"),
+        (PUSHED + "&load dof='x1', tuple=1, cos=1 /\n&integration duration=6, step=0.1 /", "no &tones, to which a tuple refers"),
+        (DECAY + "&initial dof='x1' /\n&integration duration=6, step=0.1 /", "bad.nml:2: &initial: give 'displacement'"),
+        (DECAY + "&initial dof='x2', velocity=1 /\n&integration duration=6, step=0.1 /", "bad.nml:2: &initial: dof"),
+    ],
+)
+def test_free_motions_that_are_incomplete(tmp_path, text, words):
+    (tmp_path / "bad.nml").write_text(text)
+    done = run("integrate", "bad.nml", cwd=tmp_path)
+    assert done.status == BAD_INPUT and words in done.stderr, done.stderr
 
 
 # Unknown tones

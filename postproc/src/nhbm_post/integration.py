@@ -33,8 +33,9 @@ def info(path) -> str:
                 f"file       {path}",
                 f"written by nhbm {file.attrs['program_version']}, commit {file.attrs['git_commit']}, {file.attrs['created_utc']}",
                 f"record     by {str(file.attrs['method']).replace('_', ' ')}, {len(t)} samples from {t[0]:g} to {t[-1]:g} s",
-                f"tones      {', '.join(f'{w:.10g}' for w in np.atleast_1d(file['frequency'][()]))} rad/s",
             ]
+            if "frequency" in file:
+                lines.append(f"tones      {', '.join(f'{w:.10g}' for w in np.atleast_1d(file['frequency'][()]))} rad/s")
             lines += [f"largest    {np.max(np.abs(x)):.4g} at {dof}" for dof, x in zip(dofs, file["displacement"][()], strict=True)]
             if "peak_frequency" in file:
                 sizes = np.hypot(*np.moveaxis(file["peak_coefficients"][()], -1, 0))
@@ -54,6 +55,8 @@ def read_series(path, dof: str | None) -> tuple[Series, str, bool]:
     """Harmonics of one degree of freedom (default: the first) at the tones of a record, a title, and whether it is in hertz."""
     try:
         with open_hdf5(path) as file:
+            if "tuple" not in file:
+                raise ReaderError(f"{path}: has no harmonics, since the model has no tones; nhbm-post time shows the motion")
             labels = list(file["dof"].asstr()[()])
             k, stored = _row(path, labels, dof or labels[0]), file["coefficients"]
             units = text_of(stored.attrs.get("dof_units", "")).split() or [text_of(stored.attrs["units"])] * len(labels)

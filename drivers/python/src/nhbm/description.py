@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
-_CHECKED = "load", "start", "law", "bearing", "dynamic_stiffness"  # groups that are checked when they are added
+_CHECKED = "load", "start", "initial", "law", "bearing", "dynamic_stiffness"  # groups that are checked when they are added
 _CHECKED_DOFS = 100  # of the largest structure for it
 _SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
@@ -222,6 +222,23 @@ class Description(Laws):
             Further keys of &start.
         """
         self._add("start", {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys})
+
+    @exclusive
+    def initial(self, dof: str | None = None, displacement: float = 0.0, velocity: float = 0.0, **keys: Any) -> None:
+        """Adds to the state from which `integrate` begins.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; alternatively ``vector="name"``, a load vector of the structure as a shape.
+        displacement, velocity : float
+            In the unit of the degree of freedom [m or rad] and per second.
+        **keys
+            Further keys of &initial.
+        """
+        keys = {"dof": dof, "displacement": displacement, "velocity": velocity, **keys}
+        check_keys("initial", keys)
+        self._add("initial", keys)
 
     @exclusive
     def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from nhbm import signatures
 
-REPEATED = "load", "law", "start", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several
+REPEATED = "load", "law", "start", "initial", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several
 GROUPS = (
-    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode",
-    "solver", "error_estimate", "stability",
+    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "initial",
+    "normal_mode", "solver", "error_estimate", "stability",
     "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them

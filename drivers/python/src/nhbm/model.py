@@ -441,7 +441,7 @@ class Model(Description):
 
     @exclusive
     def integrate(self, duration: float | None = None, *, order: int | None = None, **keys: Any) -> xr.Dataset:
-        """Integrates the model in time, by default from rest.
+        """Integrates the model in time, by default from rest. A model without tones needs a `step`.
 
         Parameters
         ----------
