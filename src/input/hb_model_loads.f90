@@ -11,7 +11,7 @@ module hb_model_loads
    use hb_model_numbers, only: build_loads, build_starts, unknown_tone_of
    use hb_number_reader, only: read_numbers
    use hb_properties, only: properties_t
-   use hb_system, only: system_t
+   use hb_system, only: only_in_time, system_t
    use hb_text, only: to_text
    implicit none
    private
@@ -32,6 +32,8 @@ contains
       do i = 1, size(self%system%loads)
          group => document%group("load", i)
          call read_load(self%system%loads(i), self%system, self%discretisation, group)
+         if (self%system%loads(i)%course%is_given .and. .not. self%options%callbacks%may_only_integrate) &
+            call group%problem(trim(first_given(group)), only_in_time)
          if (.not. allocated(self%system%loads(i)%weights)) cycle
          if (unknown_tone_of(self%system, i) > 0) call group%problem("tuple", "tone "//to_text(unknown_tone_of(self%system, i))// &
             " of &tones is unknown, and a load needs a given frequency; a first guess is given by &start")
@@ -96,8 +98,59 @@ contains
       self%unit = units(max(0, min(self%power, 4)))
       if (self%kind == load_kind%base_acceleration) self%unit = "m/s2"
       if (self%kind == load_kind%base_displacement) self%unit = "m"
+      call read_course(self, group)
       call read_amplitude(self, system, discretisation, group)
+      if (self%course%is_given .and. .not. self%course%has_own_frequency .and. allocated(self%tuple)) then
+         if (size(self%tuple) == system%tones%n_tones) self%course%frequency = dot_product(self%tuple, system%tones%omega)
+      end if
    end subroutine read_load
+
+   !> Reads the course of a load over time.
+   subroutine read_course(self, group)
+      type(load_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      integer :: chirp                                                ! linear, exponential
+
+      associate (course => self%course)
+         course%is_given = first_given(group) /= ""
+         if (.not. course%is_given) return
+         course%has_own_frequency = group%given("frequency")
+         course%is_chirp = group%given("end_frequency")
+         course%power = self%power
+         if (group%given("begin")) call group%get("begin", course%begin)
+         if (group%given("end")) call group%get("end", course%end)
+         if (course%has_own_frequency) call group%get("frequency", course%frequency)
+         if (course%has_own_frequency .and. group%given("begin")) course%origin = course%begin
+         if (course%is_chirp) call group%get("end_frequency", course%end_frequency)
+         call group%choose("chirp", chirp)
+         course%is_exponential = chirp == 2
+         if (course%end <= max(course%begin, merge(course%origin, -huge(1.0_wp), course%is_chirp))) &
+            call group%problem("end", "must be later than the begin of the load")
+         if (course%is_chirp .and. .not. (group%given("end") .and. course%has_own_frequency)) then
+            call group%problem("end_frequency", "needs 'frequency', from which it changes, and 'end', when it is reached")
+         else if (course%is_exponential .and. .not. (course%is_chirp .and. course%frequency > 0.0_wp .and. &
+                                                     course%end_frequency > 0.0_wp)) then
+            call group%problem("chirp", "'exponential' needs 'frequency' and 'end_frequency' above 0")
+         end if
+         if (course%has_own_frequency .and. group%given("tuple")) &
+            call group%problem("frequency", "give either 'tuple' or 'frequency', not both")
+         if (self%kind == load_kind%base_displacement) call group%problem("kind", "a base that jumps or changes its frequency "// &
+            "is given by its acceleration: 'base_acceleration'")
+      end associate
+   end subroutine read_course
+
+   !> The first key of the course of a load that is given; empty: none.
+   function first_given(group) result(key)
+      type(properties_t), intent(in) :: group
+      character(13) :: key
+      character(13), parameter :: keys(5) = [character(13) :: "begin", "end", "frequency", "end_frequency", "chirp"]
+      integer :: i
+
+      key = ""
+      do i = size(keys), 1, -1
+         if (group%given(trim(keys(i)))) key = keys(i)
+      end do
+   end function first_given
 
    !> Reads `&load` and `&start`: `dof` or `vector`, `tuple`, `cos`, `sin`. Weights are not allocated after a problem.
    subroutine read_amplitude(self, system, discretisation, group)
@@ -109,7 +162,9 @@ contains
       real(wp), allocatable :: weights(:)
 
       call read_position(system, group, dofs, weights)
-      if (system%tones%n_tones > 0) then
+      if (self%course%has_own_frequency) then
+         self%tuple = spread(0, 1, system%tones%n_tones)
+      else if (system%tones%n_tones > 0) then
          call group%get("tuple", self%tuple, n=system%tones%n_tones)
       else
          allocate (self%tuple(0))
@@ -121,7 +176,7 @@ contains
       end if
       if (.not. (allocated(weights) .and. allocated(self%tuple))) return
       if (size(self%tuple) /= system%tones%n_tones) return
-      if (discretisation%harmonics%index_of(self%tuple) == 0) then
+      if (discretisation%harmonics%index_of(self%tuple) == 0 .and. .not. self%course%is_given) then
          call group%problem("tuple", "tuple "//tuple_text(self%tuple)//" is not in the set of harmonics; give one entry per "// &
                             "tone, and raise the order in &harmonics if it is too low")
          return

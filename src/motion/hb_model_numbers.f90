@@ -281,6 +281,7 @@ contains
       do i = 1, size(system%loads)
          associate (load => system%loads(i))
             if (.not. allocated(load%weights)) cycle                  ! a problem that has been reported
+            if (load%course%is_given) cycle                           ! of time integration alone
             if (unknown_tone_of(system, i) > 0) then
                call fail(error, "load "//to_text(i)//": tone "//to_text(unknown_tone_of(system, i))// &
                          " is unknown, and a load needs a given frequency")

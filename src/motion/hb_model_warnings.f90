@@ -127,6 +127,7 @@ contains
       integer :: i
 
       has_no_load = system%tones%n_tones > 0 .and. .not. any(system%tones%is_unknown) .and. discretisation%loads%is_zero() .and. &
+                    .not. any(system%loads%course%is_given) .and. &
                     .not. any([(allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])
    end function has_no_load
 

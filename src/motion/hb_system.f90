@@ -9,10 +9,15 @@ module hb_system
    use hb_normal_mode, only: normal_mode_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
+   use hb_text, only: to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: system_t
+   public :: only_in_time, system_t
+
+   !> Why a load with a course over time has no balance.
+   character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
+      "(nhbm integrate); a motion with &tones has only loads with a 'tuple'"
 
    type :: system_t
       class(structure_builder_t), allocatable :: builder              !! of the structure without bearings
@@ -40,7 +45,14 @@ contains
       class(system_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      if (self%tones%n_tones == 0) call fail(error, "missing group &tones; without it a model can only be integrated in time")
+      integer :: i
+
+      if (self%tones%n_tones == 0) then
+         call fail(error, "missing group &tones; without it a model can only be integrated in time")
+      else if (any(self%loads%course%is_given)) then
+         i = findloc(self%loads%course%is_given, .true., dim=1)
+         call fail(error, "&load "//to_text(i)//": "//only_in_time)
+      end if
    end subroutine system_check_balance
 
    !> Whether there are walls and all of them have a given restitution, of their own or by default.

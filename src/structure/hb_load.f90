@@ -5,6 +5,7 @@ module hb_load
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
+   use hb_load_course, only: load_course_t
    use hb_numbers, only: number_t, numbered_t, numbers_t
    use hb_structure, only: structure_t
    implicit none
@@ -28,12 +29,14 @@ module hb_load
       real(wp) :: cosine = 0.0_wp, sine = 0.0_wp
       real(wp) :: phase = 0.0_wp                                      !! [rad], without effect for the zero tuple
       character(4) :: unit = "N"                                      !! of both
+      type(load_course_t) :: course                                   !! over time; given: no load of the balance
    contains
       procedure :: declare_numbers => load_declare_numbers
       procedure :: add_to => load_add_to
       procedure :: add_slope_to => load_add_slope_to
       procedure :: is_affine_in => load_is_affine_in
       procedure :: grows => load_grows
+      procedure :: amplitude => load_amplitude
       procedure :: depends_on_structure => load_depends_on_structure
    end type load_t
 
@@ -105,6 +108,23 @@ contains
       if (present(slopes)) &
          call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
    end subroutine load_add_to
+
+   !> Amplitude cos - i sin of a load of constant frequency, without the power of the frequency.
+   pure function load_amplitude(self, structure) result(amplitude)
+      class(load_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      complex(wp) :: amplitude(structure%n_dofs)                      !! [N]
+      complex(wp) :: ahead
+      integer :: i
+
+      ahead = (1.0_wp, 0.0_wp)
+      if (self%course%has_own_frequency .or. any(self%tuple /= 0)) ahead = cmplx(cos(self%phase), sin(self%phase), wp)
+      amplitude = (0.0_wp, 0.0_wp)
+      do i = 1, size(self%dofs)
+         amplitude(self%dofs(i)) = amplitude(self%dofs(i)) + self%weights(i)*cmplx(self%cosine, -self%sine, wp)*ahead
+      end do
+      if (self%kind == load_kind%base_acceleration) amplitude = -structure%mass_times(amplitude)
+   end function load_amplitude
 
    !> Adds the derivative of the force by one of its numbers: linear in the amplitudes, and a quarter of a period ahead for the phase.
    subroutine load_add_slope_to(self, number, structure, set, frequencies, slope)

@@ -81,6 +81,7 @@ contains
 
       call put_before_walls(self%rigid, self%system%laws%shape, self%accelerance, state%q)
       call self%system%accelerations%begin(state%time, self%step)
+      call self%system%accelerations%act_within(state%time, state%time + 0.5_wp*self%step)
       call self%system%laws%start_step(state%time, state%q, state%v, state%s)
       call self%system%accelerations%here(self%a)
       call self%system%accelerate(state%q, state%v, 0.0_wp, self%a)
@@ -107,6 +108,7 @@ contains
          end if
          q = q + h*half_v
          call system%accelerations%go_on()
+         call system%accelerations%act_within(time_after - 0.5_wp*h, time_after + 0.5_wp*h)
          ! (1 + h/2 M^-1 D) a = M^-1 (F - K q - S f - D v(n+1/2)), laws at the velocity that the last acceleration predicts
          v = half_v + 0.5_wp*h*a
          call system%accelerations%here(a)

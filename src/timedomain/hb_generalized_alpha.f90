@@ -86,6 +86,7 @@ contains
       integer :: pivots(self%system%n_dofs)
 
       n = self%system%n_dofs
+      call self%system%loads%act_within(state%time, state%time + 0.5_wp*self%step)
       call self%system%loads%at(state%time, self%a)
       self%a = self%a - matmul(self%damping, state%v) - matmul(self%stiffness, state%q)
       call self%system%laws%start_step(state%time, state%q, state%v, state%s)
@@ -134,6 +135,7 @@ contains
          ! q_new = q_guess where a_new = a_guess = -(...)/(beta h**2) makes the unknown q_new itself
          q_guess = q + h*v + (0.5_wp - beta)*h**2*a
          v_guess = v + (1.0_wp - gamma)*h*a
+         call self%system%loads%act_within(time_after - 0.5_wp*h, time_after + 0.5_wp*h)
          call self%system%loads%at(time_after, load)
          a_before = (1.0_wp - am)/(beta*h**2)*q_guess - am*a
          v_before = gamma/(beta*h)*q_guess - v_guess

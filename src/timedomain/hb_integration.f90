@@ -69,7 +69,8 @@ contains
       call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
       frequencies = discretisation%harmonics%frequencies(self%omega)
-      call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, self%omega)
+      call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, &
+                                  self%omega, system%loads)
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
       if (present(earlier)) then
          self%state = earlier
@@ -112,7 +113,7 @@ contains
       kind = 1
       do i = 1, size(each)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     frequencies, system%tones%omega)
+                                     frequencies, system%tones%omega, system%loads)
          if (i == 1) then
             size_of_motion = maxval(abs(matmul(content%record%every_displacement, equations%laws%shape(options%output%dofs, :))))
             if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))

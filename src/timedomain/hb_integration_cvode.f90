@@ -26,6 +26,7 @@ module hb_integration_cvode
    real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
    real(wp), parameter :: short_flight = 0.1_wp                       ! relative speed: slower, a step may pass over a flight
    integer, parameter :: no_longer_counted = -1
+   real(wp), parameter :: time_rounding = 64.0_wp*epsilon(1.0_wp)     ! of a time, relative
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
 
    type, extends(integrator_t) :: integration_cvode_t
@@ -89,7 +90,7 @@ contains
          y(:n) = state%q
          y(n + 1:) = state%v
          fastest = 1.0_wp/self%step
-         if (self%system%loads%n_active > 0) fastest = max(fastest, maxval(self%system%loads%frequency))
+         fastest = max(fastest, self%system%loads%highest_frequency())
          do i = 1, n
             if (self%system%structure%mass(i, i) > 0.0_wp) fastest = max(fastest, &
                sqrt(abs(self%system%structure%stiffness(i, i))/self%system%structure%mass(i, i)))
@@ -105,11 +106,21 @@ contains
          equations%leaving = 0
          self%impacts = spread(0, 1, 2*size(equations%rigid))
          call self%equations%hold_active()
-         call self%system%accelerations%begin(state%time, 0.0_wp)
-         call choose_branches(self, 0.0_wp)                           ! may change velocities, therefore first
-         call begin_at(self, state%time, error)
+         call begin_here(self, state%time, error)
       end associate
    end subroutine integration_cvode_begin
+
+   !> Begins at the present values, with the loads that act from there on.
+   subroutine begin_here(self, time, error)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      type(error_t), allocatable, intent(out) :: error
+
+      call self%system%accelerations%begin(time, 0.0_wp)
+      call act_from(self, time)
+      call choose_branches(self, 0.0_wp)                              ! may change velocities, therefore first
+      call begin_at(self, time, error)
+   end subroutine begin_here
 
    !> Sets the origin of time.
    subroutine begin_at(self, time, error)
@@ -123,6 +134,26 @@ contains
       call self%cvode%restart(0.0_wp, error)
    end subroutine begin_at
 
+   !> The loads act as they do between a time and the next one at which one of them begins or ends.
+   subroutine act_from(self, time)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      real(wp) :: next
+
+      associate (loads => self%system%accelerations)
+         next = min(next_edge(self, time), time + self%step)
+         call loads%act_within(0.5_wp*(time + next), next)
+      end associate
+   end subroutine act_from
+
+   !> The first time at which a load begins or ends, clearly after another one: CVODE needs some distance.
+   pure real(wp) function next_edge(self, time) result(edge)
+      class(integration_cvode_t), intent(in) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+
+      edge = self%system%accelerations%next_edge(time + time_rounding*max(abs(time), self%step))
+   end function next_edge
+
    subroutine integration_cvode_take_step(self, time, time_after, state, error)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: time, time_after
@@ -131,12 +162,14 @@ contains
       integer :: found(self%equations%n_events()), n_events
       logical :: goes_on                                              ! after an extreme, without a restart
       logical :: is_event
+      real(wp) :: edge                                                ! where a load begins or ends
       real(wp) :: t, t_extreme                                        ! from the base
 
       goes_on = .false.
       t_extreme = 0.0_wp
+      edge = next_edge(self, time)
       do n_events = 1, max_events
-         call self%cvode%advance(time_after - self%base, t, is_event, found, error)
+         call self%cvode%advance(min(edge, time_after) - self%base, t, is_event, found, error)
          if (allocated(error) .and. goes_on) then                     ! the rate is zero for some time: not to be passed without one
             deallocate (error)
             goes_on = .false.
@@ -150,6 +183,15 @@ contains
             return
          end if
          self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
+         if (.not. is_event .and. edge <= time_after + time_rounding*max(abs(time_after), self%step)) then
+            is_event = edge < time_after - time_rounding*max(abs(time_after), self%step)
+            if (.not. is_event) edge = time_after
+            call begin_here(self, edge, error)
+            if (allocated(error)) return
+            edge = next_edge(self, edge)
+            goes_on = .false.
+            if (is_event) cycle
+         end if
          if (.not. is_event) exit
          goes_on = all(found(:self%equations%n_branch_events()) == 0)
          if (goes_on) then

@@ -10,6 +10,8 @@ module hb_integration_system
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
+   use hb_load, only: load_t
+   use hb_load_course, only: load_course_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -26,7 +28,8 @@ module hb_integration_system
 
    integer(int64), parameter :: steps_between_cosines = 512_int64              ! rotation errors grow with the steps since
 
-   !> Loads as functions of time, sum over tuples of Re(F_j exp(i j.omega t)), stepped by rotation of phasors.
+   !> Loads as functions of time, sum over tuples of Re(F_j exp(i j.omega t)), stepped by rotation of phasors; and loads with a
+   !> course of their own, which act during a share of an interval that the integrator sets.
    type :: integration_loads_t
       integer :: n_active = 0
       real(wp), allocatable :: frequency(:)                           !! [rad/s], (n_active)
@@ -34,7 +37,14 @@ module hb_integration_system
       complex(wp), allocatable :: phasor(:), rotation(:)              !! (n_active)
       real(wp) :: origin = 0.0_wp, step = 0.0_wp                      !! [s]
       integer(int64) :: n_steps = 0                                   !! since `origin`
+      type(load_course_t), allocatable :: course(:)                   !! of the loads with one, (n_courses)
+      complex(wp), allocatable :: amplitude(:, :)                     !! cos - i sin, (n_dofs, n_courses)
+      real(wp), allocatable :: share(:)                               !! of the present interval, (n_courses)
    contains
+      procedure :: act_within => loads_act_within
+      procedure :: add_courses => loads_add_courses
+      procedure :: highest_frequency => loads_highest_frequency
+      procedure :: next_edge => loads_next_edge
       procedure :: at => loads_at
       procedure :: after => loads_after
       procedure :: begin => loads_begin
@@ -110,13 +120,14 @@ module hb_integration_system
 contains
 
    !> System from the parts of a model.
-   subroutine new_integration_system(self, structure, laws, loads, frequencies, omega)
+   subroutine new_integration_system(self, structure, laws, loads, frequencies, omega, given)
       type(integration_system_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
+      type(load_t), intent(in), optional :: given(:)                  !! of which those with a course are added
       real(wp) :: highest                                             ! frequency of the loads [rad/s]
       integer :: i
 
@@ -125,13 +136,14 @@ contains
       call self%structure%unpack()
       call new_integration_laws(self%laws, laws, structure%n_dofs, omega)
       call new_integration_loads(self%loads, loads, frequencies)
+      if (present(given)) call take_courses(self%loads, structure, given)
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
-      highest = maxval([0.0_wp, abs(self%loads%frequency)])           ! without loads as well
+      highest = self%loads%highest_frequency()
       do i = 1, structure%n_dofs
          associate (k => abs(self%structure%stiffness(i, i)) + highest**2*self%structure%mass(i, i))
-            if (k > 0.0_wp) self%length = max(self%length, sum(abs(loads(i, :)))/k)
+            if (k > 0.0_wp) self%length = max(self%length, (sum(abs(loads(i, :))) + sum(abs(self%loads%amplitude(i, :))))/k)
          end associate
       end do
    end subroutine new_integration_system
@@ -140,7 +152,7 @@ contains
    subroutine system_divide_by_mass(self, error)
       class(integration_system_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: factor(:, :), right(:, :)
+      real(wp), allocatable :: factor(:, :), imaginary_part(:, :), real_part(:, :), right(:, :)
       integer :: info, n
 
       n = self%n_dofs
@@ -159,6 +171,15 @@ contains
       self%shape = self%laws%shape
       if (size(self%shape) > 0) call dpotrs("L", n, size(self%shape, 2), factor, n, self%shape, n, info)
       self%accelerations = self%loads
+      if (size(self%loads%course) > 0) then
+         associate (amplitude => self%accelerations%amplitude)
+            allocate (real_part, source=real(amplitude, wp))
+            allocate (imaginary_part, source=aimag(amplitude))
+            call dpotrs("L", n, size(amplitude, 2), factor, n, real_part, n, info)
+            call dpotrs("L", n, size(amplitude, 2), factor, n, imaginary_part, n, info)
+            amplitude = cmplx(real_part, imaginary_part, wp)
+         end associate
+      end if
       if (self%loads%n_active == 0) return
       call dpotrs("L", n, self%loads%n_active, factor, n, self%accelerations%cosine, n, info)
       call dpotrs("L", n, self%loads%n_active, factor, n, self%accelerations%sine, n, info)
@@ -247,7 +268,70 @@ contains
       allocate (self%phasor(self%n_active), self%rotation(self%n_active))
       self%cosine = real(amplitudes(:, pack([(h, h=1, size(frequencies))], is_active)), wp)
       self%sine = -aimag(amplitudes(:, pack([(h, h=1, size(frequencies))], is_active)))
+      allocate (self%course(0), self%share(0), self%amplitude(size(amplitudes, 1), 0))
    end subroutine new_integration_loads
+
+   !> Adds loads with a course.
+   pure subroutine take_courses(self, structure, given)
+      type(integration_loads_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      type(load_t), intent(in) :: given(:)                            !! some of them with a course
+      integer :: i, k
+
+      deallocate (self%course, self%share, self%amplitude)
+      self%course = pack(given%course, given%course%is_given)
+      allocate (self%share(size(self%course)), source=0.0_wp)
+      allocate (self%amplitude(structure%n_dofs, size(self%course)))
+      k = 0
+      do i = 1, size(given)
+         if (.not. given(i)%course%is_given) cycle
+         k = k + 1
+         self%amplitude(:, k) = given(i)%amplitude(structure)
+      end do
+   end subroutine take_courses
+
+   !> Sets an interval: each load with a course acts there with the share of it during which it is on, so that a step takes its
+   !> whole impulse.
+   pure subroutine loads_act_within(self, from, to)
+      class(integration_loads_t), intent(inout) :: self
+      real(wp), intent(in) :: from, to                                !! [s], ascending
+
+      self%share = self%course%share(from, to)
+   end subroutine loads_act_within
+
+   !> Adds the loads with a course.
+   pure subroutine loads_add_courses(self, time, values)
+      class(integration_loads_t), intent(in) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      real(wp), intent(inout) :: values(:)                            !! (n_dofs)
+      complex(wp) :: factor
+      integer :: k
+
+      do k = 1, size(self%course)
+         if (.not. self%share(k) > 0.0_wp) cycle
+         factor = self%share(k)*self%course(k)%factor(time)
+         values = values + real(factor*self%amplitude(:, k), wp)
+      end do
+   end subroutine loads_add_courses
+
+   !> Highest frequency of all loads [rad/s]; 0 without loads.
+   pure real(wp) function loads_highest_frequency(self) result(highest)
+      class(integration_loads_t), intent(in) :: self
+
+      highest = maxval([0.0_wp, abs(self%frequency), abs(self%course%frequency), self%course%end_frequency])
+   end function loads_highest_frequency
+
+   !> The first time after another one at which a load begins or ends; huge: none.
+   pure real(wp) function loads_next_edge(self, time) result(edge)
+      class(integration_loads_t), intent(in) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      real(wp) :: edges(2*size(self%course))
+
+      edge = huge(1.0_wp)
+      if (size(self%course) == 0) return
+      edges = [self%course%begin, self%course%end]
+      edge = minval([huge(1.0_wp), pack(edges, edges > time)])
+   end function loads_next_edge
 
    !> Value at any time.
    pure subroutine loads_at(self, time, values)
@@ -262,6 +346,7 @@ contains
          phase = self%frequency(k)*time
          values = values + cos(phase)*self%cosine(:, k) + sin(phase)*self%sine(:, k)
       end do
+      if (size(self%course) > 0) call self%add_courses(time, values)
    end subroutine loads_at
 
    !> Value some time after the one given to `begin`. Phases of long times are computed once, not at each call.
@@ -277,6 +362,7 @@ contains
          phasor = self%phasor(k)*cmplx(cos(self%frequency(k)*elapsed), sin(self%frequency(k)*elapsed), wp)
          values = values + real(phasor, wp)*self%cosine(:, k) + aimag(phasor)*self%sine(:, k)
       end do
+      if (size(self%course) > 0) call self%add_courses(self%origin + elapsed, values)
    end subroutine loads_after
 
    !> Prepares equal steps from a given time.
@@ -320,6 +406,7 @@ contains
             values(i) = values(i) + c*self%cosine(i, k) + s*self%sine(i, k)
          end do
       end do
+      if (size(self%course) > 0) call self%add_courses(self%origin + self%n_steps*self%step, values)
    end subroutine loads_here
 
    !> State of rest at time zero, sliders relaxed.

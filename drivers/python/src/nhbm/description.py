@@ -161,7 +161,7 @@ class Description(Laws):
         self._sessions = {}
 
     @exclusive
-    def load(self, dof: str | None = None, tuple_: Any = 1, cos: float | None = None, sin: float | None = None,
+    def load(self, dof: str | None = None, tuple_: Any = None, cos: float | None = None, sin: float | None = None,
              **keys: Any) -> None:  # fmt: skip
         """Adds the force ``cos cos(j.omega t) + sin sin(j.omega t)``.
 
@@ -169,16 +169,19 @@ class Description(Laws):
         ----------
         dof : str, optional
             Degree of freedom; alternatively ``vector="name"``, a load vector of the structure.
-        tuple_ : int or sequence of int
-            j, one entry per tone.
+        tuple_ : int or sequence of int, optional
+            j, one entry per tone; by default 1, or none for a load with a `frequency` of its own and for a model without tones.
         cos, sin : float
             Amplitudes [N] ([N m] for rotations), multiplied by those of the vector. One of them must be given; the other is
             zero by default.
         **keys
             Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m] or
-            ``kind="base_acceleration"`` for a base motion [m/s2].
+            ``kind="base_acceleration"`` for a base motion [m/s2]; ``begin=0.0, end=0.1`` [s] and ``frequency=50.0`` [rad/s] for
+            `integrate` alone.
         """
-        keys = {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys}
+        if tuple_ is None and self._groups.first("tones") is not None and "frequency" not in keys:
+            tuple_ = 1
+        keys = {"dof": dof, "tuple": None if tuple_ is None else numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys}
         check_keys("load", keys)
         if cos is None and sin is None:
             raise ModelError("a load needs an amplitude: cos= or sin= [N]")
