@@ -48,6 +48,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       type(doubts_t) :: doubts
+      type(error_t), allocatable :: no_balance
       character(:), allocatable :: implausible
       real(wp) :: end_of_time
       logical :: all_right
@@ -74,13 +75,17 @@ contains
       call write_doubts(study, doubts)
       if (.not. all_right) status = not_all_right
       if (.not. all_right) return
+      call study%model%system%check_balance(no_balance)
+      if (allocated(no_balance)) then
+         call say("the input is valid for nhbm integrate alone: "//no_balance%message)
+         return
+      end if
       call write_cost(study, end_of_time - wall_clock())
       call describe_implausible(study%model%system, implausible)
       if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
       else
-         call say("the input is valid"//trim(merge("; nhbm integrate takes it", "                         ", &
-            study%model%system%tones%n_tones == 0)))
+         call say("the input is valid")
       end if
    end subroutine run_check
 

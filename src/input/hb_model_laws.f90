@@ -2,11 +2,12 @@
 module hb_model_laws
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_law, only: law_box_t
+   use hb_law, only: hold_t, law_box_t
    use hb_law_reader, only: read_law
    use hb_model, only: model_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
+   use hb_system, only: shared_walls
    use hb_text, only: number_of
    implicit none
    private
@@ -44,7 +45,8 @@ contains
          first = last + 1
          last = last + n_positions(boxes(i))
          call put_laws(boxes(i), self%system%structure, self%system%laws(first:last))
-         call check_rigid_laws(self%system%laws(:first - 1), self%system%laws(first:last), group)
+         call check_rigid_laws(self%system%laws(:first - 1), self%system%laws(first:last), group, &
+                               self%options%callbacks%may_only_integrate)
       end do
    end subroutine read_laws
 
@@ -75,11 +77,13 @@ contains
       end do
    end subroutine put_laws
 
-   !> Rejects rigid laws that share a degree of freedom with a previous one: each would take the whole reaction.
-   subroutine check_rigid_laws(before, laws, group)
+   !> Rejects rigid laws that share a degree of freedom with a previous one: each would take the whole reaction. Time integration
+   !> knows the impacts of a body on several walls.
+   subroutine check_rigid_laws(before, laws, group, may_only_integrate)
       type(law_box_t), intent(in) :: before(:)
       type(law_box_t), intent(in) :: laws(:)                               !! of one group, which share none
       type(properties_t), intent(inout) :: group
+      logical, intent(in) :: may_only_integrate
       integer :: i, k, n
 
       do n = 1, size(laws)
@@ -88,12 +92,26 @@ contains
             do i = 1, size(before)
                if (.not. is_placed_and_rigid(before(i))) cycle
                if (.not. any([(before(i)%law%dofs == law%dofs(k), k=1, size(law%dofs))])) cycle
-               call group%problem("type", "laws '"//before(i)%law%label//"' and '"//law%label//"' are both rigid and share a "// &
-                                  "degree of freedom; use one two-sided wall, or an elastic stop for one of them")
+               if (is_wall(before(i)) .and. is_wall(laws(n))) then
+                  if (may_only_integrate) cycle
+                  call group%problem("type", "laws '"//before(i)%law%label//"' and '"//law%label//"' "//shared_walls)
+               else
+                  call group%problem("type", "laws '"//before(i)%law%label//"' and '"//law%label//"' are both rigid and share "// &
+                                     "a degree of freedom; use an elastic law for one of them")
+               end if
             end do
          end associate
       end do
    end subroutine check_rigid_laws
+
+   !> Whether a rigid law is a wall that can be integrated in time.
+   logical function is_wall(box)
+      type(law_box_t), intent(in) :: box
+      type(hold_t) :: hold
+
+      hold = box%law%hold()
+      is_wall = hold%is_wall .and. .not. allocated(hold%failure)
+   end function is_wall
 
    logical function is_placed_and_rigid(box)
       type(law_box_t), intent(in) :: box

@@ -13,11 +13,14 @@ module hb_system
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: only_in_time, system_t
+   public :: only_in_time, shared_walls, system_t
 
    !> Why a load with a course over time has no balance.
    character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
       "(nhbm integrate); a motion with &tones has only loads with a 'tuple'"
+   !> Why two rigid walls that share a degree of freedom have no balance.
+   character(*), parameter :: shared_walls = "are both rigid and share a degree of freedom, which only time integration knows "// &
+      "(nhbm integrate); use one two-sided wall, or an elastic stop for one of them"
 
    type :: system_t
       class(structure_builder_t), allocatable :: builder              !! of the structure without bearings
@@ -44,8 +47,8 @@ contains
    pure subroutine system_check_balance(self, error)
       class(system_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
-
-      integer :: i
+      integer, allocatable :: user(:)                                 ! rigid law that acts on a degree of freedom
+      integer :: i, k
 
       if (self%tones%n_tones == 0) then
          call fail(error, "missing group &tones; without it a model can only be integrated in time")
@@ -53,6 +56,19 @@ contains
          i = findloc(self%loads%course%is_given, .true., dim=1)
          call fail(error, "&load "//to_text(i)//": "//only_in_time)
       end if
+      if (allocated(error)) return
+      allocate (user(self%structure%n_dofs), source=0)
+      do i = 1, size(self%laws)
+         if (.not. self%laws(i)%law%is_multiplier) cycle
+         associate (dofs => self%laws(i)%law%dofs)
+            k = findloc(user(dofs) > 0, .true., dim=1)
+            if (k > 0) then
+               call fail(error, "laws '"//self%laws(user(dofs(k)))%law%label//"' and '"//self%laws(i)%law%label//"' "//shared_walls)
+               return
+            end if
+            user(dofs) = i
+         end associate
+      end do
    end subroutine system_check_balance
 
    !> Whether there are walls and all of them have a given restitution, of their own or by default.

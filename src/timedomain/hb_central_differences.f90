@@ -45,9 +45,19 @@ contains
       real(wp), intent(in) :: step                                    !! [s], > 0
       type(hold_t), intent(in) :: rigid(:)                            !! its rigid laws
       type(error_t), allocatable, intent(out) :: error
-      integer :: i, info, n
+      integer :: i, info, k, n
       real(wp), allocatable :: unit(:)
 
+      associate (shape => system%laws%shape)
+         do i = 2, size(rigid)
+            do k = 1, i - 1
+               if (all(abs(shape(:, rigid(i)%coordinate)*shape(:, rigid(k)%coordinate)) <= 0.0_wp)) cycle
+               call fail(error, "central_differences would let a body strike several walls at once; of the methods of "// &
+                         "&integration only cvode treats one impact after the other")
+               return
+            end do
+         end do
+      end associate
       call system%divide_by_mass(error)
       if (allocated(error)) return
       self%system => system

@@ -26,6 +26,7 @@ module hb_integration_cvode
    real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
    real(wp), parameter :: short_flight = 0.1_wp                       ! relative speed: slower, a step may pass over a flight
    integer, parameter :: no_longer_counted = -1
+   integer, parameter :: max_collisions = 1000000                     ! at one time; then the remaining speeds are lost
    real(wp), parameter :: time_rounding = 64.0_wp*epsilon(1.0_wp)     ! of a time, relative
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
 
@@ -202,7 +203,9 @@ contains
             if (allocated(error)) return
          end if
          is_event = time_after - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
-         if (.not. is_event) exit                                     ! it happened at the sample
+         if (is_event) cycle
+         if (goes_on) call self%cvode%restart(t, error)               ! there may be another extreme at the sample
+         exit
       end do
       if (is_event) then
          call fail(error, "cvode: events without end at t = "//to_text(self%base + t)//" s")
@@ -232,8 +235,7 @@ contains
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
       integer, intent(in) :: found(:)
-      integer :: i, k, side
-      logical :: is_impact
+      integer :: i, k, side, struck(size(self%equations%rigid))
 
       associate (equations => self%equations, y => self%cvode%values)
          call equations%gather(t, y)
@@ -252,7 +254,7 @@ contains
             end if
             k = k + 2
          end do
-         is_impact = .false.
+         struck = 0
          do i = 1, size(equations%rigid)
             if (any(found(k + 1:k + 2) /= 0)) then
                if (equations%rigid(i)%is_wall) then
@@ -266,8 +268,7 @@ contains
                            call hit_wall(self, i, side)               ! lower than the integration is accurate: it remains there
                      end associate
                   else
-                     call strike(self, i, side)
-                     is_impact = .true.
+                     struck(i) = side
                   end if
                else if (equations%mode(i) == 0) then
                   equations%mode(i) = merge(1, -1, found(k + 1) /= 0)
@@ -277,13 +278,98 @@ contains
             end if
             k = k + 2
          end do
+         call collide(self, struck)
          if (size(equations%rigid) > 0) then
             call equations%hold_active()
             call make_rigid_consistent(self, t)
          end if
-         if (is_impact) call choose_branches(self, t)
+         if (any(struck /= 0)) call choose_branches(self, t)
       end associate
    end subroutine change_branches
+
+   !> All impacts at one time. Bodies that touch several walls strike them one after the other, the fastest first, with the
+   !> restitution of each, until none is approached: the limit of small gaps, as in Newton's cradle. What is then slower than the
+   !> slowest impact stays in contact. Impacts that have no effect on others are independent.
+   subroutine collide(self, struck)
+      class(integration_cvode_t), intent(inout) :: self
+      integer, intent(in) :: struck(:)                                !! side of each rigid law that was struck; 0: none
+      real(wp) :: crawling, near, rates(size(struck))
+      integer :: i, n, side(size(struck)), touched(size(struck))
+      logical :: is_struck(size(struck))
+
+      if (all(struck == 0)) return
+      associate (equations => self%equations, rigid => self%equations%rigid, n_dofs => self%system%n_dofs)
+         touched = merge(merge(equations%mode, struck, equations%mode /= 0), 0, rigid%is_wall)
+         near = self%tolerance*maxval(equations%scale(:n_dofs))
+         crawling = slow*maxval(equations%scale(n_dofs + 1:))
+         if (.not. are_coupled(equations%yield, rigid%is_wall)) then
+            do i = 1, size(struck)
+               if (struck(i) /= 0) call strike(self, i, struck(i))
+            end do
+            return
+         end if
+         is_struck = .false.
+         do n = 1, max_collisions
+            rates = matmul(self%cvode%values(n_dofs + 1:), self%system%laws%shape(:, rigid%coordinate))
+            side = merge(touched, near_side(self, near, rates), touched /= 0)
+            i = maxloc(side*rates, dim=1, mask=rigid%is_wall)
+            if (side(i)*rates(i) <= crawling) exit
+            touched(i) = side(i)
+            is_struck(i) = .true.
+            self%cvode%values(n_dofs + 1:) = self%cvode%values(n_dofs + 1:) - equations%accelerance(:, i)* &
+                                             ((1.0_wp + rigid(i)%restitution)*rates(i)/equations%yield(i, i))
+            associate (impacts => self%impacts(2*i - merge(1, 0, side(i) == 1)))
+               if (impacts >= 0) impacts = impacts + 1
+            end associate
+         end do
+         where (.not. rigid%is_wall) equations%mode = sign(1, equations%mode*2 + 1) ! friction gives no impulse
+         equations%leaving = 0
+         do i = 1, size(struck)
+            if (touched(i) == 0) cycle
+            equations%mode(i) = merge(0, touched(i), touched(i)*rates(i) < -crawling)
+            if (equations%mode(i) == 0) then
+               if (abs(rates(i)) <= short_flight*maxval(equations%scale(n_dofs + 1:))) equations%leaving(i) = touched(i)
+            else if (is_struck(i)) then
+               self%impacts(2*i - merge(1, 0, touched(i) == 1)) = no_longer_counted
+            end if
+         end do
+         call equations%hold_active()
+         if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)
+      end associate
+   end subroutine collide
+
+   !> Whether an impulse at one wall changes the rate at another one.
+   pure logical function are_coupled(yield, is_wall)
+      real(wp), intent(in) :: yield(:, :)
+      logical, intent(in) :: is_wall(:)
+      integer :: i, k
+
+      are_coupled = .false.
+      do i = 2, size(is_wall)
+         do k = 1, i - 1
+            are_coupled = are_coupled .or. (is_wall(i) .and. is_wall(k) .and. abs(yield(i, k)) > 0.0_wp)
+         end do
+      end do
+   end function are_coupled
+
+   !> Side on which each open wall is reached to the accuracy of the integration, and approached; 0: none.
+   function near_side(self, near, rates) result(side)
+      class(integration_cvode_t), intent(in) :: self
+      real(wp), intent(in) :: near                                    !! [m]
+      real(wp), intent(in) :: rates(:)                                !! [m/s]
+      integer :: side(size(rates))
+      integer :: i
+
+      side = 0
+      associate (laws => self%system%laws, rigid => self%equations%rigid, q => self%cvode%values(:self%system%n_dofs))
+         do i = 1, size(rigid)
+            if (.not. rigid(i)%is_wall) cycle
+            if (rigid(i)%gap - dot_product(laws%shape(:, rigid(i)%coordinate), q) <= near .and. rates(i) > 0.0_wp) side(i) = 1
+            if (.not. rigid(i)%two_sided) cycle
+            if (rigid(i)%gap + dot_product(laws%shape(:, rigid(i)%coordinate), q) <= near .and. rates(i) < 0.0_wp) side(i) = -1
+         end do
+      end associate
+   end function near_side
 
    !> Reflects a coordinate at a wall and counts the impact; bounces that end in contact are not counted, because their number
    !> has no effect.
@@ -336,13 +422,13 @@ contains
       end associate
    end subroutine stop_active
 
-   !> Finds modes of the rigid laws that are consistent in the present state: walls push, friction is within its limit
-   !> or slips against it.
+   !> Finds modes of the rigid laws that are consistent in the present state: walls push, also those that are touched without a
+   !> speed, friction is within its limit or slips against it.
    subroutine make_rigid_consistent(self, t)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
       real(wp) :: dydt(size(self%cvode%values)), rounding
-      integer :: i, pass
+      integer :: i, pass, side
       logical :: is_consistent
 
       associate (equations => self%equations, laws => self%system%laws)
@@ -352,8 +438,10 @@ contains
             do i = 1, size(equations%rigid)
                associate (rigid => equations%rigid(i))
                   if (rigid%is_wall) then
-                     if (equations%mode(i)*equations%reaction(i) >= 0.0_wp) cycle
-                     equations%mode(i) = 0
+                     side = 0
+                     if (equations%mode(i) == 0) side = pressed_side(self, i, dydt)
+                     if (side == 0 .and. equations%mode(i)*equations%reaction(i) >= 0.0_wp) cycle
+                     equations%mode(i) = side
                   else if (equations%mode(i) == 0) then
                      if (abs(equations%reaction(i)) <= rigid%limit) cycle
                      equations%mode(i) = merge(1, -1, equations%reaction(i) > 0.0_wp)
@@ -372,14 +460,37 @@ contains
       end associate
    end subroutine make_rigid_consistent
 
+   !> Side of an open wall that is touched, without a speed, by a coordinate that accelerates towards it; 0: none.
+   pure integer function pressed_side(self, i, dydt) result(side)
+      class(integration_cvode_t), intent(in) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: dydt(:)
+      real(wp) :: acceleration, rate, z, zero
+
+      associate (n => self%system%n_dofs, y => self%cvode%values, rigid => self%equations%rigid(i))
+         associate (shape => self%system%laws%shape(:, rigid%coordinate))
+            z = dot_product(shape, y(:n))
+            rate = dot_product(shape, y(n + 1:))
+            acceleration = dot_product(shape, dydt(n + 1:))
+         end associate
+         side = merge(1, merge(-1, 0, rigid%two_sided), acceleration > 0.0_wp)
+         zero = 64.0_wp*epsilon(1.0_wp)*max(abs(rigid%gap), maxval(self%equations%scale(:n)))
+         if (rigid%gap - side*z > zero) side = 0
+         if (abs(rate) > epsilon(1.0_wp)*maxval(self%equations%scale(n + 1:))) side = 0
+         if (abs(acceleration)*self%time_scale <= epsilon(1.0_wp)*maxval(self%equations%scale(n + 1:))) side = 0
+      end associate
+   end function pressed_side
+
    !> Chooses all branches anew from the present state, as at the start or after an impact.
    subroutine choose_branches(self, t)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
       real(wp) :: ahead(size(self%equations%is_positive)), now(size(self%equations%is_positive))
       real(wp) :: crawling, rate, zero
-      integer :: i
+      integer :: i, slips(size(self%equations%rigid)), struck(size(self%equations%rigid))
 
+      slips = 0
+      struck = 0
       associate (equations => self%equations, laws => self%system%laws, y => self%cvode%values)
          crawling = slow*maxval(equations%scale(self%system%n_dofs + 1:))
          call equations%gather(t, y)
@@ -390,14 +501,15 @@ contains
                rate = laws%z_rate(rigid%coordinate)
                zero = 64.0_wp*epsilon(1.0_wp)*max(abs(rigid%gap), maxval(equations%scale(:self%system%n_dofs)))
                if (.not. rigid%is_wall) then
-                  equations%mode(i) = 0
-                  if (abs(rate) > crawling) equations%mode(i) = merge(1, -1, rate > 0.0_wp)
+                  slips(i) = merge(0, merge(1, -1, rate > 0.0_wp), abs(rate) <= crawling)
                else if (equations%mode(i) == 0) then
-                  if (z > rigid%gap - zero .and. rate >= 0.0_wp) call strike(self, i, 1)
-                  if (rigid%two_sided .and. z < -rigid%gap + zero .and. rate <= 0.0_wp) call strike(self, i, -1)
+                  if (z > rigid%gap - zero .and. rate >= 0.0_wp) struck(i) = 1
+                  if (rigid%two_sided .and. z < -rigid%gap + zero .and. rate <= 0.0_wp) struck(i) = -1
                end if
             end associate
          end do
+         call collide(self, struck)
+         where (.not. equations%rigid%is_wall) equations%mode = slips
          call equations%hold_active()
          if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)   ! constrained coordinates must not creep
          call evaluate_ahead(self, t, ahead)

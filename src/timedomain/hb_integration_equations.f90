@@ -20,6 +20,7 @@ module hb_integration_equations
    public :: integration_equations_t, new_integration_equations
 
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of one unknown, relative to the largest
+   real(wp), parameter :: regular = 1.0e-10_wp                        ! relative pivot of independent reactions
 
    type, extends(ode_t) :: integration_equations_t
       type(integration_system_t), pointer :: system => null()
@@ -37,7 +38,8 @@ module hb_integration_equations
                                                                       !! turns back: a step may pass over a short flight
       integer, allocatable :: active(:)                               !! those with a constrained coordinate
       real(wp), allocatable :: accelerance(:, :)                      !! M^-1 S of all rigid laws
-      real(wp), allocatable :: factor(:, :)                           !! of S^T M^-1 S of the active ones
+      real(wp), allocatable :: yield(:, :)                            !! S^T M^-1 S of them [1/kg]
+      real(wp), allocatable :: factor(:, :)                           !! of those of the active ones
       integer, allocatable :: pivots(:)
       real(wp), allocatable :: reaction(:)                            !! of all rigid laws, on the left-hand side [N]
       real(wp), allocatable :: a(:), lower(:), upper(:), lower_rate(:), upper_rate(:)
@@ -75,6 +77,10 @@ contains
       allocate (self%accelerance(system%n_dofs, size(self%rigid)), self%active(0))
       do i = 1, size(self%rigid)
          self%accelerance(:, i) = system%shape(:, self%rigid(i)%coordinate)
+      end do
+      allocate (self%yield(size(self%rigid), size(self%rigid)))
+      do i = 1, size(self%rigid)
+         self%yield(i, :) = matmul(system%laws%shape(:, self%rigid(i)%coordinate), self%accelerance)
       end do
    end subroutine new_integration_equations
 
@@ -205,22 +211,26 @@ contains
       self%reaction(self%active) = right
    end subroutine find_reactions
 
-   !> Lists the active rigid laws from their modes, and factorises their equations.
+   !> Lists the active rigid laws from their modes, and factorises their equations. A wall whose reaction would depend on those of
+   !> others opens: they hold its coordinate.
    subroutine equations_hold_active(self)
       class(integration_equations_t), intent(inout) :: self
-      integer :: i, info, k
+      integer :: dependent, i, info, k
 
-      self%active = pack([(i, i=1, size(self%rigid))], self%mode /= 0 .eqv. self%rigid%is_wall)
-      if (allocated(self%factor)) deallocate (self%factor, self%pivots)
-      associate (m => size(self%active))
-         allocate (self%factor(m, m), self%pivots(m))
-         if (m == 0) return
-         do k = 1, m
-            self%factor(k, :) = matmul(self%system%laws%shape(:, self%rigid(self%active(k))%coordinate), &
-                                       self%accelerance(:, self%active))
-         end do
-         call dgetrf(m, m, self%factor, m, self%pivots, info)         ! regular: rigid laws share no degree of freedom
-      end associate
+      do
+         self%active = pack([(i, i=1, size(self%rigid))], self%mode /= 0 .eqv. self%rigid%is_wall)
+         if (allocated(self%factor)) deallocate (self%factor, self%pivots)
+         associate (m => size(self%active))
+            allocate (self%factor(m, m), self%pivots(m))
+            if (m == 0) return
+            self%factor = self%yield(self%active, self%active)
+            call dgetrf(m, m, self%factor, m, self%pivots, info)
+            dependent = findloc([(abs(self%factor(k, k)) <= regular*self%yield(self%active(k), self%active(k)) .and. &
+                                  self%rigid(self%active(k))%is_wall, k=1, m)], .true., dim=1)
+            if (dependent == 0) return
+            self%mode(self%active(dependent)) = 0
+         end associate
+      end do
    end subroutine equations_hold_active
 
    !> In this order: switches, two for each slider, two for each rigid law; then, for each rigid law, two extremes of an open

@@ -311,21 +311,31 @@ contains
       end do
    end subroutine collect_rigid
 
-   !> Moves coordinates behind a wall onto it, along the shortest path in the metric of the mass.
+   !> Moves coordinates behind a wall onto it, along the shortest path in the metric of the mass; again if that moves others
+   !> behind theirs.
    pure subroutine put_before_walls(rigid, shape, accelerance, q)
       type(hold_t), intent(in) :: rigid(:)
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of all laws, (n_dofs, any)
       real(wp), intent(in) :: accelerance(:, :)                       !! mass^-1 shape of the rigid ones, (n_dofs, n_rigid)
       real(wp), intent(inout) :: q(:)                                 !! [m], (n_dofs)
+      real(wp), parameter :: accuracy = 16.0_wp*epsilon(1.0_wp)       ! of a further pass
+      integer, parameter :: max_passes = 10000
       real(wp) :: behind, z
-      integer :: i
+      integer :: i, pass
+      logical :: is_done
 
-      do i = 1, size(rigid)
-         if (.not. rigid(i)%is_wall) cycle
-         z = dot_product(shape(:, rigid(i)%coordinate), q)
-         behind = max(z - rigid(i)%gap, 0.0_wp)
-         if (rigid(i)%two_sided) behind = behind + min(z + rigid(i)%gap, 0.0_wp)
-         q = q - accelerance(:, i)*(behind/dot_product(shape(:, rigid(i)%coordinate), accelerance(:, i)))
+      do pass = 1, max_passes
+         is_done = .true.
+         do i = 1, size(rigid)
+            if (.not. rigid(i)%is_wall) cycle
+            z = dot_product(shape(:, rigid(i)%coordinate), q)
+            behind = max(z - rigid(i)%gap, 0.0_wp)
+            if (rigid(i)%two_sided) behind = behind + min(z + rigid(i)%gap, 0.0_wp)
+            if (pass > 1 .and. abs(behind) <= accuracy*(abs(rigid(i)%gap) + sum(abs(shape(:, rigid(i)%coordinate)*q)))) cycle
+            if (abs(behind) > 0.0_wp) is_done = .false.
+            q = q - accelerance(:, i)*(behind/dot_product(shape(:, rigid(i)%coordinate), accelerance(:, i)))
+         end do
+         if (is_done) exit
       end do
    end subroutine put_before_walls
 end module hb_integration_laws

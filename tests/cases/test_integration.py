@@ -285,6 +285,7 @@ def test_check_says_that_a_model_without_tones_is_integrated(tmp_path):
     (tmp_path / "free.nml").write_text(PUSHED + "&integration duration=60, step=0.01 /")
     done = run("check", "free.nml", cwd=tmp_path)
     assert done.status == 0 and "tones       none" in done.stdout and "warning" not in done.stdout
+    assert "valid for nhbm integrate alone: missing group &tones" in done.stdout
     for verb in ("solve", "plan", "census"):
         done = run(verb, "free.nml", cwd=tmp_path)
         assert done.status == BAD_INPUT and "free.nml: missing group &tones" in done.stderr, done.stderr
