@@ -52,7 +52,7 @@ def test_long_evaluation_in_pieces(monkeypatch):
     series = make(2)
     t = np.linspace(0.0, 9.0, 57)
     whole = series.evaluate(t)
-    monkeypatch.setattr("nhbm_post.series._CHUNK", 100)
+    monkeypatch.setattr("nhbm_post.series.CHUNK", 100)
     np.testing.assert_allclose(series.evaluate(t), whole, rtol=0, atol=ROUND_OFF)
 
 

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from nhbm_post.measure import Measure
 from nhbm_post.reader import Results
 
 from in_process import DUFFING, STOP, duffing
@@ -165,6 +166,57 @@ def test_a_response_is_the_same_everywhere():
     curve = model.curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1")
     of_curve = curve.nhbm.response("x1")[0]
     assert float(of_curve.max()) == float(of_curve[curve["curve_kind"].values == "peak"][0])
+
+
+def test_the_largest_displacement_is_over_all_phases(tmp_path):
+    """Whatever other frequencies a sweep has and however far tones are apart: linear motions, whose amplitudes add up."""
+    model = Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
+    model.load("x1", 1, cos=0.3)
+    points = model.sweep({"tones[0]": [0.001, 0.5, 1.024, 4.096]}, order=1)
+    np.testing.assert_allclose(points.nhbm.largest("x1"), points.nhbm.amplitude("x1"), rtol=1e-12)
+    model = Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.001, 0.9])
+    model.load("x1", (1, 0), cos=0.1)
+    model.load("x1", (0, 1), sin=0.3)
+    model.set("gradient", by=["load[0].cos", "load[1].sin"])
+    points = model.sweep({"tones[1]": [0.5 + 1e-9, 0.9]}, order=1)
+    parts = [points.nhbm.amplitude("x1", j) for j in ((1, 0), (0, 1))]
+    np.testing.assert_allclose(points.nhbm.largest("x1"), parts[0] + parts[1], rtol=1e-12)
+    slopes = np.stack([parts[0] / 0.1, parts[1] / 0.3], axis=1)
+    np.testing.assert_allclose(points.nhbm.gradient("max x1"), slopes, rtol=1e-9)
+    points.nhbm.save(tmp_path / "points.h5")
+    with Results(tmp_path / "points.h5") as results:
+        np.testing.assert_allclose(points.nhbm.largest("x1"), Measure("peak").values(results, "x1"), rtol=1e-12)
+
+
+def test_points_without_a_motion_have_no_response():
+    """Their coefficients are those of the last iterate."""
+
+    def brittle(q):
+        return 0.1 * q**3 if np.abs(q).max() < 0.6 else np.full_like(q, np.nan)
+
+    model = Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.5])
+    model.load("x1", 1, cos=0.3)
+    model.law(brittle, "x1")
+    with pytest.warns(nhbm.NotConverged, match="gave NaN"):
+        points = model.sweep({"tones[0]": [0.5, 1.0, 1.6]}, order=3)
+    assert points["status"].values.tolist() == ["converged", "not_finite", "converged"]
+    for values in (points.nhbm.amplitude("x1"), points.nhbm.harmonic("x1"), points.nhbm.largest("x1"), points.nhbm.time("x1", 0.0),
+                   *(points.nhbm.response(of)[0] for of in ("x1", "x1 (1)", "max x1"))):  # fmt: skip
+        assert np.isfinite(values).values.tolist() == [True, False, True]
+
+
+def test_values_have_names_and_units():
+    motion = duffing().solve(order=5)
+    found = {
+        "x1 (1)": (motion.nhbm.amplitude("x1"), motion.nhbm.harmonic("x1", 1), motion.nhbm.response("x1 (1)")[0]),
+        "x1": (motion.nhbm.time("x1", [0.0]), motion.nhbm.response("x1")[0]),
+        "max x1": (motion.nhbm.largest("x1"), motion.nhbm.response("max x1")[0]),
+    }
+    for name, arrays in found.items():
+        for values in arrays:
+            assert values.name == name and values.attrs["units"] == "m" and values.attrs["long_name"]
+    force = motion.nhbm.time("x1", [0.0], of="force_coefficients")
+    assert force.attrs == {"long_name": "force of x1", "units": "N"}
 
 
 def test_a_selection_is_not_saved_as_the_whole(tmp_path):

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from nhbm.hypertime import peaks
 
 from .reader import QUANTITIES, Results
-from .series import Series, peaks
+from .series import Series
 from .text import tuple_text
 
 MEASURES = ("peak", "rms", "harmonic", "frequency", "multiplier")
@@ -47,7 +48,7 @@ class Measure:
                 alike.setdefault(series.tuples.tobytes(), []).append((point, series))
         for found in alike.values():
             cos, sin = (np.array([getattr(series, name) for _, series in found]) for name in ("cos", "sin"))
-            values[[point for point, _ in found]] = peaks(found[0][1].tuples, cos, sin)
+            values[[point for point, _ in found]] = peaks(found[0][1].tuples, cos, sin)[0]
         return values
 
     def units(self, results: Results, dof: str) -> str:

@@ -10,10 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-# Numbers in memory while sines are summed, and points of the grid on which the peak is searched for.
-_CHUNK = 2**22
-_PEAK_GRID = 2**22
+from nhbm.hypertime import CHUNK, on_grid, peaks
 
 
 @dataclass(frozen=True)
@@ -106,58 +103,17 @@ class Series:
             raise ValueError(
                 f"a grid for {self.n_tones} tones needs {self.n_tones} sizes of 1 or more, got {shape}"
             )
-        return _on_grid(self.tuples, shape, self.cos[None], self.sin[None])[0]
+        return on_grid(self.tuples, shape, self.cos[None], self.sin[None])[0]
 
     def peak(self) -> float:
         """Largest |x| over hypertime."""
-        return float(peaks(self.tuples, self.cos[None], self.sin[None])[0])
+        return float(peaks(self.tuples, self.cos[None], self.sin[None])[0][0])
 
     def _sum(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Sum over harmonics at phases `left @ right` (n, n_harmonics), in pieces that fit the memory."""
         values = np.empty(left.shape[0])
-        step = max(1, _CHUNK // max(1, self.n_harmonics))
+        step = max(1, CHUNK // max(1, self.n_harmonics))
         for start in range(0, left.shape[0], step):
             phase = left[start : start + step] @ right
             values[start : start + step] = np.cos(phase) @ self.cos + np.sin(phase) @ self.sin
         return values
-
-
-def peaks(tuples: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
-    """Largest |x| over hypertime of each of n series with the same tuples, coefficients (n, n_harmonics): the highest maxima of
-    a fine grid, refined by Newton steps."""
-    n_tones = tuples.shape[1]
-    order = np.abs(tuples).max(axis=0, initial=0)
-    factor = 4.0 * min(1.0, (_PEAK_GRID / np.prod(4.0 * (2.0 * order + 1.0))) ** (1.0 / n_tones))
-    shape = tuple(np.where(order > 0, np.maximum(np.ceil(factor * (2 * order + 1)), 4), 1).astype(int))
-    step = max(1, _CHUNK // (8 * max(int(np.prod(shape)), tuples.shape[0])))
-    pieces = [_peaks(tuples, shape, cos[k : k + step], sin[k : k + step]) for k in range(0, len(cos), step)]
-    return np.concatenate([np.zeros(0), *pieces])
-
-
-def _peaks(tuples: np.ndarray, shape: tuple[int, ...], cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
-    height = np.abs(_on_grid(tuples, shape, cos, sin))
-    is_summit = np.ones(height.shape, dtype=bool)
-    for axis in range(1, height.ndim):
-        for shift in (1, -1):
-            is_summit &= height >= np.roll(height, shift, axis)
-    height = np.where(is_summit, height, 0.0).reshape(len(cos), -1)
-    summits = np.argpartition(height, -min(4, height.shape[1]), axis=1)[:, -4:]
-    tau = 2.0 * np.pi * np.stack(np.unravel_index(summits, shape), axis=-1) / shape
-    best, cos, sin = height.max(axis=1), cos[:, None], sin[:, None]
-    for _ in range(9):
-        phase = tau @ tuples.T
-        c, s = np.cos(phase), np.sin(phase)
-        value = cos * c + sin * s
-        best = np.maximum(best, np.abs(value.sum(axis=-1)).max(axis=1))
-        hessian = np.linalg.pinv(-np.einsum("nsh,ha,hb->nsab", value, tuples, tuples, optimize=True), rcond=1e-12)
-        tau = tau - np.einsum("nsab,nsb->nsa", hessian, (sin * c - cos * s) @ tuples)
-    return best
-
-
-def _on_grid(tuples: np.ndarray, shape: tuple[int, ...], cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
-    """Values of series (n, *shape); see Series.on_grid."""
-    spectrum = np.zeros((len(cos), *shape), dtype=complex)
-    half = 0.5 * (cos - 1j * sin)
-    np.add.at(spectrum, (slice(None), *(tuples % shape).T), half)
-    np.add.at(spectrum, (slice(None), *(-tuples % shape).T), half.conj())
-    return np.fft.ifftn(spectrum, axes=range(1, spectrum.ndim)).real * np.prod(shape)

@@ -13,7 +13,7 @@ import xarray as xr
 
 from nhbm.errors import ModelError, imported
 from nhbm.groups import numbers_of
-from nhbm.responses import largest_of, parts_of, words_of
+from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
 
 if TYPE_CHECKING:
     from nhbm.session import Session
@@ -502,8 +502,8 @@ class Accessor:
         Returns
         -------
         xarray.DataArray
-            In the unit of the column, one value per point; NaN for points whose set does not have the tuple, which is an
-            error if no point has it.
+            In the unit of the column, one value per point; NaN for points without a motion and for those whose set does not
+            have the tuple, which is an error if no point has it.
         """
         data = self._dataset
         check_found(data, of)
@@ -516,13 +516,17 @@ class Accessor:
         if not bool(has.any()):
             raise ModelError(f"the set of harmonics does not have the tuple {tuple_}: its amplitude is not known; "
                              f"the highest is {int(abs(tuples).max())}")  # fmt: skip
-        found = self._row(of, dof).where(has).sum("harmonic", min_count=1)
-        return found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
+        found = self._row(of, dof).where(has).sum("harmonic", min_count=1).where(self._has_motion())
+        name, words = f"{dof} ({', '.join(map(str, wanted))})", f"complex amplitude of {dof}, {words_of_tuple(wanted)}"
+        found = found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
+        return self._named(found, name, words, self._unit(of, dof))
 
     def amplitude(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
         """Amplitude of that harmonic; parameters and unit are those of `harmonic`."""
-        size: Any = np.abs(self.harmonic(dof, tuple_, of))
-        return size  # type: ignore[no-any-return]
+        complex_one = self.harmonic(dof, tuple_, of)
+        size: Any = np.abs(complex_one)
+        words = str(complex_one.attrs["long_name"]).removeprefix("complex ")
+        return self._named(size, str(complex_one.name), words, str(complex_one.attrs["units"]))
 
     def time(self, dof: str, times: Any, of: str = "coefficients") -> xr.DataArray:
         """Values over time.
@@ -539,7 +543,7 @@ class Accessor:
         Returns
         -------
         xarray.DataArray
-            In the unit of the column, (..., time); a single time adds no dimension.
+            In the unit of the column, (..., time); a single time adds no dimension. NaN for points without a motion.
         """
         data = self._dataset
         check_found(data, of)
@@ -548,32 +552,51 @@ class Accessor:
         phases = (tuples * data["frequency"]).sum("tone") * times
         column = self._row(of, dof).where(self._in_use(), 0.0)
         values = column.sel(component="cos", drop=True) * np.cos(phases) + column.sel(component="sin", drop=True) * np.sin(phases)
-        found: xr.DataArray = values.sum("harmonic").where(np.isfinite(times)).assign_coords(time=times)
-        return found
+        found = values.sum("harmonic").where(np.isfinite(times) & self._has_motion()).assign_coords(time=times)
+        return self._named(found, dof, f"{of.replace('_coefficients', '').replace('coefficients', 'displacement')} of {dof}",
+                           self._unit(of, dof))  # fmt: skip
 
-    def largest(self, dof: str, n: int = 4096) -> xr.DataArray:
-        """Largest absolute displacement [m] over many samples of the motion in time.
+    def largest(self, dof: str) -> xr.DataArray:
+        """Largest absolute displacement [m] over all times, as drawn by `nhbm-post`.
 
         Parameters
         ----------
         dof : str
             Degree of freedom.
-        n : int
-            Samples per period; for several tones eight times as many over 64 periods of the slowest one.
-        """
-        check_found(self._dataset, "coefficients")
-        times = self._times(n)
-        if "point" not in self._dataset.dims:
-            return abs(self.time(dof, times)).max("time")
-        points = (self._dataset.isel(point=[k]).nhbm.time(dof, times) for k in range(self._dataset.sizes["point"]))
-        found: xr.DataArray = xr.concat([abs(values).max("time") for values in points], "point")
-        return found
 
-    def _times(self, n: int = 4096) -> Any:
-        """Samples of a period, or eight times as many over 64 periods of the slowest of several tones [s]."""
-        slowest = float(np.nanmin(self._dataset["frequency"]))
-        periods = 1 if self._dataset.sizes["tone"] == 1 else 64
-        return np.linspace(0.0, periods * 2 * np.pi / slowest, n * (1 if periods == 1 else 8), endpoint=False)
+        Returns
+        -------
+        xarray.DataArray
+            The largest value over all phases, which several tones without a common period approach; NaN for points without a
+            motion.
+        """
+        return self._peak(dof)[0]
+
+    def _peak(self, dof: str) -> tuple[xr.DataArray, xr.DataArray]:
+        """The largest absolute displacement of each motion, and the phases where it is."""
+        from nhbm.hypertime import peaks
+
+        data = self._dataset
+        check_found(data, "coefficients")
+        row = self._row("coefficients", dof).where(self._in_use(), 0.0)
+        axes = [axis for axis in row.dims if axis == "point"]
+        shape = [data.sizes[axis] for axis in axes]
+        row = row.transpose(*axes, "harmonic", "component")
+        tuples = self._tuples().transpose(..., "harmonic", "tone")
+        n_points, n_tones = int(np.prod(shape)), data.sizes["tone"]
+        waves = row.values.reshape(n_points, -1, 2)
+        of_points = np.broadcast_to(tuples.values, (n_points, *tuples.shape[-2:])) if tuples.ndim == 2 else tuples.values
+        has_motion = np.broadcast_to(self._has_motion(), shape).ravel() & np.isfinite(waves).all(axis=(1, 2))
+        sizes, phases = np.full(n_points, np.nan), np.full((n_points, n_tones), np.nan)
+        alike: dict[bytes, list[int]] = {}  # points with the same tuples
+        for point in np.flatnonzero(has_motion).tolist():
+            alike.setdefault(of_points[point].tobytes(), []).append(point)
+        for points in alike.values():
+            sizes[points], phases[points] = peaks(of_points[points[0]], waves[points, :, 0], waves[points, :, 1])
+        like = self._has_motion() if axes else xr.DataArray(0.0)
+        size = xr.DataArray(sizes.reshape(shape), dims=axes, coords=like.coords)
+        at = xr.DataArray(phases.reshape(*shape, n_tones), dims=[*axes, "tone"])
+        return self._named(size, f"max {dof}", words_of(f"max {dof}"), self.unit_of(dof)), at
 
     def response(self, of: str) -> tuple[xr.DataArray, str]:
         """A response of each point, and its name with unit.
@@ -594,19 +617,32 @@ class Accessor:
         oscillates = self._tuples().any("tone") & self._in_use()
         squares = (self._row("coefficients", dof).where(oscillates) ** 2).sum(["harmonic", "component"], min_count=1)
         size: Any = np.sqrt(squares / 2)
-        return size.fillna(0.0).where(self._has_motion()), label
+        size = size.fillna(0.0).where(self._has_motion())
+        return self._named(size, dof, words_of(of), self.unit_of(dof)), label
 
     def unit_of(self, dof: str) -> str:
         """Unit of the displacement of a degree of freedom."""
-        attrs = self._dataset["coefficients"].attrs
-        units = str(attrs.get("dof_units", "")).split()
-        known = [str(label) for label in self._dataset["dof"].values]
-        name = self._label(dof, known)
-        return units[known.index(name)] if name in known and len(units) == len(known) else str(attrs.get("units", "m"))
+        return self._unit("coefficients", dof)
+
+    def _unit(self, of: str, name: str) -> str:
+        """Unit of what a column has of a degree of freedom or a law."""
+        column = self._column(of)
+        units = str(column.attrs.get("dof_units", "")).split()
+        known = [str(label) for label in column[column.dims[-3]].values]
+        label = self._label(name, known)
+        return units[known.index(label)] if label in known and len(units) == len(known) else str(column.attrs.get("units", "m"))
+
+    @staticmethod
+    def _named(values: xr.DataArray, name: str, words: str, unit: str) -> xr.DataArray:
+        """Values with name and unit, as plots and files have them."""
+        values = values.rename(name)
+        values.attrs = {"long_name": words, "units": unit}
+        return values
 
     def _has_motion(self) -> xr.DataArray:
-        """Whether each point has a motion."""
-        return self._dataset["status"].isin(SOLVED)
+        """Whether each point has a motion; all of a dataset that does not say so."""
+        data = self._dataset
+        return data["status"].isin(SOLVED) if "status" in data else xr.DataArray(True)
 
     def gradient(self, of: str) -> xr.DataArray:
         """Derivatives of a response with respect to the values of the group &gradient, in their units.
@@ -635,31 +671,17 @@ class Accessor:
         if name is None:
             oscillates = self._tuples().any("tone") & self._in_use()
             products = self._row("coefficients", dof) * self._row("gradient", dof)
-            return products.where(oscillates).sum(["harmonic", "component"]) / (2 * self.response(of)[0])
-        if "point" in self._dataset.dims:
-            points = range(self._dataset.sizes["point"])
-            parts = [self._dataset.isel(point=[k]).squeeze("point").nhbm.gradient(of) for k in points]
-            joined: xr.DataArray = xr.concat(parts, "point")
-            return joined
-        return self._slope_of_largest(dof)
-
-    def _slope_of_largest(self, dof: str) -> xr.DataArray:
-        data = self._dataset
-        rates = (self._tuples() * data["frequency"]).sum("tone")
-        motion = self._row("coefficients", dof).where(self._in_use(), 0.0)
-        cos, sin = (motion.sel(component=c, drop=True) for c in ("cos", "sin"))
-        times = self._times()
-        at = times[int(abs(self.time(dof, times)).argmax("time"))]
-        for _ in range(4):  # Newton's method for the instant where the rate vanishes
-            c, s = np.cos(rates * at), np.sin(rates * at)
-            curvature = float((-(rates**2) * (cos * c + sin * s)).sum())
-            if curvature:
-                at -= float((rates * (sin * c - cos * s)).sum()) / curvature
-        c, s = np.cos(rates * at), np.sin(rates * at)
-        slopes = self._row("gradient", dof).where(self._in_use(), 0.0)
-        waves = slopes.sel(component="cos", drop=True) * c + slopes.sel(component="sin", drop=True) * s
-        found: xr.DataArray = waves.sum("harmonic") * float(np.sign(float((cos * c + sin * s).sum())))
-        return found
+            return products.where(oscillates, 0.0).sum(["harmonic", "component"], skipna=False) / (2 * self.response(of)[0])
+        at = self._peak(dof)[1]
+        phases = (self._tuples() * at).sum("tone")
+        parts = {"motion": self._row("coefficients", dof), "slopes": self._row("gradient", dof)}
+        waves = {}
+        for part, values in parts.items():
+            values = values.where(self._in_use(), 0.0)
+            cos, sin = (values.sel(component=c, drop=True) for c in ("cos", "sin"))
+            waves[part] = (cos * np.cos(phases) + sin * np.sin(phases)).sum("harmonic", skipna=False)
+        slopes_of_largest: xr.DataArray = (waves["slopes"] * np.sign(waves["motion"])).where(self._has_motion())
+        return slopes_of_largest
 
     def plot(self, of: str | None = None, ax: Any = None) -> Any:
         """Plots the motion of a degree of freedom over time, or the response of a curve or sweep over its parameter.

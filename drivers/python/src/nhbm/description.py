@@ -156,6 +156,8 @@ class Description(Laws):
         kind = own.keys["type"] if own is not None and "type" in own.keys and "type" not in keys else None
         check_keys(group, {**keys, "type": kind} if kind else keys)
         keys = {key: plain(value) for key, value in keys.items()}
+        if group == "gradient" and keys.get("by") is not None:
+            keys["by"] = tuple(self._resolved(path) for path in np.atleast_1d(keys["by"]).tolist())
         for key, value in keys.items():
             self._groups.single(group).put(key, value)
         self._sessions = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -93,4 +94,9 @@ def words_of(of: str) -> str:
     dof, tuple_ = parts_of(of)
     if tuple_ is None:
         return f"Root mean square of {dof}"
-    return f"Amplitude of {dof}, " + (f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})")
+    return f"Amplitude of {dof}, {words_of_tuple(tuple_)}"
+
+
+def words_of_tuple(wanted: Sequence[int]) -> str:
+    """A tuple in words: harmonic 3, tuple (1, 0)."""
+    return f"harmonic {wanted[0]}" if len(wanted) == 1 else f"tuple ({', '.join(map(str, wanted))})"
