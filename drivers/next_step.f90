@@ -198,12 +198,13 @@ contains
       end if
    end function with_more_harmonics
 
-   !> A tolerance instead of a given set and grid: the limit of the estimated error; empty if a sweep varies the set, or
-   !> the set is needed.
+   !> A tolerance instead of a given set and grid: the given one, or the limit of the estimated error; empty if a sweep varies the
+   !> set, or the set is needed.
    function by_tolerance(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
       type(string_t), allocatable :: sets(:)
+      real(wp) :: tolerance
       integer :: i
 
       text = ""
@@ -218,8 +219,9 @@ contains
          if (.not. numbers_are_absent(run, "sampling", trim(grid_keys(i)))) &
             call add_string(sets, "sampling%"//trim(grid_keys(i))//"=")
       end do
-      text = solve_with(run, "accuracy%tolerance="//to_text(min(real_of(run, "error_estimate", "truncation"), &
-                                                                real_of(run, "error_estimate", "aliasing"))), sets)
+      tolerance = min(real_of(run, "error_estimate", "truncation"), real_of(run, "error_estimate", "aliasing"))
+      if (run%here%count("accuracy") > 0) tolerance = real_of(run, "accuracy", "tolerance")
+      text = solve_with(run, "accuracy%tolerance="//to_text(tolerance), sets)
    end function by_tolerance
 
    !> More work for a tolerance, and a higher limit if one is given.

@@ -8,7 +8,7 @@ module verb_plan
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, rank_of
    use hb_study, only: row_of_study, study_t
-   use hb_text, only: parse_real, to_text
+   use hb_text, only: number_of, parse_real, to_text
    use verb_solve, only: load_study
    implicit none
    private
@@ -24,9 +24,9 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
-      real(wp) :: bytes_per_point, mean, most, n_points
+      real(wp) :: mean, most, n_points
       integer, allocatable :: ranks(:)
-      integer :: line, n_datasets, task
+      integer :: line, task
 
       call load_study(options, comm, study, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
@@ -40,15 +40,33 @@ contains
       mean = 0.0_wp
       if (.not. allocated(error)) call read_seconds(options, mean, most, error)
       if (allocated(error)) return
-      call row_of_study(study, bytes_per_point, n_datasets)
-      call say(rounded(n_points)//" points of "//to_text(nint(bytes_per_point))//" B in "//to_text(n_datasets)// &
-         " datasets: "//rounded(n_points*bytes_per_point/bytes_per_gigabyte)//" GB"// &
-         trim(merge(" reserved during the run; a complete file has only harmonics in use", repeat(" ", 67), &
-                    study%model%options%accuracy%grows_set)))
+      call say_size(study, n_points)
       task = merge(study%model%options%chain%length, 1, study%model%options%chain%is_on)
       if (allocated(study%plan%curve)) task = line                    ! curves are drawn as a whole
       if (mean > 0.0_wp) call write_times(ranks, n_points, task, mean, most)
    end subroutine run_plan
+
+   !> Prints the size of the result file. If each point has its own harmonics, that with the initial ones: the space for the most
+   !> that there may be is reserved without being written.
+   subroutine say_size(study, n_points)
+      type(study_t), intent(in) :: study
+      real(wp), intent(in) :: n_points
+      character(:), allocatable :: text
+      real(wp) :: bytes_per_point, most
+      integer :: n, n_datasets
+
+      call row_of_study(study, bytes_per_point, n_datasets)
+      text = ""
+      if (study%model%options%accuracy%grows_set) then
+         n = study%model%discretisation%harmonics%n_harmonics
+         most = bytes_per_point
+         call row_of_study(study, bytes_per_point, n_datasets, n)
+         text = " with "//number_of(n, "harmonic")//" a point; for "//to_text(size(study%tuples, 2))//", "// &
+                rounded(n_points*most/bytes_per_gigabyte)//" GB are reserved during the run, as a sparse file"
+      end if
+      call say(rounded(n_points)//" point"//trim(merge("s", " ", n_points > 1.0_wp))//" of "//to_text(nint(bytes_per_point))// &
+               " B in "//to_text(n_datasets)//" datasets: "//rounded(n_points*bytes_per_point/bytes_per_gigabyte)//" GB"//text)
+   end subroutine say_size
 
    !> Seconds of a point: the mean, and those of the slowest.
    subroutine read_seconds(options, mean, most, error)

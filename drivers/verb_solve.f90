@@ -531,11 +531,16 @@ contains
    function set_text(study) result(text)
       type(study_t), intent(in) :: study
       character(:), allocatable :: text
+      integer :: i
 
       text = number_of(size(study%tuples, 2), "harmonic")
       if (study%model%options%accuracy%is_on) then
          if (study%model%options%accuracy%grows_set) text = "harmonics"
-         text = text//" for a tolerance of "//to_text(study%model%options%accuracy%tolerance)
+         if (any([(study%plan%parameters(i)%path == "accuracy%tolerance", i=1, size(study%plan%parameters))])) then
+            text = text//" for the tolerance of each point"
+         else
+            text = text//" for a tolerance of "//to_text(study%model%options%accuracy%tolerance)
+         end if
       end if
    end function set_text
 

@@ -8,7 +8,7 @@ module hb_model_laws
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_system, only: shared_walls
-   use hb_text, only: number_of
+   use hb_text, only: number_of, quote, shown, to_text
    implicit none
    private
    public :: read_laws
@@ -32,6 +32,7 @@ contains
             call group%report_first(error)
             return
          end if
+         call check_label(boxes(:i - 1), boxes(i)%law%label, group)
          self%system%law_groups = [self%system%law_groups, spread(i, 1, n_positions(boxes(i)))]
          if (boxes(i)%law%n_phases > self%system%tones%n_tones) then
             call group%problem(trim(merge("tuple", "tone ", allocated(boxes(i)%law%modulation))), "there "// &
@@ -49,6 +50,19 @@ contains
                                self%options%callbacks%may_only_integrate)
       end do
    end subroutine read_laws
+
+   !> Rejects a label that a previous group has: paths and messages would not name one law.
+   subroutine check_label(before, label, group)
+      type(law_box_t), intent(in) :: before(:)
+      character(*), intent(in) :: label
+      type(properties_t), intent(inout) :: group
+      integer :: i
+
+      do i = 1, size(before)
+         if (before(i)%law%label == label) call group%problem("label", quote(shown(label))//" is the label of &law("// &
+            to_text(i)//"), too; labels name one each")
+      end do
+   end subroutine check_label
 
    !> Number of laws for which one group stands.
    pure integer function n_positions(box)

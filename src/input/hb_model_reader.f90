@@ -513,7 +513,10 @@ contains
       else if (document%n_tones_of(parameter) > 1) then
          problem = "does not specify the tone; give one, such as '"//path//"(1)'"
       else if (.not. is_given) then
-         problem = trim(absence_of(document, parameter))
+         associate (holder => document%groups%holders(parameter%i_group)%group)
+            if (holder%has_key(trim(parameter%key))) problem = trim(absence_of(document, parameter))
+            if (.not. holder%has_key(trim(parameter%key))) call holder%describe_unknown(trim(parameter%key), problem)
+         end associate
       else if (.not. document%is_real(parameter)) then
          problem = "is not a real number; only real numbers have derivatives"
       else if (document%groups%holders(parameter%i_group)%group%name == "tones") then

@@ -94,9 +94,9 @@ contains
       call parse_integer(selector, number, is_number)
       if (is_number) then
          if (number < 1 .or. number > n) then
-            call fail(error, &
-                  "there is no "//name//"("//shown(selector)//"); the file has "//name//"(1) to "//name// &
-                      "("//to_text(n)//")")
+            text = "there is no "//name//"("//shown(selector)//"); the file has "//name//"(1)"
+            if (n > 1) text = text//" to "//name//"("//to_text(n)//")"
+            call fail(error, text)
          else
             i_group = groups%position_of(name, number)
          end if

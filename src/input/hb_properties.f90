@@ -346,7 +346,7 @@ contains
       character(25), parameter :: one(4) = [character(25) :: "a real number", "an integer", ".true. or .false.", &
                                             "a text in quotes"]
       character(25), parameter :: many(4) = [character(25) :: "real numbers", "integers", ".true. and .false.", &
-                                             "texts in quotes"]
+                                             "texts such as 'x1'"]
 
       select case (size(extents))
       case (0)

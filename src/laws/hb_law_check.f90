@@ -1,4 +1,4 @@
-!> Compares the derivatives of a law with central differences of its forces.
+!> Compares the derivatives of a law with central differences of its forces, and a law that is declared odd with its mirror image.
 !> The samples are random, with magnitudes over several decades; if differences with two step sizes disagree (because
 !> of a kink or of rounding), a sample is skipped, otherwise they are extrapolated to step zero. Source: Richardson,
 !> Philos. Trans. R. Soc. London A 210 (1911) 307-357.
@@ -25,6 +25,7 @@ module hb_law_check
       type(string_t), allocatable :: wrong(:)                         !! derivatives that are wrong, such as df/dz
       logical :: is_repeatable = .true.                               !! equal samples give equal forces and derivatives
       logical :: has_touched_inputs = .false.                         !! code of the user has modified its inputs
+      logical :: is_wrongly_odd = .false.                       !! it is declared odd, and its forces are not
    contains
       procedure :: is_sound => derivative_check_is_sound
       procedure :: verdict => derivative_check_verdict
@@ -118,6 +119,7 @@ contains
          are_the_same(reshape(slopes, [size(slopes)]), reshape(slopes_again, [size(slopes)]))
       check%has_touched_inputs = law%has_touched_inputs(samples%motion(:, :, 1), &
          samples%motion(:, :merge(n, 0, law%needs_velocity), 2))
+      if (law%is_odd .and. law%n_states == 0) check%is_wrongly_odd = .not. is_mirrored(law, samples, f)
       do kind_of_motion = 1, 3
          if (.not. depends_on(law, kind_of_motion)) cycle
          do b = 1, n
@@ -126,12 +128,33 @@ contains
       end do
    end subroutine compare
 
+   !> Whether the forces f of samples change their sign with that of the motion.
+   logical function is_mirrored(law, samples, f)
+      class(law_t), intent(in) :: law
+      type(samples_t), intent(in) :: samples
+      real(wp), intent(in) :: f(:, :)                                 !! (n_samples, n_coordinates)
+      real(wp), parameter :: rounding = 1.0e-12_wp                    ! of the largest force
+      type(samples_t) :: mirrored
+      real(wp) :: f_mirrored(size(f, 1), size(f, 2)), size_of_sample(size(f, 1))
+      integer :: a
+
+      mirrored = samples
+      mirrored%motion = -samples%motion
+      call evaluate(law, mirrored, f_mirrored)
+      size_of_sample = max(largest(f), largest(f_mirrored))
+      is_mirrored = .true.
+      do a = 1, size(f, 2)
+         is_mirrored = is_mirrored .and. .not. any(ieee_is_finite(f(:, a)) .and. ieee_is_finite(f_mirrored(:, a)) .and. &
+            abs(f(:, a) + f_mirrored(:, a)) > derivative_tolerance*size_of_sample + rounding*maxval(size_of_sample))
+      end do
+   end function is_mirrored
+
    !> Whether the law may be used: its derivatives agree with its forces, and the comparison was possible.
    pure logical function derivative_check_is_sound(self) result(is_sound)
       class(derivative_check_t), intent(in) :: self
 
       is_sound = self%is_repeatable .and. .not. self%has_touched_inputs .and. size(self%wrong) == 0 .and. &
-         self%n_skipped < self%n_compared
+         .not. self%is_wrongly_odd .and. self%n_skipped < self%n_compared
    end function derivative_check_is_sound
 
    !> The result as text.
@@ -145,6 +168,8 @@ contains
          verdict = "wrong: two evaluations of the same motion differ"
       else if (size(self%wrong) > 0) then
          verdict = "wrong: "//join(self%wrong, ", ")
+      else if (self%is_wrongly_odd) then
+         verdict = "wrong: declared odd, but f(-z, -v) is not -f(z, v)"
       else if (self%n_skipped == self%n_compared) then
          verdict = "not known: no sample could be compared"
       else

@@ -1,5 +1,6 @@
-!> Whether the derivatives of user laws are those of their forces: compared at the first motion of a run. Newton's method converges
-!> to the right motion with wrong ones, but stability, curves and derivatives are then wrong.
+!> Whether the derivatives of user laws are those of their forces, and laws that are declared odd are odd: compared at the first
+!> motion of a run. Newton's method converges to the right motion with wrong derivatives, but stability, curves and derivatives are
+!> then wrong; motions under a law that is wrongly declared odd lack their even harmonics.
 module hb_law_doubt
    use hb_discretisation, only: discretisation_t
    use hb_kinds, only: wp
@@ -51,13 +52,22 @@ contains
                call check_derivatives_at(law, matmul(q(:, at), law%shape), matmul(v(:, at), law%shape), phases, &
                                          motion%frequency, check)
             end associate
-            if (size(check%wrong) == 0) cycle
-            if (.not. allocated(self%text)) self%text = ""
-            if (len(self%text) > 0) self%text = self%text//new_line("a")
-            self%text = self%text//"law '"//law%label//"': "//join(check%wrong, ", ")//" is not the derivative of its force "// &
-               "(differences along the motion): stability, curves and derivatives are wrong; correct the law"
+            if (size(check%wrong) > 0) call add(law%label, join(check%wrong, ", ")//" is not the derivative of its force "// &
+               "(differences along the motion): stability, curves and derivatives are wrong; correct the law")
+            if (check%is_wrongly_odd) call add(law%label, "it is declared odd, but f(-z, -v) is not -f(z, v) along the "// &
+               "motion: even harmonics are missing, and the motion is wrong; leave 'odd' out")
          end associate
       end do
+
+   contains
+
+      subroutine add(label, words)
+         character(*), intent(in) :: label, words
+
+         if (.not. allocated(self%text)) self%text = ""
+         if (len(self%text) > 0) self%text = self%text//new_line("a")
+         self%text = self%text//"law '"//label//"': "//words
+      end subroutine add
    end subroutine law_doubt_examine
 
    !> Whether the derivatives of a law come from the user, and depend on the motion at the same instant alone.

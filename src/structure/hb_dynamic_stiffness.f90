@@ -237,7 +237,7 @@ contains
          call condensation%condense(h, frequencies(h), drives(h), self%condensed(:, :, h), self%load(:, h), &
                                     self%magnitude(:, h), is_singular)
          if (is_singular) then
-            call fail(error, trim(singular_text(h, frequencies(h), self%n_law > 0)))
+            call fail(error, trim(singular_text(frequencies(h), self%n_law > 0)))
             if (condensation%drifting > 0) call fail(error, trim(drift_text(to_text(condensation%drifting))))
             exit
          end if
@@ -439,8 +439,7 @@ contains
              "there; add a support, or remove the load of the zero tuple"
    end function drift_text
 
-   pure function singular_text(harmonic, frequency, has_law_dofs) result(text)
-      integer, intent(in) :: harmonic
+   pure function singular_text(frequency, has_law_dofs) result(text)
       real(wp), intent(in) :: frequency
       logical, intent(in) :: has_law_dofs
       character(300) :: text
@@ -448,8 +447,7 @@ contains
 
       held = ""
       if (has_law_dofs) held = " with the degrees of freedom of its laws held fixed"
-      text = "dynamic stiffness: singular at harmonic "//to_text(harmonic)//", frequency "// &
-             to_text(frequency)//" rad/s: "
+      text = "dynamic stiffness: singular at the frequency "//to_text(frequency)//" rad/s:"
       if (abs(frequency) > 0.0_wp) then
          text = trim(text)//" an undamped resonance of the structure"//held//"; add damping or change the frequency"
       else

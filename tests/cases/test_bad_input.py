@@ -57,6 +57,9 @@ AFTER = LAST_LINE + 1  # line of the appended text
 
 CASES = [
     # groups and keys
+    Bad("label twice", (line(AFTER + 1), "&law(", "'one' is the label of &law(", "labels name one each"),
+        GOOD + 2 * "&law type = 'cubic_spring', label = 'one', dof = 'x1', stiffness = 1.0 /\n"),
+    Bad("tolerance in percent", (line(AFTER), "tolerance = 10", "must be 1.0 or less"), GOOD + "&accuracy tolerance = 10 /\n"),
     Bad("unknown group", (line(AFTER), "'&solvr'", "did you mean '&solver'?"), GOOD + "&solvr /\n", n_lines=2),
     Bad("missing group", ("bad.nml: ", "missing group &tones"), changed("&tones frequency = 1.0, 1.4 /\n", "")),
     Bad("group twice", (line(AFTER), "&tones"), GOOD + "&tones frequency = 1.0, 1.4 /\n"),

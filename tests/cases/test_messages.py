@@ -82,6 +82,22 @@ def test_why_says_what_was_tried_and_what_to_do(tmp_path):
     assert refused.status == BAD_INPUT and "it has 0 to 2" in refused.stderr
 
 
+def test_a_given_tolerance_is_not_loosened(tmp_path):
+    """With an order and a tolerance the order is left out, not the tolerance."""
+    text = STOP + "&harmonics order = 3 /\n&accuracy tolerance = 1e-4 /\n"
+    done = run("solve", write(tmp_path, text.replace("1.0e4", "10.0")), cwd=tmp_path)
+    assert done.status == NOT_ALL_CONVERGED
+    (tried,) = commands(done.stdout)
+    assert "accuracy%tolerance=1.0e-4 --unset harmonics%order" in tried
+    assert run(*shlex.split(tried), cwd=tmp_path).status == ALL_CONVERGED
+
+
+def test_the_heading_has_no_tolerance_that_points_do_not_have(tmp_path):
+    sweep = "&sweep parameter = 'accuracy%tolerance', values = 1e-2, 1e-4 /\n"
+    done = run("solve", write(tmp_path, STOP.replace("1.0e4", "10.0") + sweep), cwd=tmp_path)
+    assert "1 tone, harmonics for the tolerance of each point\n" in done.stdout
+
+
 def test_why_alone_has_every_status(tmp_path):
     told = run("why", cwd=tmp_path).stdout
     names = re.search(r"outcome_names\(0:21\) = (.*?)\]\n", (ROOT / "src/solve/hb_outcome.f90").read_text(), re.S)[1]

@@ -48,6 +48,18 @@ def test_size_is_that_of_the_file(source, tmp_path):
         assert n_datasets == len(rows) - 2, "all but the scale and the swept parameter, which stand there from the start"
 
 
+def test_the_size_by_tolerance_is_that_of_a_complete_file(source, tmp_path):
+    """Not that of the room for all harmonics, which is reserved as a sparse file."""
+    text = INPUT.replace("&harmonics order = 3 /", "").replace("n = 20", "n = 2000")
+    source.write_text(text)
+    words = plan(source).stdout
+    assert " GB with 8 harmonics a point; for 8000, " in words
+    planned = 2000 * int(words.split()[3])
+    assert 0.5 < planned / solve(text, tmp_path).stat().st_size < 2.0
+    reserved = float(words.partition("for 8000, ")[2].split()[0]) * 1e9
+    assert reserved > 50 * planned
+
+
 def test_equal_points_on_ranks(source):
     """Twenty points of a second: twenty seconds on one rank, ten on two, seven on three."""
     rows = table_of(source, "--cost", "1.0", "--ranks", "1,2,3")

@@ -4,6 +4,7 @@ arguments, datasets without a motion."""
 from __future__ import annotations
 
 import gc
+import re
 import threading
 import warnings
 
@@ -137,6 +138,21 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().curve(3, 0.5, 2.0), "a path is a text such as 'wall.gap'"),
     (lambda: duffing().integrate("long"), "duration must be numbers, not 'long'"),
     (lambda: duffing().bearing(["x1", "x2"], ["slow"], [[1, 0, 0, 1]]), "speeds must be numbers"),
+    (lambda: duffing().curve("tones[0]", 0.5, 2.0, **{"from": 0.1}), "'from' follows from the arguments path, start and stop"),
+    (lambda: duffing().peak("x1", "tones[0]", 0.5, 2.0, to=3.0), "'to' follows from the arguments"),
+    (lambda: duffing().response("max x1"), "'max x1' is a response of datasets"),
+    (lambda: duffing().gradient("max x1", ["spring.stiffness"]), "'max x1' is a response of datasets"),
+    (lambda: duffing().peak("max x1", "tones[0]", 0.5, 2.0), "'max x1' is a response of datasets"),
+    (lambda: duffing().curve("tones[0]", 0.5, 2.0, peak_of=["x1", "max x1"]), "'max x1' is a response of datasets"),
+    (lambda: duffing().sweep({"tones[0]": [0.5]}, of="max x1"), "'max x1' is a response of datasets"),
+    (lambda: duffing().gradient("x1 (1)", ["spring.stifness"]), "unknown key 'stifness'; did you mean 'stiffness'"),
+    (lambda: Model.from_file("nothing.nml"), "file 'nothing.nml' does not exist"),
+    (lambda: Model.from_file(nhbm.__file__.replace("__init__.py", "")), "cannot be read: Is a directory"),
+    (lambda: duffing().solve(tolerance=10.0), "tolerance = 10.0 must be 1.0 or less"),
+    (lambda: duffing().solve(order=3).nhbm.to_csv("/nothing/x.csv"), "file '/nothing/x.csv' cannot be written: No such file"),
+    (lambda: duffing().solve(order=3).nhbm.to_mat("/nothing/x.mat"), "file '/nothing/x.mat' cannot be written: No such file"),
+    (lambda: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.details, "has numbers, not motions"),
+    (lambda: duffing().__setitem__("load[1].cos", 1.0), r"there is no load.2.; the file has load.1.$"),
 ])  # fmt: skip
 def test_wrong_arguments_are_named(made, message):
     with pytest.raises(ModelError, match=message):
@@ -213,6 +229,36 @@ def test_a_wrong_derivative_of_a_law_is_said():
     with warnings.catch_warnings():
         warnings.simplefilter("error", NotConverged)
         right.solve(order=5)
+
+
+def test_a_law_that_is_wrongly_declared_odd_is_named():
+    """Its motion has no even harmonics, whatever the tolerance; also where its derivatives are right."""
+    model = duffing(spring=True)
+    model.law(nhbm.law(lambda q: 0.2 * q**2, odd=True), "x1", label="mine")
+    words = r"law 'mine': it is declared odd, but f.-z, -v. is not -f.z, v."
+    for operation in (lambda: model.solve(order=5), lambda: model.curve("tones[0]", 0.5, 0.6, order=5)):
+        model.set("sampling", samples=64)  # a new session
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            operation()
+        assert any(re.search(words, str(one.message)) for one in warned)
+    right = duffing(spring=True)
+    right.law(nhbm.law(lambda q, v: 0.2 * np.abs(q) * q + 0.1 * v, odd=True), "x1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NotConverged)
+        right.solve(order=5)
+
+
+def test_a_resonance_is_named_by_its_frequency():
+    model = Model(nhbm.Matrices(mass=1.0, stiffness=9.0), tones=[1.0])
+    model.load("x1", 1, cos=0.1)
+    with pytest.warns(NotConverged, match="singular at the frequency 3.0 rad/s: an undamped resonance"):
+        model.solve(order=3)
+
+
+def test_structures_are_shown_in_one_line():
+    structure = nhbm.Structure(np.eye(2), np.diag([1.0, 2.0]))
+    assert repr(structure) == "<nhbm.Structure: 2 degrees of freedom; 2 entries of the stiffness>"
 
 
 def test_arguments_of_a_law_are_what_their_names_say():

@@ -80,6 +80,20 @@ def test_a_wrong_derivative_is_said_by_every_run(wrong_law, more):
     assert "derivative" not in run("solve", "one_mass.nml", "--overwrite", cwd=wrong_law).stdout
 
 
+def test_a_law_wrongly_declared_odd_is_said(wrong_law):
+    even = WRONG.replace("df_dz[i] = -1.0", "df_dz[i] = 2.0 * z[i]").replace("f[i] = z[i]", "f[i] = z[i] * z[i]")
+    assert even.count("2.0 * z[i]") == 1 and even.count("z[i] * z[i]") == 1
+    (wrong_law / "wrong.c").write_text(even)
+    subprocess.run(["cc", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "wrong.so", "wrong.c"], cwd=wrong_law, check=True)
+    for odd in (True, False):
+        text = ONE_MASS.replace("label = 'mine'", f"label = 'mine', odd = .{odd}.")
+        (wrong_law / "one_mass.nml").write_text(text)
+        said = run("solve", "one_mass.nml", "--overwrite", cwd=wrong_law).stdout
+        assert ("law 'mine': it is declared odd, but f(-z, -v) is not -f(z, v)" in said) == odd
+        checked = run("check", "one_mass.nml", cwd=wrong_law)
+        assert ("wrong: declared odd" in checked.stdout) == odd and (checked.status == ALL_CONVERGED) != odd
+
+
 def test_examples_move_like_the_built_in_spring(folder, tmp_path):
     done = run("solve", folder / INPUT, cwd=tmp_path)
     result = tmp_path / "cubic_spring.h5"

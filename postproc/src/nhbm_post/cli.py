@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import errno
 import os
-import re
 import sys
 from pathlib import Path
 
 from nhbm import shells
+from nhbm.arguments import Parser
 from nhbm.child_process import is_input
 
 from . import __version__, options, verbs
@@ -27,16 +26,6 @@ parameters). Without either it is the first converged point. Without --dof it is
 freedom on which a law acts. Pictures go next to the file and are named after it: beam.h5 gives
 beam_spectrum.png; --output chooses another name, and its ending the format (.png, .pdf or .svg).
 """
-
-
-class _Parser(argparse.ArgumentParser):
-    """An argparse parser that reports an error in one line, with status 2, and names the closest choice to a misspelt one."""
-
-    def error(self, message):
-        wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
-        close = difflib.get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), 1) if wrong else []
-        message += f"; did you mean '{close[0]}'?" if close else ""
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -74,7 +63,7 @@ def _discard_output() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = Parser(
         prog="nhbm-post", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--version", action="version", version=f"nhbm-post {__version__}")

@@ -115,7 +115,10 @@ def atomic_write(path: Any) -> Any:
     name = str(path.with_name(f"{path.stem[:40]}.{secrets.token_hex(4)}.part{path.suffix}"))
     _note_unfinished(name)
     try:
-        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        try:
+            descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
         try:
             if path.exists():
                 os.fchmod(descriptor, path.stat().st_mode & 0o777)

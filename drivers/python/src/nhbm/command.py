@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
+from nhbm.arguments import Parser
 from nhbm.checks import check
 from nhbm.child_process import is_input, run_in_child_process
 from nhbm.errors import ModelError, NotConverged
@@ -49,7 +50,7 @@ def main(arguments: Any = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="nhbm-model", description="Models for nhbm: import, check, reduce finite elements, fit.")
+    top = Parser(prog="nhbm-model", description="Models for nhbm: import, check, reduce finite elements, fit.")
     top.add_argument("--version", action="version", version=f"nhbm-model {__version__}")
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 

@@ -327,6 +327,8 @@ class Accessor:
 
     def _record(self) -> tuple[xr.Dataset, Source]:
         found = self._dataset.encoding.get(_DETAILS)
+        if found is None and "coefficients" not in self._dataset and "status" in self._dataset:
+            raise ModelError("this dataset has numbers, not motions: it has neither details nor an input")
         if found is None:
             raise ModelError("this dataset was computed from a result and has no details; use the result, or a selection of it")
         return found  # type: ignore[no-any-return]

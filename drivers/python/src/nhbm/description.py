@@ -124,7 +124,14 @@ class Description(Laws):
     @classmethod
     def from_file(cls, path: str | Path) -> Self:
         """Creates a model from an input file."""
-        return cls.from_namelist(Path(path).read_text(), Path(path).parent, Path(path).name)
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except FileNotFoundError:
+            raise ModelError(f"file '{path}' does not exist") from None
+        except (OSError, UnicodeDecodeError) as error:
+            why = getattr(error, "strerror", None) or "it is not a text"
+            raise ModelError(f"file '{path}' cannot be read: {why}") from None
+        return cls.from_namelist(text, Path(path).parent, Path(path).name)
 
     @exclusive
     def to_namelist(self) -> str:

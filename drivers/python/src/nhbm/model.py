@@ -18,7 +18,7 @@ from nhbm.errors import ModelError
 from nhbm.groups import SETS, Group, Settings, described, identifier, numbers_of, path_of, plain, request
 from nhbm.keys import check_keys
 from nhbm.laws import Law
-from nhbm.responses import gradient_of, required_response_of, response_of
+from nhbm.responses import gradient_of, refuse_largest, required_response_of, response_of
 from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
@@ -135,6 +135,7 @@ class Model(Description):
         float
             In the unit of the degree of freedom [m or rad]; NaN, with the warning NotConverged, if no motion was found.
         """
+        refuse_largest(of)
         session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
         doubts.warn_of(session)
@@ -176,6 +177,7 @@ class Model(Description):
         >>> bool(abs((further - value) / 1e-6 - slopes[0]) < 1e-4 * abs(slopes[0]))
         True
         """
+        refuse_largest(of)
         paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
         session = self._begin(request(tolerance, order, gradient={"by": paths, "of": of}))
         session.solve(warm, points=0)
@@ -216,7 +218,7 @@ class Model(Description):
             The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve stops
             before the end of its range.
         """
-        keys = {**_range(start, stop), **keys}
+        keys = _range(start, stop, keys)
         return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
 
     @exclusive
@@ -266,13 +268,14 @@ class Model(Description):
             moves = session.column("position_gradient").values
             return PeakGradient(value, at, gradient_of(session, of), none if moves is None else moves.copy())
 
-        groups, keys = {"gradient": {"by": paths}}, {**_range(start, stop), **keys}
+        groups, keys = {"gradient": {"by": paths}}, _range(start, stop, keys)
         return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
 
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
                  groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
         """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
         warning, if the curve stops before the end of its range."""
+        refuse_largest(of)
         path = self._resolved(path)
         groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
         if order is not None:
@@ -336,7 +339,9 @@ class Model(Description):
         if "over" in keys:
             keys["over"] = self._resolved(keys["over"])
         check_keys("curve", keys)
-        session = self._begin(request(tolerance, order, curve={"parameter": path, **_range(start, stop), **keys}))
+        for key in ("peak_of", "minimum_of", "amplitude_of"):
+            refuse_largest(*np.atleast_1d(keys.get(key, ())).tolist())
+        session = self._begin(request(tolerance, order, curve={"parameter": path, **_range(start, stop, keys)}))
         points: list[xr.Dataset] = []
         doubtful: list[tuple[str, str]] = []
         has_warned, idle = False, None  # laws without force on all points
@@ -621,6 +626,9 @@ class Model(Description):
             return "converged", "", ""
         return dataset.status_of(live.session), live.session.message, doubts.doubt_of(live.session)
 
-def _range(start: Any, stop: Any) -> dict[str, Any]:
-    """Keys of &curve for the range of its parameter."""
-    return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0]}
+def _range(start: Any, stop: Any, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of &curve for the range of its parameter, and the given further ones."""
+    for key in ("parameter", "from", "to"):
+        if key in keys:
+            raise ModelError(f"&curve: '{key}' follows from the arguments path, start and stop; leave it out")
+    return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0], **keys}

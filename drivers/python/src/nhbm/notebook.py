@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.errors import ModelError, imported
+from nhbm.tables import writing
 
 if TYPE_CHECKING:
     from nhbm.groups import Groups
@@ -101,7 +102,8 @@ class Report:
         path : str or Path
             The file, such as "wall.html".
         """
-        Path(path).write_text(self._page, encoding="utf-8")
+        with writing(Path(path)) as name:
+            Path(name).write_text(self._page, encoding="utf-8")
 
 
 def report(data: xr.Dataset) -> Report:

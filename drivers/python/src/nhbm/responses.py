@@ -86,6 +86,14 @@ def largest_of(of: str) -> str | None:
     return of.strip()[len(_LARGEST) :].strip() if of.strip().startswith(_LARGEST) else None
 
 
+def refuse_largest(*responses: Any) -> None:
+    """Raises ModelError for a largest displacement where a response of the input is needed."""
+    for of in responses:
+        if isinstance(of, str) and largest_of(of) is not None:
+            raise ModelError(f"'{of}' is a response of datasets, dataset.nhbm.response('{of}'); here 'x1' (root mean square) or "
+                             "'x1 (1)' (amplitude of a harmonic)")  # fmt: skip
+
+
 def words_of(of: str) -> str:
     """A response of a motion in words, as axes have it."""
     dof = largest_of(of)

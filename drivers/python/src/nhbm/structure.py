@@ -69,6 +69,11 @@ class Structure:
     recovery: Recovery | Any = None  # None: there is none
     up_to: float | None = None  # frequencies that a reduced model is for [rad/s]
 
+    def __repr__(self) -> str:
+        parts = [f"{self.n_dofs} degrees of freedom", f"{self.stiffness.nnz} entries of the stiffness"]
+        parts += [f"{name} {', '.join(found)}" for name, found in (("sets", self.sets), ("loads", self.loads)) if found]
+        return f"<nhbm.Structure: {'; '.join(parts)}>"
+
     def __post_init__(self) -> None:
         for name in MATRICES:
             matrix = getattr(self, name)

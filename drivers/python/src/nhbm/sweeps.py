@@ -19,7 +19,7 @@ from nhbm import dataset, doubts
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError, NotConverged
 from nhbm.groups import Settings, identifier, request
-from nhbm.responses import absence_of, parts_of, response_of, words_of
+from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, words_of
 
 if TYPE_CHECKING:
     from nhbm.model import Model
@@ -61,6 +61,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         the function returns, NaN where it failed, and `status` and `message` of the last solution of each point. An
         exception in the function is raised at the first point; later points then have the status `failed`.
     """
+    refuse_largest(of)
     grid = {self._resolved(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
     if not grid or not all(grid.values()):
         raise ModelError("a sweep needs at least one path, and values for each")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,16 @@ from nhbm.errors import ModelError
 _MOST_DOFS = 12  # of which a table has a column by default
 _OUTCOMES = ("status", "stability", "n_unstable", "curve_kind", "curve_branch", "truncation_estimate", "aliasing_estimate",
              "n_harmonics", "message")  # fmt: skip
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[str]:
+    """`atomic_write` with a ModelError for what cannot be written."""
+    try:
+        with atomic_write(path) as name:
+            yield name
+    except OSError as error:
+        raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
 
 
 def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any:
@@ -46,7 +58,7 @@ def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any
 
 def write_csv(data: xr.Dataset, path: Path, of: tuple[str, ...]) -> None:
     """Writes that table with units in its heading."""
-    with atomic_write(path) as name:
+    with writing(path) as name:
         frame(data, of, has_units=True).to_csv(name)
 
 
@@ -60,5 +72,5 @@ def write_mat(data: xr.Dataset, path: Path) -> None:
         variables[str(name)] = values.astype(object) if values.dtype.kind in "UO" else values
     variables["units"] = {str(name): str(data[name].attrs["units"]) for name in data.variables if "units" in data[name].attrs}
     variables["axes"] = {str(name): " ".join(map(str, data[name].dims)) for name in data.variables if data[name].dims}
-    with atomic_write(path) as name:
+    with writing(path) as name:
         savemat(str(name), variables, long_field_names=True, appendmat=False, oned_as="column")
