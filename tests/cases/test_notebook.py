@@ -8,6 +8,7 @@ import inspect
 import numpy as np
 import pandas
 import pytest
+import xarray as xr
 
 from in_process import ROOT, duffing
 
@@ -70,6 +71,17 @@ def test_a_table_has_a_row_a_point(curve):
     assert len(duffing().solve(order=5).nhbm.to_dataframe("x1 (1)")) == 1
     numbers = duffing().sweep({"tones[0]": [0.5, 0.6]}, of="x1 (1)", order=5)
     np.testing.assert_array_equal(numbers.nhbm.to_dataframe()["response"], numbers["response"])
+
+
+def test_results_of_netcdf_and_empty_selections(curve, tmp_path):
+    curve.to_netcdf(tmp_path / "curve.nc", engine="h5netcdf")
+    read = xr.open_dataset(tmp_path / "curve.nc", engine="h5netcdf")
+    assert read.nhbm.events("x1 (1)").equals(curve.nhbm.events("x1 (1)"))
+    assert read.nhbm.to_dataframe("max x1").columns.tolist() == curve.nhbm.to_dataframe("max x1").columns.tolist()
+    assert repr(read.nhbm) == repr(curve.nhbm)
+    none = curve.isel(point=[])
+    assert none.nhbm.largest("x1").shape == (0,) and none.nhbm.to_dataframe("max x1", "x1", "x1 (1)").empty
+    assert repr(none.nhbm) and none.nhbm.events().empty
 
 
 def test_tables_as_files(curve, tmp_path):

@@ -268,6 +268,11 @@ def status_of(session: Session) -> str:
     return STATUSES[int(number(session, "status"))]
 
 
+def varies_of(data: xr.Dataset) -> list[str]:
+    """Names of the values that vary over the points; netCDF has a list of one name as a text."""
+    return [str(name) for name in np.atleast_1d(data.attrs.get("varies", [])) if str(name) in data.variables]
+
+
 def row_of(found: Any) -> dict[str, Any]:
     """A number, or a mapping or named tuple of numbers, by their names."""
     return dict(found._asdict() if hasattr(found, "_asdict") else found if isinstance(found, Mapping) else {"response": found})
@@ -481,7 +486,7 @@ class Accessor:
             raise ModelError("only curves have events; this dataset is not the result of `curve`")
         found = data.isel(point=~np.isin(data["curve_kind"].values, ("none", "regular")))
         columns: dict[str, Any] = {"kind": found["curve_kind"].values}
-        columns.update({name: found[name].values for name in data.attrs.get("varies", ())})
+        columns.update({name: found[name].values for name in varies_of(data)})
         columns.update({one: found.nhbm.response(one)[0].values for one in of})
         others = ("status", "stability", "n_unstable", "curve_branch")
         columns.update({name: found[name].values for name in others if name in found})
@@ -586,7 +591,7 @@ class Accessor:
         row = row.transpose(*axes, "harmonic", "component")
         tuples = self._tuples().transpose(..., "harmonic", "tone")
         n_points, n_tones = int(np.prod(shape)), data.sizes["tone"]
-        waves = row.values.reshape(n_points, -1, 2)
+        waves = row.values.reshape(n_points, data.sizes["harmonic"], 2)
         of_points = np.broadcast_to(tuples.values, (n_points, *tuples.shape[-2:])) if tuples.ndim == 2 else tuples.values
         has_motion = np.broadcast_to(self._has_motion(), shape).ravel() & np.isfinite(waves).all(axis=(1, 2))
         sizes, phases = np.full(n_points, np.nan), np.full((n_points, n_tones), np.nan)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from nhbm.dataset import varies_of
 from nhbm.errors import ModelError, imported
 from nhbm.tables import writing
 
@@ -52,8 +53,10 @@ def _short(value: Any) -> str:
 def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
     """What a result is: its points with their status and stability, what varies, its errors and events."""
     rows = [("motion" if "point" not in data.dims else "points", _counts(data["status"].values))] if "status" in data else []
-    for name in data.attrs.get("varies", ()):
+    for name in varies_of(data):
         values = data[name].values
+        if not values.size:
+            continue
         ends = f"{values.min():.6g} to {values.max():.6g}" if values.dtype.kind in "fi" else ", ".join(map(str, np.unique(values)))
         unit = str(data[name].attrs.get("units", "1"))
         rows.append((str(data[name].attrs.get("parameter", name)), f"{ends} {'' if unit == '1' else unit}".rstrip()))
@@ -61,7 +64,8 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
         rows.append(("stability", _counts(data["stability"].values)))
     if "n_harmonics" in data:
         counts = np.unique(np.ravel(data["n_harmonics"].values))
-        rows.append(("harmonics", f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"))
+        if len(counts):
+            rows.append(("harmonics", f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"))
     errors = [f"{np.nanmax(data[name].values):.1e} by {word}" for name, word in _ESTIMATES.items()
               if name in data and np.isfinite(data[name].values).any()]  # fmt: skip
     if errors:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from nhbm.dataset import varies_of
 from nhbm.errors import imported
 from nhbm.located import MARKERS, located_kinds
 
@@ -55,7 +56,7 @@ def _over_time(ax: Any, data: xr.Dataset, dof: str) -> None:
 
 def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
     """Lines over what varies last: one for each branch of a curve, or for each of the other values of a sweep."""
-    *others, name = data.attrs.get("varies") or ["point"]
+    *others, name = varies_of(data) or ["point"]
     y, label = data.nhbm.response(of)
     if "curve_branch" in data:
         others = ["curve_branch"]
@@ -97,7 +98,7 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
 
 def _numbers(ax: Any, data: xr.Dataset, name: Any) -> None:
     """Numbers of a sweep, over its one value as a line; over several as the distribution."""
-    name, varies = name or next(iter(data.data_vars)), data.attrs["varies"]
+    name, varies = name or next(iter(data.data_vars)), varies_of(data)
     if len(varies) == 1:
         ax.plot(data[varies[0]], data[name], ".-", lw=1.2)
         ax.set(xlabel=_labelled(varies[0], data[varies[0]]), ylabel=_labelled(name, data[name]))

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
+from nhbm.dataset import varies_of
 from nhbm.errors import ModelError
 
 _MOST_DOFS = 12  # of which a table has a column by default
@@ -37,7 +38,7 @@ def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any
     def add(name: str, values: Any, unit: str) -> None:
         columns[f"{name} [{unit}]" if has_units and unit not in ("", "1") else name] = np.atleast_1d(values)
 
-    for name in data.attrs.get("varies", ()):
+    for name in varies_of(data):
         add(name, data[name].values, str(data[name].attrs.get("units", "")))
     if "coefficients" in data:
         for one in of or [str(dof) for dof in data["dof"].values[:_MOST_DOFS]]:
