@@ -37,10 +37,9 @@ contains
       integer :: i
 
       text = ""
-      group => document%group("structure", 1)
       name = "structure"
-      if (.not. group%given("speed")) name = "bearing"
-      if (document%count(name) == 0) return
+      if (.not. turns(name)) name = "bearing"
+      if (.not. turns(name)) return
       do i = 1, size(plan%parameters)
          associate (parameter => plan%parameters(i)%parameter)
             if (any(group_of(parameter) == [character(9) :: "structure", "bearing"]) .and. parameter%key == "speed") return
@@ -67,6 +66,22 @@ contains
       text = text//" /"
 
    contains
+
+      !> Whether a group has a speed; complete inputs have that of a structure at rest, too.
+      logical function turns(name)
+         character(*), intent(in) :: name
+         type(properties_t), pointer :: group
+         real(wp), allocatable :: speeds(:)
+         integer :: k
+
+         turns = .false.
+         do k = 1, document%count(name)
+            group => document%group(name, k)
+            if (.not. group%given("speed")) cycle
+            call group%get("speed", speeds)
+            turns = turns .or. any(abs(speeds) > 0.0_wp)
+         end do
+      end function turns
 
       pure function group_of(parameter) result(name)
          type(parameter_t), intent(in) :: parameter

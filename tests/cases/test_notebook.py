@@ -84,6 +84,19 @@ def test_results_of_netcdf_and_empty_selections(curve, tmp_path):
     assert repr(none.nhbm) and none.nhbm.events().empty
 
 
+def test_records_of_time_integration_are_shown():
+    model = duffing()
+    record = model.integrate(400.0, transient=400.0)
+    motion = model.solve(order=7)
+    assert float(record.nhbm.amplitude("x1", 1)) == pytest.approx(float(motion.nhbm.amplitude("x1", 1)), rel=1e-3)
+    assert "record: 399.995 to 799.989 s, " in repr(record.nhbm) and "record" in record.nhbm._repr_html_()
+    (line,) = record.nhbm.plot().lines
+    np.testing.assert_array_equal(line.get_ydata(), record["displacement"].sel(dof="x1"))
+    for refused in (lambda: record.nhbm.save("x.h5"), record.nhbm.report):
+        with pytest.raises(ModelError, match="a record of time integration"):
+            refused()
+
+
 def test_tables_as_files(curve, tmp_path):
     curve.nhbm.to_csv(tmp_path / "curve.csv", "x1 (1)")
     table = pandas.read_csv(tmp_path / "curve.csv")

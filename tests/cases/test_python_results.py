@@ -111,6 +111,16 @@ def test_the_command_reads_what_was_saved(name, tmp_path):
     assert (tmp_path / "saved.html").stat().st_size > 10_000
 
 
+def test_a_saved_curve_has_no_warning_of_its_own(tmp_path):
+    """Its input is complete: a structure at rest has a speed there, which is zero."""
+    model = Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
+    model.load("x1", 1, cos=0.3)
+    model.law("cubic_spring", "x1", stiffness=0.5)
+    model.curve("tones[0]", 0.8, 0.9, order=3).nhbm.save(tmp_path / "curve.h5")
+    done = run("resume", "curve.h5", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED and "warning" not in done.stdout + done.stderr, done
+
+
 def test_a_saved_motion_is_verified(tmp_path):
     results()["motion"].nhbm.save(tmp_path / "motion.h5")
     done = run("verify", "motion.h5", cwd=tmp_path)

@@ -332,6 +332,8 @@ class Accessor:
 
     def _record(self) -> tuple[xr.Dataset, Source]:
         found = self._dataset.encoding.get(_DETAILS)
+        if found is None and "displacement" in self._dataset:
+            raise ModelError("this is a record of time integration, not a result; `nhbm integrate` writes files of records")
         if found is None and "coefficients" not in self._dataset and "status" in self._dataset:
             raise ModelError("this dataset has numbers, not motions: it has neither details nor an input")
         if found is None:
@@ -520,7 +522,7 @@ class Accessor:
             raise ModelError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
         sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
         has = (tuples == sign * wanted).all("tone") & self._in_use()
-        if not bool(has.any()):
+        if has.size and not bool(has.any()):
             raise ModelError(f"the set of harmonics does not have the tuple {tuple_}: its amplitude is not known; "
                              f"the highest is {int(abs(tuples).max())}")  # fmt: skip
         found = self._row(of, dof).where(has).sum("harmonic", min_count=1).where(self._has_motion())
@@ -740,4 +742,7 @@ class Accessor:
         return self._dataset["tuples" if "tuples" in self._dataset.coords else "tuple"]
 
     def _in_use(self) -> xr.DataArray:
+        """Which harmonics a motion has; all of a record of time integration."""
+        if "n_harmonics" not in self._dataset:
+            return xr.ones_like(self._dataset["harmonic"], dtype=bool)
         return self._dataset["harmonic"] < self._dataset["n_harmonics"]

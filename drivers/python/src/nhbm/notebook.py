@@ -53,6 +53,9 @@ def _short(value: Any) -> str:
 def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
     """What a result is: its points with their status and stability, what varies, its errors and events."""
     rows = [("motion" if "point" not in data.dims else "points", _counts(data["status"].values))] if "status" in data else []
+    if "displacement" in data:
+        times = data["time"].values
+        rows.append(("record", f"{times[0]:.6g} to {times[-1]:.6g} s, {len(times)} instants"))
     for name in varies_of(data):
         values = data[name].values
         if not values.size:

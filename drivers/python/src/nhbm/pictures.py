@@ -47,11 +47,15 @@ def _labelled(name: str, values: xr.DataArray, value: float | None = None) -> st
 
 
 def _over_time(ax: Any, data: xr.Dataset, dof: str) -> None:
+    ax.set(xlabel="Time $t$ [s]", ylabel=f"Displacement {dof} [{data.nhbm.unit_of(dof)}]")
+    if "displacement" in data:  # a record of time integration
+        ax.plot(data["time"], data["displacement"].sel(dof=dof), color="C0", lw=1.2)
+        return
     frequency = data["frequency"].values
     length = 2 * np.pi / frequency.min() * (2 if len(frequency) == 1 else 8)
     times = np.linspace(0.0, length, 2000)
     ax.plot(times, data.nhbm.time(dof, times), color="C0", lw=1.2)
-    ax.set(xlabel="Time $t$ [s]", ylabel=f"Displacement {dof} [{data.nhbm.unit_of(dof)}]", xlim=(0.0, length))
+    ax.set(xlim=(0.0, length))
 
 
 def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
