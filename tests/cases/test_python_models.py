@@ -511,3 +511,18 @@ def test_one_of_several_values_is_set_for_all_operations():
     other = Model(nhbm.Matrices(np.eye(2), [[2.0, -1.0], [-1.0, 3.0]], 0.1 * np.eye(2)), tones=[0.9])
     other.load("x1", 1, cos=0.1)
     assert matrices.response("x1 (1)", order=3) == pytest.approx(other.response("x1 (1)", order=3), rel=1e-12)
+
+
+def test_a_curve_begins_between_its_ends():
+    """The key `start` of &curve, whose name the range has in Python."""
+    whole = duffing().curve("tones[0]", 0.5, 2.5, order=5)
+    curve = duffing().curve("tones[0]", 0.5, 2.5, order=5, first=0.7)
+    begin = curve.isel(point=curve["curve_kind"].values == "start")
+    assert begin["tones_frequency"].values.tolist() == [0.7]
+    assert float(curve["curve_length"].min()) < 0 < float(curve["curve_length"].max())
+    for data in (whole, curve):
+        assert sorted(data["tones_frequency"].values[data["curve_kind"] == "end"].tolist())[-1] == 2.5
+    np.testing.assert_allclose(curve["tones_frequency"].min(), 0.5)
+    assert duffing().peak("x1", "tones[0]", 0.5, 2.5, order=5, first=0.7).at == pytest.approx(
+        duffing().peak("x1", "tones[0]", 0.5, 2.5, order=5).at, rel=1e-8
+    )

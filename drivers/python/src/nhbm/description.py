@@ -157,6 +157,8 @@ class Description(Laws):
         """
         if group in REPEATED:
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
+        if group == "curve":
+            raise ModelError("the keys of &curve are arguments of the operations: model.curve(path, start, stop, points=200)")
         if group not in GROUPS:
             raise ModelError(f"unknown group '{group}'{among(group, list(GROUPS))}")
         own = self._groups.first(group)

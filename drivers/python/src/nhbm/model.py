@@ -178,7 +178,7 @@ class Model(Description):
         True
         """
         refuse_largest(of)
-        paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
+        paths = self._paths(by)
         session = self._begin(request(tolerance, order, gradient={"by": paths, "of": of}))
         session.solve(warm, points=0)
         doubts.warn_of(session)
@@ -261,7 +261,7 @@ class Model(Description):
         >>> bool(abs((further.at - found.at) / 1e-5 - found.at_slopes[0]) < 1e-3 * found.at_slopes[0])
         True
         """
-        paths = [self._resolved(one) for one in ([by] if isinstance(by, str) else by)]
+        paths = self._paths(by)
         none = np.full(len(paths), np.nan)
 
         def here(session: Session, value: float, at: float) -> PeakGradient:
@@ -270,6 +270,13 @@ class Model(Description):
 
         groups, keys = {"gradient": {"by": paths}}, _range(start, stop, keys)
         return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
+
+    def _paths(self, by: Iterable[str]) -> list[str]:
+        """The spellings of paths, of which there is at least one."""
+        paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
+        if not paths:
+            raise ModelError("by must name at least one value, such as ['wall.gap']")
+        return paths
 
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
                  groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
@@ -315,7 +322,8 @@ class Model(Description):
         progress : bool or function
             True: a progress bar of tqdm; a function is called with the number of points.
         **keys
-            Keys of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``.
+            Keys of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``; its `start`, a value between
+            the ends from which both directions are traced, is called `first` here.
 
         Returns
         -------
@@ -338,7 +346,6 @@ class Model(Description):
         path = self._resolved(path)
         if "over" in keys:
             keys["over"] = self._resolved(keys["over"])
-        check_keys("curve", keys)
         for key in ("peak_of", "minimum_of", "amplitude_of"):
             refuse_largest(*np.atleast_1d(keys.get(key, ())).tolist())
         session = self._begin(request(tolerance, order, curve={"parameter": path, **_range(start, stop, keys)}))
@@ -631,4 +638,6 @@ def _range(start: Any, stop: Any, keys: Mapping[str, Any]) -> dict[str, Any]:
     for key in ("parameter", "from", "to"):
         if key in keys:
             raise ModelError(f"&curve: '{key}' follows from the arguments path, start and stop; leave it out")
+    keys = {"start" if key == "first" else key: value for key, value in keys.items()}
+    check_keys("curve", keys)
     return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0], **keys}
