@@ -5,8 +5,7 @@
 !> integrated along time. Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_sampled_laws
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_ptr
-   use hb_cancellation, only: share_work, work_of_thread
+   use hb_cancellation, only: shared_work_t, work_of_thread
    use hb_characteristic, only: characteristic_t, new_characteristic
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
@@ -233,7 +232,7 @@ contains
    subroutine run_laws(self, with_derivatives)
       class(sampled_laws_t), intent(inout) :: self
       logical, intent(in) :: with_derivatives
-      type(c_ptr) :: work
+      type(shared_work_t) :: work
       integer :: i, n, pass
 
       associate (samples => self%samples)
@@ -258,8 +257,9 @@ contains
                !$omp parallel do num_threads(n) schedule(dynamic)
                do i = 1, size(self%laws)
                   if ((self%laws(i)%law%is_multiplier .neqv. pass == 2) .or. self%laws(i)%law%is_users_own) cycle
-                  call share_work(work)
+                  call work%join()
                   call run_law(self, i, with_derivatives)
+                  call work%leave()
                end do
                do i = 1, size(self%laws)
                   if (self%laws(i)%law%is_multiplier .neqv. pass == 2) cycle
@@ -354,7 +354,7 @@ contains
    subroutine differentiate_memory(self, weight_slope)
       class(sampled_laws_t), intent(inout) :: self
       real(wp), intent(in) :: weight_slope(:)
-      type(c_ptr) :: work
+      type(shared_work_t) :: work
       integer :: i, n
 
       n = n_threads(size(self%along%q%values))
@@ -362,8 +362,9 @@ contains
       !$omp parallel do num_threads(n) schedule(dynamic) if (n > 1)
       do i = 1, size(self%sampled)
          if (.not. allocated(self%sampled(i)%hysteresis)) cycle
-         if (n > 1) call share_work(work)
+         if (n > 1) call work%join()
          call self%sampled(i)%hysteresis%find_slope(self%characteristic, weight_slope, self%along)
+         if (n > 1) call work%leave()
       end do
    end subroutine differentiate_memory
 

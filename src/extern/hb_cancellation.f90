@@ -14,7 +14,7 @@ module hb_cancellation
    use hb_threads, only: this_thread
    implicit none
    private
-   public :: cancellation_t, note_level, note_progress, share_work, spend_work, verdict, verdict_on_work, work_is_over
+   public :: cancellation_t, note_level, note_progress, shared_work_t, spend_work, verdict, verdict_on_work, work_is_over
    public :: work_of_thread
 
    type :: verdict_t
@@ -28,6 +28,14 @@ module hb_cancellation
    type :: slot_t
       class(cancellation_t), pointer :: cancellation => null()
    end type slot_t
+
+   !> The work of a thread, for the threads that help it.
+   type :: shared_work_t
+      type(c_ptr), private :: current = c_null_ptr                    ! cancellation
+   contains
+      procedure :: join => shared_work_join
+      procedure :: leave => shared_work_leave
+   end type shared_work_t
 
    type :: cancellation_t
       integer :: verdict = verdict%go_on
@@ -211,17 +219,24 @@ contains
       call slot%cancellation%note_progress(n_done, n_steps)
    end subroutine note_progress
 
-   !> The current cancellation of this thread, for the threads that help it.
-   type(c_ptr) function work_of_thread() result(work)
-      work = hb_current_cancellation()
+   !> The work of this thread, before others help it.
+   type(shared_work_t) function work_of_thread() result(work)
+      work%current = hb_current_cancellation()
    end function work_of_thread
 
-   !> Makes this thread, which helps another one, charge its work to that of the other.
-   subroutine share_work(work)
-      type(c_ptr), intent(in) :: work                                 !! `work_of_thread` of the other one
+   !> Makes this thread, which helps another one, charge what it does to the work of the other.
+   subroutine shared_work_join(self)
+      class(shared_work_t), intent(in) :: self
 
-      call hb_set_current_cancellation(work)
-   end subroutine share_work
+      call hb_set_current_cancellation(self%current)
+   end subroutine shared_work_join
+
+   !> Ends that; the thread that was helped goes on with its own work.
+   subroutine shared_work_leave(self)
+      class(shared_work_t), intent(in) :: self
+
+      if (this_thread() > 1) call hb_set_current_cancellation(c_null_ptr)
+   end subroutine shared_work_leave
 
    !> Why the work of this thread must end; `go_on` if it need not, or if there is no cancellation. A thread that helps another one
    !> does not decide: it sees what the other has found.

@@ -70,7 +70,7 @@ contains
       if (allocated(error)) return
       frequencies = discretisation%harmonics%frequencies(self%omega)
       call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, &
-                                  self%omega, system%loads)
+                                  self%omega, system%moving_forces())
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
       if (present(earlier)) then
          self%state = earlier
@@ -113,7 +113,7 @@ contains
       kind = 1
       do i = 1, size(each)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     frequencies, system%tones%omega, system%loads)
+                                     frequencies, system%tones%omega, system%moving_forces())
          if (i == 1) then
             size_of_motion = maxval(abs(matmul(content%record%every_displacement, equations%laws%shape(options%output%dofs, :))))
             if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))

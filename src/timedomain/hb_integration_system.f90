@@ -10,8 +10,7 @@ module hb_integration_system
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
-   use hb_load, only: load_t
-   use hb_load_course, only: load_course_t
+   use hb_load_course, only: load_course_t, moving_force_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -120,14 +119,14 @@ module hb_integration_system
 contains
 
    !> System from the parts of a model.
-   subroutine new_integration_system(self, structure, laws, loads, frequencies, omega, given)
+   subroutine new_integration_system(self, structure, laws, loads, frequencies, omega, moving)
       type(integration_system_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
-      type(load_t), intent(in), optional :: given(:)                  !! of which those with a course are added
+      type(moving_force_t), intent(in), optional :: moving(:)         !! further loads
       real(wp) :: highest                                             ! frequency of the loads [rad/s]
       integer :: i
 
@@ -136,7 +135,7 @@ contains
       call self%structure%unpack()
       call new_integration_laws(self%laws, laws, structure%n_dofs, omega)
       call new_integration_loads(self%loads, loads, frequencies)
-      if (present(given)) call take_courses(self%loads, structure, given)
+      if (present(moving)) call take_courses(self%loads, moving)
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
@@ -272,21 +271,18 @@ contains
    end subroutine new_integration_loads
 
    !> Adds loads with a course.
-   pure subroutine take_courses(self, structure, given)
+   pure subroutine take_courses(self, moving)
       type(integration_loads_t), intent(inout) :: self
-      type(structure_t), intent(in) :: structure
-      type(load_t), intent(in) :: given(:)                            !! some of them with a course
-      integer :: i, k
+      type(moving_force_t), intent(in) :: moving(:)
+      integer :: i, n_dofs
 
+      n_dofs = size(self%amplitude, 1)
       deallocate (self%course, self%share, self%amplitude)
-      self%course = pack(given%course, given%course%is_given)
-      allocate (self%share(size(self%course)), source=0.0_wp)
-      allocate (self%amplitude(structure%n_dofs, size(self%course)))
-      k = 0
-      do i = 1, size(given)
-         if (.not. given(i)%course%is_given) cycle
-         k = k + 1
-         self%amplitude(:, k) = given(i)%amplitude(structure)
+      self%course = moving%load_course_t
+      allocate (self%share(size(moving)), source=0.0_wp)
+      allocate (self%amplitude(n_dofs, size(moving)))
+      do i = 1, size(moving)
+         self%amplitude(:, i) = moving(i)%amplitude
       end do
    end subroutine take_courses
 

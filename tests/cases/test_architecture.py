@@ -141,6 +141,14 @@ def test_core_has_the_layers_up_to_motion():
     assert "hb_key_rows" not in core
 
 
+def test_sources_with_directives_are_compiled_with_threads():
+    """Elsewhere directives of OpenMP would be comments; a source without any needs no option."""
+    lists = (SRC / "CMakeLists.txt").read_text(encoding="utf-8")
+    threaded = re.search(r"if\(HB_THREADS\)(.*?)PROPERTIES COMPILE_OPTIONS", lists, re.DOTALL)[1]
+    with_directives = {str(path.relative_to(SRC)) for path in sources() if re.search(r"^ *!\$", path.read_text(), re.MULTILINE)}
+    assert set(re.findall(r"^\s+(\w+/\w+\.f90)", threaded, re.MULTILINE)) == with_directives
+
+
 def test_integration_is_independent_of_the_balance():
     paths = {name_of(path): path for path in sources()}
     left, seen = list(INTEGRATION), set(INTEGRATION)
