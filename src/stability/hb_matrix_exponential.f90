@@ -2,7 +2,7 @@
 !>
 !> For two rows a closed form. Otherwise scaling by a power of two to a norm of at most 1/2, the diagonal Pade
 !> approximant of degree 6 (backward error below 1e-16 there), then squaring. Source: N. J. Higham, Functions of
-!> Matrices, SIAM 2008, section 10.3.
+!> Matrices, SIAM 2008, section 10.3. For few rows without BLAS, whose calls take longer than the products.
 module hb_matrix_exponential
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
@@ -12,6 +12,7 @@ module hb_matrix_exponential
    public :: count_exponential, exponential_of, exponential_of_two, product_of, work_of_product
 
    integer, parameter :: degree = 6
+   integer, parameter :: max_few = 10                                 ! rows; with more, BLAS is faster
    real(wp), parameter :: unchecked = 1.0e6_wp                        ! [ns] of a product: a check takes up to half a microsecond
 
 contains
@@ -32,6 +33,10 @@ contains
       end if
       is_long = work_of_product(n) > unchecked
       n_squarings = squarings_for(norm_of(a))
+      if (n <= max_few) then
+         call exponential_of_few(n, a, n_squarings, e)
+         return
+      end if
       scaled = a*0.5_wp**n_squarings
       e = 0.0_wp
       do i = 1, n
@@ -58,6 +63,98 @@ contains
          e = product_of(e, e)
       end do
    end subroutine exponential_of
+
+   !> The same for few rows: even and odd powers apart, which takes four products instead of six.
+   pure subroutine exponential_of_few(n, a, n_squarings, e)
+      integer, intent(in) :: n                                        !! up to max_few
+      real(wp), intent(in) :: a(n, n)
+      integer, intent(in) :: n_squarings
+      real(wp), intent(out) :: e(n, n)
+      real(wp), dimension(max_few**2) :: fourth, odd, scaled, second  ! of fixed size: allocating them would take as long
+      integer :: i, k
+
+      call approximate(n, a, 0.5_wp**n_squarings, scaled, second, fourth, odd, e)
+      do i = 1, n_squarings
+         call multiply_few(n, n, e, e, second)
+         do k = 1, n
+            e(:, k) = second((k - 1)*n + 1:k*n)
+         end do
+      end do
+   end subroutine exponential_of_few
+
+   !> The Pade approximant of exp(factor a). Its denominator, at a norm of at most 1/2, needs no row exchanges: off its diagonal, columns sum to at
+   !> most 0.3. Source of the coefficients: Higham, eq. (10.25).
+   pure subroutine approximate(n, a, factor, scaled, second, fourth, odd, e)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a(n, n), factor
+      real(wp), intent(out), dimension(n, n) :: scaled, second, fourth, odd   ! work
+      real(wp), intent(out) :: e(n, n)
+      real(wp), parameter :: c(degree) = [0.5_wp, 5.0_wp/44.0_wp, 1.0_wp/66.0_wp, 1.0_wp/792.0_wp, 1.0_wp/15840.0_wp, &
+                                          1.0_wp/665280.0_wp]
+      real(wp) :: share
+      integer :: i, k
+
+      scaled = factor*a
+      call multiply_few(n, n, scaled, scaled, second)
+      call multiply_few(n, n, second, second, fourth)
+      call multiply_few(n, n, second, fourth, e)
+      e = c(2)*second + c(4)*fourth + c(6)*e
+      second = c(3)*second + c(5)*fourth
+      do i = 1, n
+         e(i, i) = e(i, i) + 1.0_wp
+         second(i, i) = second(i, i) + c(1)
+      end do
+      call multiply_few(n, n, scaled, second, odd)
+      associate (denominator => second)
+         denominator = e - odd
+         e = e + odd
+         do k = 1, n
+            do i = k + 1, n
+               share = denominator(i, k)/denominator(k, k)
+               denominator(i, k + 1:) = denominator(i, k + 1:) - share*denominator(k, k + 1:)
+               e(i, :) = e(i, :) - share*e(k, :)
+            end do
+         end do
+         do k = n, 1, -1
+            e(k, :) = e(k, :)/denominator(k, k)
+            do i = 1, k - 1
+               e(i, :) = e(i, :) - denominator(i, k)*e(k, :)
+            end do
+         end do
+      end associate
+   end subroutine approximate
+
+   !> c = a b of few rows. The numbers of two to four degrees of freedom are known to the compiler, which is twice as fast.
+   pure subroutine multiply_few(n, m, a, b, c)
+      integer, intent(in) :: n, m
+      real(wp), intent(in) :: a(n, n), b(n, m)
+      real(wp), intent(out) :: c(n, m)
+      integer :: j, k
+
+      select case (n)
+      case (4)
+         do j = 1, m
+            c(:4, j) = a(:4, 1)*b(1, j) + a(:4, 2)*b(2, j) + a(:4, 3)*b(3, j) + a(:4, 4)*b(4, j)
+         end do
+      case (6)
+         do j = 1, m
+            c(:6, j) = a(:6, 1)*b(1, j) + a(:6, 2)*b(2, j) + a(:6, 3)*b(3, j) + a(:6, 4)*b(4, j) + a(:6, 5)*b(5, j) + &
+                       a(:6, 6)*b(6, j)
+         end do
+      case (8)
+         do j = 1, m
+            c(:8, j) = a(:8, 1)*b(1, j) + a(:8, 2)*b(2, j) + a(:8, 3)*b(3, j) + a(:8, 4)*b(4, j) + a(:8, 5)*b(5, j) + &
+                       a(:8, 6)*b(6, j) + a(:8, 7)*b(7, j) + a(:8, 8)*b(8, j)
+         end do
+      case default
+         do j = 1, m
+            c(:, j) = a(:, 1)*b(1, j)
+            do k = 2, n
+               c(:, j) = c(:, j) + a(:, k)*b(k, j)
+            end do
+         end do
+      end select
+   end subroutine multiply_few
 
    !> exp(a) = exp(m) (cosh s I + sinh s/s (a - m I)), m half the trace, s**2 = -det(a - m I).
    pure subroutine exponential_of_two(a11, a12, a21, a22, e)
@@ -106,6 +203,7 @@ contains
       integer, intent(in) :: n
 
       work = 150.0_wp + 0.08_wp*real(n, wp)**3                         ! 0.7 to 1.6 times the time of an exponential up to 40 rows
+      if (n <= max_few) work = 10.0_wp + 0.2_wp*real(n, wp)**3
    end function work_of_product
 
    pure integer function squarings_for(norm)
@@ -122,13 +220,17 @@ contains
       norm_of = maxval(sum(abs(a), dim=1))
    end function norm_of
 
-   !> a b, (n, any); the compiler's product is at most 20 ns faster, for 3 and 4 rows.
+   !> a b, (n, any).
    function product_of(a, b) result(c)
       real(wp), intent(in), contiguous :: a(:, :), b(:, :)
       real(wp) :: c(size(a, 1), size(b, 2))
       integer :: n
 
       n = size(a, 1)
+      if (n <= max_few) then
+         call multiply_few(n, size(b, 2), a, b, c)
+         return
+      end if
       call dgemm("N", "N", n, size(b, 2), n, 1.0_wp, a, n, b, n, 0.0_wp, c, n)
    end function product_of
 end module hb_matrix_exponential

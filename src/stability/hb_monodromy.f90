@@ -235,7 +235,7 @@ contains
       type(piece_t), intent(inout) :: piece
       integer, intent(in) :: n_steps
       real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
-      real(wp), dimension(self%size, self%size) :: at_end, at_middle, at_start, e
+      real(wp), dimension(self%size, self%size) :: a, at_end, at_middle, at_start, e
       real(wp) :: h
       integer :: i
 
@@ -253,9 +253,11 @@ contains
                at_start = at_end
                call self%matrix_at(piece, 2*i - 1, at_middle)
                call self%matrix_at(piece, 2*i, at_end)
-               call exponential_of(h*half_step(at_start, at_middle, at_end), e)
+               a = h*half_step(at_start, at_middle, at_end)
+               call exponential_of(a, e)
                x = product_of(e, x)
-               call exponential_of(h*half_step(at_end, at_middle, at_start), e)
+               a = h*half_step(at_end, at_middle, at_start)
+               call exponential_of(a, e)
                x = product_of(e, x)
             end do
          end if
