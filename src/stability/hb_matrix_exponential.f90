@@ -82,8 +82,8 @@ contains
       end do
    end subroutine exponential_of_few
 
-   !> The Pade approximant of exp(factor a). Its denominator, at a norm of at most 1/2, needs no row exchanges: off its diagonal, columns sum to at
-   !> most 0.3. Source of the coefficients: Higham, eq. (10.25).
+   !> The Pade approximant of exp(factor a). Its denominator, at a norm of at most 1/2, needs no row exchanges: off its
+   !> diagonal, columns sum to at most 0.3. Source of the coefficients: Higham, eq. (10.25).
    pure subroutine approximate(n, a, factor, scaled, second, fourth, odd, e)
       integer, intent(in) :: n
       real(wp), intent(in) :: a(n, n), factor
