@@ -9,7 +9,7 @@ module hb_matrix_exponential
    use hb_lapack, only: dgemm, dgetrf, dgetrs
    implicit none
    private
-   public :: count_exponential, exponential_of, exponential_of_two, product_of, work_of_product
+   public :: count_exponential, exponential_of, exponential_of_two, multiply_by, work_of_product
 
    integer, parameter :: degree = 6
    integer, parameter :: max_few = 10                                 ! rows; with more, BLAS is faster
@@ -220,17 +220,31 @@ contains
       norm_of = maxval(sum(abs(a), dim=1))
    end function norm_of
 
-   !> a b, (n, any).
+   !> x = a x.
+   subroutine multiply_by(a, x)
+      real(wp), intent(in), contiguous :: a(:, :)                     !! (n, n)
+      real(wp), intent(inout), contiguous :: x(:, :)                  !! (n, any)
+      real(wp) :: column(max_few)
+      integer :: j, n
+
+      n = size(a, 1)
+      if (n > max_few) then
+         x = product_of(a, x)
+         return
+      end if
+      do j = 1, size(x, 2)
+         column(:n) = x(:, j)
+         call multiply_few(n, 1, a, column, x(:, j))
+      end do
+   end subroutine multiply_by
+
+   !> a b, (n, any), of many rows.
    function product_of(a, b) result(c)
       real(wp), intent(in), contiguous :: a(:, :), b(:, :)
       real(wp) :: c(size(a, 1), size(b, 2))
       integer :: n
 
       n = size(a, 1)
-      if (n <= max_few) then
-         call multiply_few(n, size(b, 2), a, b, c)
-         return
-      end if
       call dgemm("N", "N", n, size(b, 2), n, 1.0_wp, a, n, b, n, 0.0_wp, c, n)
    end function product_of
 end module hb_matrix_exponential

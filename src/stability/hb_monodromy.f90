@@ -15,7 +15,7 @@ module hb_monodromy
    use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
-   use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
+   use hb_matrix_exponential, only: exponential_of, exponential_of_two, multiply_by
    use hb_thresholds, only: agreement, minor, rounding
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
@@ -27,6 +27,7 @@ module hb_monodromy
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
    integer, parameter :: min_instants = 128                        !! in a period
    integer, parameter :: max_doublings = 12
+   integer, parameter :: few_rows = 16, between_checks = 16           ! steps of few rows take less than a check of the budget
 
    type :: matrix_t
       real(wp), allocatable :: entries(:, :)
@@ -249,16 +250,18 @@ contains
          else
             call self%matrix_at(piece, 0, at_end)
             do i = 1, n_steps
-               if (work_is_over()) return
+               if (self%size > few_rows .or. modulo(i, between_checks) == 0) then
+                  if (work_is_over()) return
+               end if
                at_start = at_end
                call self%matrix_at(piece, 2*i - 1, at_middle)
                call self%matrix_at(piece, 2*i, at_end)
                a = h*half_step(at_start, at_middle, at_end)
                call exponential_of(a, e)
-               x = product_of(e, x)
+               call multiply_by(e, x)
                a = h*half_step(at_end, at_middle, at_start)
                call exponential_of(a, e)
-               x = product_of(e, x)
+               call multiply_by(e, x)
             end do
          end if
       end if
@@ -281,7 +284,7 @@ contains
       end if
       call self%matrix_at(piece, 1, a)
       call exponential_of((piece%finish - piece%start)*a, e)
-      x = product_of(e, x)
+      call multiply_by(e, x)
    end subroutine propagate_constant
 
    !> Steps of a single degree of freedom, without forming a matrix.
