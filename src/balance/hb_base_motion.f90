@@ -10,6 +10,7 @@ module hb_base_motion
    use hb_kinds, only: wp
    use hb_modes, only: modes_t, new_modes
    use hb_outcome, only: outcome
+   use hb_part_modes, only: follow_parts
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: max_dense, structure_t
@@ -58,7 +59,7 @@ contains
          real(wp), allocatable :: damping(:, :), stiffness(:, :)
          complex(wp), allocatable :: at_laws(:, :)
 
-         call structure%check_matrices("the search for unknown frequencies", max_dense, error)
+         call structure%check_matrices("the search for unknown frequencies", max_dense, error, has_parts=.true.)
          if (allocated(error)) return
          call balance%mean_slopes(u, df_dq, df_dv, error)
          if (allocated(error)) return
@@ -72,6 +73,7 @@ contains
          if (.not. allocated(error)) call replace_creeping_modes(self%modes, structure%mass, damping, stiffness, &
                                                                  self%is_undamped, error)
          if (allocated(error)) return
+         if (allocated(structure%parts)) call follow_parts(self%modes, structure%parts, structure%mass, damping, stiffness)
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
          at_laws = balance%stiffness%coordinates%amplitudes_of(self%modes%shapes)

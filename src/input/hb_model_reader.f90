@@ -206,9 +206,9 @@ contains
       call read_tones(self%system%tones, document, error, may_be_absent=self%options%callbacks%may_only_integrate)
       if (allocated(error)) return
       has_tones = self%system%tones%n_tones > 0
-      if (.not. self%options%may_integrate .and. any(self%system%tones%is_unknown)) then
+      if (.not. self%options%may_integrate .and. document%count("normal_mode") > 0) then
          group => document%group("dynamic_stiffness", 1)
-         call group%problem("type", "motions with unknown tones cannot have stiffness that depends on the frequency")
+         call group%problem("type", "a normal mode has no stiffness that depends on the frequency; leave out &normal_mode")
       end if
       call refuse_unknown_tones(document, self%system%tones)
       if (has_tones) call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &

@@ -5,7 +5,6 @@ module hb_system
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
    use hb_load, only: load_t
-   use hb_load_course, only: moving_force_t
    use hb_model_number, only: model_tie_t
    use hb_normal_mode, only: normal_mode_t
    use hb_structure, only: structure_t
@@ -39,7 +38,6 @@ module hb_system
    contains
       procedure :: has_restitution => system_has_restitution
       procedure :: check_balance => system_check_balance
-      procedure :: moving_forces => system_moving_forces
       procedure :: may_jump_within_period => system_may_jump_within_period
    end type system_t
 
@@ -72,21 +70,6 @@ contains
          end associate
       end do
    end subroutine system_check_balance
-
-   !> The loads with a course over time.
-   pure function system_moving_forces(self) result(forces)
-      class(system_t), intent(in) :: self
-      type(moving_force_t) :: forces(count(self%loads%course%is_given))
-      integer :: i, k
-
-      k = 0
-      do i = 1, size(self%loads)
-         if (.not. self%loads(i)%course%is_given) cycle
-         k = k + 1
-         forces(k)%load_course_t = self%loads(i)%course
-         allocate (forces(k)%amplitude, source=self%loads(i)%amplitude(self%structure))
-      end do
-   end function system_moving_forces
 
    !> Whether there are walls and all of them have a given restitution, of their own or by default.
    logical function system_has_restitution(self, default) result(has)

@@ -40,6 +40,7 @@ module hb_frequency_part
       procedure :: derive => frequency_part_derive
       procedure :: has_valid_numbers => frequency_part_has_valid_numbers
       procedure :: evaluate => frequency_part_evaluate
+      procedure :: evaluate_growing => frequency_part_evaluate_growing
       procedure :: equals => frequency_part_equals
    end type frequency_part_t
 
@@ -161,6 +162,42 @@ contains
       z = conjg(z)
       dz_dw = -conjg(dz_dw)
    end subroutine frequency_part_evaluate
+
+   !> Z of a motion Re(c exp(s t)), and its derivative by s, for positive frequencies; where Z is known for steady motions alone, of
+   !> a table and a loss factor, to first order in the growth rate.
+   pure subroutine frequency_part_evaluate_growing(self, s, z, dz_ds)
+      class(frequency_part_t), intent(in) :: self
+      complex(wp), intent(in) :: s                                    !! growth + i frequency [1/s]
+      complex(wp), intent(out) :: z                                   !! [N/m]
+      complex(wp), intent(out) :: dz_ds                               !! [N s/m]
+      complex(wp) :: dz_dw, turn
+      integer :: j
+
+      z = (0.0_wp, 0.0_wp)
+      dz_ds = (0.0_wp, 0.0_wp)
+      select case (self%kind)
+      case (kind_of_part%delay)
+         turn = exp(-s*self%delay)
+         z = (self%stiffness + s*self%damping)*turn
+         dz_ds = self%damping*turn - self%delay*z
+      case (kind_of_part%fractional)
+         z = self%coefficient*s**self%exponent
+         dz_ds = self%exponent*z/s
+      case (kind_of_part%maxwell)
+         do j = 1, size(self%moduli)
+            turn = 1.0_wp/(1.0_wp + s*self%times(j))
+            z = z + self%moduli(j)*s*self%times(j)*turn
+            dz_ds = dz_ds + self%moduli(j)*self%times(j)*turn**2
+         end do
+      case default
+         call self%evaluate(aimag(s), z, dz_dw)
+         dz_ds = -(0.0_wp, 1.0_wp)*dz_dw
+         z = z + real(s, wp)*dz_ds
+         return
+      end select
+      z = self%factor*z
+      dz_ds = self%factor*dz_ds
+   end subroutine frequency_part_evaluate_growing
 
    !> Whether two parts are equal, number by number.
    pure logical function frequency_part_equals(self, other) result(is_same)

@@ -5,12 +5,12 @@ module hb_load
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
-   use hb_load_course, only: load_course_t
+   use hb_load_course, only: load_course_t, timed_load_t
    use hb_numbers, only: number_t, numbered_t, numbers_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: load_kind, load_t
+   public :: load_kind, load_t, timed_loads
 
    !> In the order of the words of an input.
    type :: load_kind_t
@@ -36,7 +36,6 @@ module hb_load
       procedure :: add_slope_to => load_add_slope_to
       procedure :: is_affine_in => load_is_affine_in
       procedure :: grows => load_grows
-      procedure :: amplitude => load_amplitude
       procedure :: depends_on_structure => load_depends_on_structure
    end type load_t
 
@@ -109,22 +108,38 @@ contains
          call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
    end subroutine load_add_to
 
-   !> Amplitude cos - i sin of a load of constant frequency, without the power of the frequency.
-   pure function load_amplitude(self, structure) result(amplitude)
-      class(load_t), intent(in) :: self
+   !> The loads that have a course over time.
+   pure function timed_loads(given, structure) result(timed)
+      type(load_t), intent(in) :: given(:)
       type(structure_t), intent(in) :: structure
-      complex(wp) :: amplitude(structure%n_dofs)                      !! [N]
-      complex(wp) :: ahead
-      integer :: i
+      type(timed_load_t) :: timed(count(given%course%is_given))
+      integer :: i, k, n
 
-      ahead = (1.0_wp, 0.0_wp)
-      if (self%course%has_own_frequency .or. any(self%tuple /= 0)) ahead = cmplx(cos(self%phase), sin(self%phase), wp)
-      amplitude = (0.0_wp, 0.0_wp)
-      do i = 1, size(self%dofs)
-         amplitude(self%dofs(i)) = amplitude(self%dofs(i)) + self%weights(i)*cmplx(self%cosine, -self%sine, wp)*ahead
+      n = 0
+      do i = 1, size(given)
+         if (.not. given(i)%course%is_given) cycle
+         n = n + 1
+         timed(n)%course = given(i)%course
+         associate (load => given(i))
+            allocate (timed(n)%amplitude(structure%n_dofs), source=(0.0_wp, 0.0_wp))
+            do k = 1, size(load%dofs)
+               timed(n)%amplitude(load%dofs(k)) = timed(n)%amplitude(load%dofs(k)) + &
+                                                  load%weights(k)*cmplx(load%cosine, -load%sine, wp)*ahead(load)
+            end do
+            if (load%kind == load_kind%base_acceleration) timed(n)%amplitude = -structure%mass_times(timed(n)%amplitude)
+         end associate
       end do
-      if (self%kind == load_kind%base_acceleration) amplitude = -structure%mass_times(amplitude)
-   end function load_amplitude
+
+   contains
+
+      !> exp(i phase), without effect on a load without a frequency.
+      pure complex(wp) function ahead(load)
+         type(load_t), intent(in) :: load
+
+         ahead = (1.0_wp, 0.0_wp)
+         if (load%course%has_own_frequency .or. any(load%tuple /= 0)) ahead = cmplx(cos(load%phase), sin(load%phase), wp)
+      end function ahead
+   end function timed_loads
 
    !> Adds the derivative of the force by one of its numbers: linear in the amplitudes, and a quarter of a period ahead for the phase.
    subroutine load_add_slope_to(self, number, structure, set, frequencies, slope)

@@ -7,7 +7,7 @@ module hb_load_course
    use hb_kinds, only: wp
    implicit none
    private
-   public :: load_course_t, moving_force_t
+   public :: load_course_t, timed_load_t
 
    type :: load_course_t
       logical :: is_given = .false.                                   !! otherwise the load is a harmonic without begin or end
@@ -24,10 +24,11 @@ module hb_load_course
       procedure :: factor => course_factor
    end type load_course_t
 
-   !> A force with a course.
-   type, extends(load_course_t) :: moving_force_t
-      complex(wp), allocatable :: amplitude(:)                        !! cos - i sin [N], (n_dofs)
-   end type moving_force_t
+   !> A load with a course.
+   type :: timed_load_t
+      type(load_course_t) :: course
+      complex(wp), allocatable :: amplitude(:)                        !! c, without the power of the frequency [N], (n_dofs)
+   end type timed_load_t
 
 contains
 

@@ -351,14 +351,16 @@ contains
 
    !> Fails for an operation that needs the matrices as they are: if there are too many degrees of freedom, or parts
    !> with frequency-dependent stiffness.
-   pure subroutine structure_check_matrices(self, what, most, error)
+   pure subroutine structure_check_matrices(self, what, most, error, has_parts)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: what
       integer, intent(in) :: most                                     !! degrees of freedom
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: has_parts                      !! such parts are supported
 
       if (self%n_dofs > most) call fail(error, what//" supports at most "//to_text(most)// &
                                         " degrees of freedom; the structure has "//to_text(self%n_dofs))
+      if (present(has_parts)) return
       if (allocated(self%parts)) call fail(error, what//" needs equations in time; a dynamic stiffness has none")
    end subroutine structure_check_matrices
 

@@ -6,6 +6,7 @@ module hb_integration
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: wp
+   use hb_load, only: timed_loads
    use hb_modes, only: modes_t, new_modes
    use hb_options, only: options_t
    use hb_record_tones, only: find_tones
@@ -70,7 +71,7 @@ contains
       if (allocated(error)) return
       frequencies = discretisation%harmonics%frequencies(self%omega)
       call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, &
-                                  self%omega, system%moving_forces())
+                                  self%omega, timed_loads(system%loads, system%structure))
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
       if (present(earlier)) then
          self%state = earlier
@@ -113,7 +114,7 @@ contains
       kind = 1
       do i = 1, size(each)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     frequencies, system%tones%omega, system%moving_forces())
+                                     frequencies, system%tones%omega, timed_loads(system%loads, system%structure))
          if (i == 1) then
             size_of_motion = maxval(abs(matmul(content%record%every_displacement, equations%laws%shape(options%output%dofs, :))))
             if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))

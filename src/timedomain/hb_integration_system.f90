@@ -10,7 +10,7 @@ module hb_integration_system
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
-   use hb_load_course, only: load_course_t, moving_force_t
+   use hb_load_course, only: load_course_t, timed_load_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -119,14 +119,14 @@ module hb_integration_system
 contains
 
    !> System from the parts of a model.
-   subroutine new_integration_system(self, structure, laws, loads, frequencies, omega, moving)
+   subroutine new_integration_system(self, structure, laws, loads, frequencies, omega, timed)
       type(integration_system_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
-      type(moving_force_t), intent(in), optional :: moving(:)         !! further loads
+      type(timed_load_t), intent(in), optional :: timed(:)            !! further loads
       real(wp) :: highest                                             ! frequency of the loads [rad/s]
       integer :: i
 
@@ -135,7 +135,7 @@ contains
       call self%structure%unpack()
       call new_integration_laws(self%laws, laws, structure%n_dofs, omega)
       call new_integration_loads(self%loads, loads, frequencies)
-      if (present(moving)) call take_courses(self%loads, moving)
+      if (present(timed)) call take_courses(self%loads, timed)
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
@@ -271,18 +271,18 @@ contains
    end subroutine new_integration_loads
 
    !> Adds loads with a course.
-   pure subroutine take_courses(self, moving)
+   pure subroutine take_courses(self, timed)
       type(integration_loads_t), intent(inout) :: self
-      type(moving_force_t), intent(in) :: moving(:)
+      type(timed_load_t), intent(in) :: timed(:)
       integer :: i, n_dofs
 
       n_dofs = size(self%amplitude, 1)
-      deallocate (self%course, self%share, self%amplitude)
-      self%course = moving%load_course_t
-      allocate (self%share(size(moving)), source=0.0_wp)
-      allocate (self%amplitude(n_dofs, size(moving)))
-      do i = 1, size(moving)
-         self%amplitude(:, i) = moving(i)%amplitude
+      deallocate (self%share, self%amplitude)
+      self%course = timed%course
+      allocate (self%share(size(timed)), source=0.0_wp)
+      allocate (self%amplitude(n_dofs, size(timed)))
+      do i = 1, size(timed)
+         self%amplitude(:, i) = timed(i)%amplitude
       end do
    end subroutine take_courses
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from in_process import ROOT, nhbm
 from program import run
@@ -121,8 +122,98 @@ def test_what_needs_time_is_refused():
     free = nhbm.Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0), tones=[1.0])
     free.set("tones", unknown=True)
     free.law("van_der_pol", "x1", strength=1.0, threshold=1.0)
-    with pytest.raises(nhbm.ModelError, match="unknown tones"):
-        free.dynamic_stiffness("loss_factor", "x1", stiffness=1.0, loss_factor=0.1)
+    free.dynamic_stiffness("loss_factor", "x1", stiffness=1.0, loss_factor=0.1)
+    free.set("normal_mode", dof="x1", amplitude=1.0)
+    with pytest.raises(nhbm.ModelError, match="a normal mode has no stiffness that depends on the frequency"):
+        free.solve(order=3)
+
+
+D, P, DELAY, CUBIC = 0.1, 0.5, 1.0, 0.2  # x'' + D x' + x + P x(t - DELAY) + CUBIC x'^3 = 0, with loads of the tests
+
+
+def fed_back(tones=None, n=1):
+    """A mass under a delayed feedback, which drives it; with n = 2 a second one on a soft spring."""
+    mass, stiffness = np.eye(n), np.array([[1.0]]) if n == 1 else np.array([[1.02, -0.02], [-0.02, 0.5]])
+    model = nhbm.Model(nhbm.Matrices(mass=mass, damping=D * mass, stiffness=stiffness), tones=tones or {"unknown": True})
+    model.dynamic_stiffness("delay", "x1", stiffness=P, delay=DELAY, label="feedback")
+    model.law("cubic_damping", "x1", coefficient=CUBIC)
+    return model
+
+
+def delayed(t_end, h=0.01, x=0.1):
+    """Motion of the mass in time, by Runge-Kutta steps with cubics between the stored points of the past."""
+    lag, steps = round(DELAY / h), round(t_end / h)
+    q, v = np.full(steps + 1, x), np.zeros(steps + 1)
+
+    def past(i):
+        return (x, x, x) if i < 0 else (q[i], 0.5 * (q[i] + q[i + 1]) + h / 8 * (v[i] - v[i + 1]), q[i + 1])
+
+    for i in range(steps):
+        old = past(i - lag)
+
+        def rate(q0, v0, late):
+            return v0, -D * v0 - q0 - P * late - CUBIC * v0**3
+
+        a1, b1 = rate(q[i], v[i], old[0])
+        a2, b2 = rate(q[i] + h / 2 * a1, v[i] + h / 2 * b1, old[1])
+        a3, b3 = rate(q[i] + h / 2 * a2, v[i] + h / 2 * b2, old[1])
+        a4, b4 = rate(q[i] + h * a3, v[i] + h * b3, old[2])
+        q[i + 1] = q[i] + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        v[i + 1] = v[i] + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
+    return h * np.arange(steps + 1), q, v
+
+
+def cycle_of(p=P, delay=DELAY):
+    """Frequency and amplitude of the balance of the first harmonic: w^2 = 1 + p cos(w T), 3/4 c (w A)^2 w = p sin(w T) - d w."""
+    w = brentq(lambda w: 1 + p * np.cos(w * delay) - w**2, 0.5, 1.3)
+    return w, np.sqrt((p * np.sin(w * delay) - D * w) / (0.75 * CUBIC * w**3))
+
+
+def test_a_delayed_feedback_has_its_limit_cycle():
+    motion = fed_back().solve(order=1)
+    w, amplitude = cycle_of()
+    assert motion["status"] == "converged" or motion["status"] == "truncated"
+    assert float(motion["frequency"][0]) == pytest.approx(w, rel=1e-9)
+    assert abs(coefficients(motion)[0, 1]) == pytest.approx(amplitude, rel=1e-9)
+
+
+def test_a_limit_cycle_with_delay_is_that_of_time():
+    """The steady motion of the delay differential equation: its period, and its amplitude."""
+    motion = fed_back().solve(order=15)
+    assert motion["status"] == "converged"
+    t, q, v = delayed(150.0)
+    last = np.flatnonzero((v[:-1] > 0) & (v[1:] <= 0) & (t[:-1] > 100))
+    tops = t[last] + 0.01 * v[last] / (v[last] - v[last + 1])
+    period = (tops[-1] - tops[0]) / (len(tops) - 1)
+    assert float(motion["frequency"][0]) == pytest.approx(2 * np.pi / period, rel=1e-6)
+    x = coefficients(motion)[0]
+    tau = np.linspace(0, 2 * np.pi, 4001)
+    top = np.max((x[:, None] * np.exp(1j * np.outer(motion["tuple"].values[:, 0], tau))).real.sum(axis=0))
+    assert top == pytest.approx(q[t > 100].max(), rel=1e-5)
+
+
+def test_a_limit_cycle_moves_with_the_delay():
+    delays = [0.6, 1.0, 1.4, 1.8]
+    motions = fed_back().sweep({"dynamic_stiffness(feedback)%delay": delays}, order=1)
+    expected = [cycle_of(delay=delay) for delay in delays]
+    np.testing.assert_allclose(motions["frequency"].values[:, 0], [w for w, _ in expected], rtol=1e-9)
+    amplitudes = motions.nhbm.amplitude("x1", 1).values
+    np.testing.assert_allclose(amplitudes, [a for _, a in expected], rtol=1e-9)
+
+
+def test_a_delay_that_damps_leaves_the_mass_at_rest():
+    model = fed_back()
+    model["dynamic_stiffness(feedback).stiffness"] = -P
+    assert model.solve(order=3)["status"] in ("no_motion", "collapsed")
+
+
+def test_a_limit_cycle_with_delay_beside_a_forced_tone():
+    """A weak load far from the frequency of the cycle changes it little; with its tone the motion is a torus."""
+    model = fed_back(tones={"frequency": [3.3, 0.0], "unknown": [False, True]})
+    model.load("x1", (1, 0), cos=0.01)
+    motion = model.solve(order=5)
+    assert motion["status"] == "converged"
+    assert float(motion["frequency"][1]) == pytest.approx(float(fed_back().solve(order=9)["frequency"][0]), rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -526,3 +526,30 @@ def test_a_curve_begins_between_its_ends():
     assert duffing().peak("x1", "tones[0]", 0.5, 2.5, order=5, first=0.7).at == pytest.approx(
         duffing().peak("x1", "tones[0]", 0.5, 2.5, order=5).at, rel=1e-8
     )
+
+
+def test_a_free_decay_has_no_tones():
+    """A unit mass on a spring, from a displacement and a velocity."""
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, stiffness=4.0))
+    model.initial("x1", displacement=0.3)
+    model.initial("x1", velocity=-0.8)
+    record = model.integrate(10.0, step=0.1, tolerance=1e-13)
+    t = record["time"].values
+    np.testing.assert_allclose(record["displacement"].values[0], 0.3 * np.cos(2 * t) - 0.4 * np.sin(2 * t), atol=1e-9)
+    assert "frequency" not in record
+    with pytest.raises(nhbm.ModelError, match="missing group &tones"):
+        model.solve()
+
+
+def test_a_pulse_is_a_load_of_time_alone():
+    """A constant force for half a period leaves no motion after a whole one."""
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, stiffness=4.0))
+    model.load("x1", cos=1.0, begin=0.5, end=0.5 + np.pi)
+    record = model.integrate(10.0, step=0.1, tolerance=1e-13)
+    t, x = record["time"].values, record["displacement"].values[0]
+    expected = np.where((t > 0.5) & (t < 0.5 + np.pi), 0.25 * (1 - np.cos(2 * (t - 0.5))), 0.0)
+    np.testing.assert_allclose(x, expected, atol=1e-9)
+    model.set("tones", frequency=[1.0])
+    model.load("x1", cos=1.0, frequency=3.0)
+    with pytest.raises(nhbm.ModelError, match="a load that begins, ends"):
+        model.solve()

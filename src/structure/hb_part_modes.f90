@@ -1,0 +1,125 @@
+!> Modes of a structure with parts whose stiffness depends on the frequency, such as delays: (lambda**2 M + lambda D + K +
+!> sum of Z(lambda) a b^T) x = 0.
+!>
+!> Each mode without the parts is followed while they grow to their strength, by Newton's method for shape and lambda together.
+!> Other modes, of which delays have any number, are not found. Source: A. Ruhe, Algorithms for the nonlinear eigenvalue problem, SIAM
+!> J. Numer. Anal. 10 (1973) 674-689, section 2.
+module hb_part_modes
+   use hb_frequency_part, only: frequency_part_t
+   use hb_kinds, only: wp
+   use hb_lapack, only: zgetrf, zgetrs
+   use hb_modes, only: modes_t
+   implicit none
+   private
+   public :: follow_parts
+
+   integer, parameter :: max_modes = 40                               ! of the lowest frequencies: each takes some factorisations
+   integer, parameter :: n_steps = 8                                  ! of the strength of the parts
+   integer, parameter :: max_iterations = 30
+   real(wp), parameter :: accuracy = 1.0e-10_wp                       ! of a last change, relative
+   real(wp), parameter :: same = 1.0e-6_wp                            ! relative distance of equal modes
+
+contains
+
+   !> Replaces modes without the parts by those with them; modes that are lost, or become another one, are left out.
+   subroutine follow_parts(modes, parts, mass, damping, stiffness)
+      type(modes_t), intent(inout) :: modes                           !! in the order of their frequencies
+      type(frequency_part_t), intent(in) :: parts(:)
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+      complex(wp) :: lambda(min(max_modes, modes%n_modes)), shape(size(mass, 1), size(lambda))
+      real(wp) :: response(size(lambda))
+      integer :: i, k, m
+      logical :: is_found
+
+      k = 0
+      do m = 1, size(lambda)
+         k = k + 1
+         lambda(k) = cmplx(modes%growth(m), modes%frequency(m), wp)
+         shape(:, k) = modes%shapes(:, m)
+         do i = 1, n_steps
+            call converge(i/real(n_steps, wp), lambda(k), shape(:, k), response(k), is_found)
+            if (.not. is_found) exit
+         end do
+         if (is_found) is_found = aimag(lambda(k)) > 0.0_wp .and. all(abs(lambda(:k - 1) - lambda(k)) > same*abs(lambda(k)))
+         if (.not. is_found) k = k - 1
+      end do
+      modes%n_modes = k
+      modes%growth = real(lambda(:k), wp)
+      modes%frequency = aimag(lambda(:k))
+      modes%response = response(:k)
+      modes%shapes = shape(:, :k)
+      do i = 2, k                                                      ! insertion sort: there are few
+         do m = i, 2, -1
+            if (modes%frequency(m) >= modes%frequency(m - 1)) exit
+            modes%growth([m - 1, m]) = modes%growth([m, m - 1])
+            modes%frequency([m - 1, m]) = modes%frequency([m, m - 1])
+            modes%response([m - 1, m]) = modes%response([m, m - 1])
+            modes%shapes(:, [m - 1, m]) = modes%shapes(:, [m, m - 1])
+         end do
+      end do
+
+   contains
+
+      !> Newton's method at a strength of the parts: A dx + A' x dlambda = -A x, with the largest component of the shape given.
+      subroutine converge(strength, eigenvalue, x, response, is_converged)
+         real(wp), intent(in) :: strength
+         complex(wp), intent(inout) :: eigenvalue, x(:)
+         real(wp), intent(out) :: response
+         logical, intent(out) :: is_converged
+         complex(wp), dimension(size(x), size(x)) :: a, slope
+         complex(wp), dimension(size(x) + 1, size(x) + 1) :: bordered
+         complex(wp) :: left(size(x) + 1), right(size(x) + 1)
+         integer :: info, iteration, largest, n, pivots(size(x) + 1)
+
+         n = size(x)
+         response = 0.0_wp
+         is_converged = .false.
+         largest = maxloc(abs(x), dim=1)
+         x = x/x(largest)
+         do iteration = 1, max_iterations
+            call assemble(strength, eigenvalue, a, slope)
+            bordered = (0.0_wp, 0.0_wp)
+            bordered(:n, :n) = a
+            bordered(:n, n + 1) = matmul(slope, x)
+            bordered(n + 1, largest) = (1.0_wp, 0.0_wp)
+            right(:n) = -matmul(a, x)
+            right(n + 1) = (0.0_wp, 0.0_wp)
+            call zgetrf(n + 1, n + 1, bordered, n + 1, pivots, info)
+            if (info /= 0) return
+            call zgetrs("N", n + 1, 1, bordered, n + 1, pivots, right, n + 1, info)
+            if (is_converged) exit                                    ! the factors are those of the mode
+            x = x + right(:n)
+            eigenvalue = eigenvalue + right(n + 1)
+            if (.not. abs(eigenvalue) < huge(1.0_wp)) return
+            is_converged = abs(right(n + 1)) <= accuracy*abs(eigenvalue)
+         end do
+         if (.not. is_converged) return
+         left = (0.0_wp, 0.0_wp)
+         left(n + 1) = (1.0_wp, 0.0_wp)
+         call zgetrs("C", n + 1, 1, bordered, n + 1, pivots, left, n + 1, info)
+         associate (y => left(:n))
+            if (abs(dot_product(y, matmul(slope, x))) > 0.0_wp) &
+               response = real(eigenvalue*dot_product(y, matmul(mass, x))/dot_product(y, matmul(slope, x)), wp)
+         end associate
+      end subroutine converge
+
+      !> A and its derivative by lambda.
+      subroutine assemble(strength, eigenvalue, a, slope)
+         real(wp), intent(in) :: strength
+         complex(wp), intent(in) :: eigenvalue
+         complex(wp), intent(out) :: a(:, :), slope(:, :)
+         complex(wp) :: z, dz
+         integer :: j, k
+
+         a = eigenvalue**2*mass + eigenvalue*damping + stiffness
+         slope = 2.0_wp*eigenvalue*mass + damping
+         do k = 1, size(parts)
+            call parts(k)%evaluate_growing(eigenvalue, z, dz)
+            do j = 1, size(a, 2)
+               a(:, j) = a(:, j) + strength*z*parts(k)%acts*parts(k)%feels(j)
+               slope(:, j) = slope(:, j) + strength*dz*parts(k)%acts*parts(k)%feels(j)
+            end do
+         end do
+      end subroutine assemble
+   end subroutine follow_parts
+end module hb_part_modes
