@@ -152,6 +152,28 @@ contains
       end do
    end function first_given
 
+   !> Reads `dof` or `vector`. Weights are not allocated after a problem.
+   subroutine read_position(system, group, dofs, weights)
+      type(system_t), intent(in) :: system
+      type(properties_t), intent(inout) :: group
+      integer, allocatable, intent(out) :: dofs(:)
+      real(wp), allocatable, intent(out) :: weights(:)
+      character(:), allocatable :: name, vector
+      type(error_t), allocatable :: error
+
+      call group%get("dof", name, required=.not. group%given("vector"))
+      call group%get("vector", vector)
+      if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
+      if (allocated(vector)) then
+         call system%structure%vectors%find(vector, dofs, weights, error)
+         if (allocated(error)) call group%problem("vector", error%message)
+      else if (allocated(name)) then
+         call system%structure%find_dofs(name, dofs, error)
+         if (allocated(error)) call group%problem("dof", error%message)
+         if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
+      end if
+   end subroutine read_position
+
    !> Reads `&load` and `&start`: `dof` or `vector`, `tuple`, `cos`, `sin`. Weights are not allocated after a problem.
    subroutine read_amplitude(self, system, discretisation, group)
       type(load_t), intent(inout) :: self
@@ -184,28 +206,6 @@ contains
       call move_alloc(dofs, self%dofs)
       call move_alloc(weights, self%weights)
    end subroutine read_amplitude
-
-   !> Reads `dof` or `vector`. Weights are not allocated after a problem.
-   subroutine read_position(system, group, dofs, weights)
-      type(system_t), intent(in) :: system
-      type(properties_t), intent(inout) :: group
-      integer, allocatable, intent(out) :: dofs(:)
-      real(wp), allocatable, intent(out) :: weights(:)
-      character(:), allocatable :: name, vector
-      type(error_t), allocatable :: error
-
-      call group%get("dof", name, required=.not. group%given("vector"))
-      call group%get("vector", vector)
-      if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
-      if (allocated(vector)) then
-         call system%structure%vectors%find(vector, dofs, weights, error)
-         if (allocated(error)) call group%problem("vector", error%message)
-      else if (allocated(name)) then
-         call system%structure%find_dofs(name, dofs, error)
-         if (allocated(error)) call group%problem("dof", error%message)
-         if (.not. allocated(error)) weights = spread(1.0_wp, 1, size(dofs))
-      end if
-   end subroutine read_position
 
    !> Tuples of all loads and first guesses, (n_tones, any); tuples of a wrong size are reported when they are read.
    function loaded_tuples(document, n_tones) result(tuples)

@@ -40,6 +40,8 @@ SECTIONS_BY_PROCEDURE = {
     "read_rotor_stator": ["structure rotor_stator"],
     "load_declare_numbers": ["load", "start"],
     "read_amplitude": ["load", "start"],
+    "read_course": ["load"],
+    "read_position": ["initial", "load", "start"],
     "read_ties": ["tie"],
     "read_user_law": ["law user"],
     "jenkins_declare_numbers": ["law jenkins", "law jenkins_2d"],
