@@ -453,6 +453,18 @@ def test_loads_over_time_that_contradict_themselves(tmp_path, keys, words):
     assert done.status == BAD_INPUT and "bad.nml:4: &load: " + words in done.stderr, done.stderr
 
 
+LARGEST = re.compile(r"^! expect: largest (\w+) = (\S+) to (\S+)$", re.MULTILINE)
+
+
+@pytest.mark.parametrize("source", sorted((INPUTS / "time").glob("*.nml")), ids=lambda source: source.stem)
+def test_inputs_of_time_give_what_they_promise(tmp_path, source):
+    promises = LARGEST.findall(source.read_text())
+    assert promises
+    with xarray.open_dataset(integration(source, tmp_path)) as data:
+        for dof, value, tolerance in promises:
+            assert float(abs(data.displacement.sel(dof=dof)).max()) == pytest.approx(float(value), rel=float(tolerance)), dof
+
+
 # Unknown tones
 
 
