@@ -21,7 +21,8 @@ target_compile_options(hb_warnings INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,LLVMFlang>:-std=f2018>
    $<$<COMPILE_LANG_AND_ID:C,GNU,Clang>:-std=c11 -Wall -Wextra -Wpedantic -Wconversion
       -Werror=implicit-function-declaration -Werror=int-conversion>)
-if(CMAKE_Fortran_COMPILER_VERSION MATCHES "^(12\\.2|13\\.3|14\\.2)\\." AND NOT HB_NATIVE) # those of Debian 12 and 13: others may see more
+# Those of Debian 12 and 13 for x86-64: others, and other processors, may see more.
+if(CMAKE_Fortran_COMPILER_VERSION MATCHES "^(12\\.2|13\\.3|14\\.2)\\." AND CMAKE_SYSTEM_PROCESSOR STREQUAL "x86_64" AND NOT HB_NATIVE)
    target_compile_options(hb_warnings INTERFACE
       $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Werror=uninitialized -Werror=maybe-uninitialized>)
 endif()

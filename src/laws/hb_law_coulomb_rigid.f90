@@ -97,6 +97,6 @@ contains
       class(coulomb_rigid_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold = hold_t(limit=self%limit)
+      hold%limit = self%limit
    end function coulomb_rigid_hold
 end module hb_law_coulomb_rigid

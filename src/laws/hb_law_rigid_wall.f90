@@ -146,6 +146,9 @@ contains
       class(rigid_wall_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold = hold_t(is_wall=.true., gap=self%gap, two_sided=self%two_sided, restitution=self%restitution)
+      hold%is_wall = .true.
+      hold%gap = self%gap
+      hold%two_sided = self%two_sided
+      hold%restitution = self%restitution
    end function rigid_wall_hold
 end module hb_law_rigid_wall
