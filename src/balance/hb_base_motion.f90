@@ -76,7 +76,7 @@ contains
          if (allocated(structure%parts)) call follow_parts(self%modes, structure%parts, structure%mass, damping, stiffness)
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
-         at_laws = balance%stiffness%coordinates%amplitudes_of(self%modes%shapes)
+         allocate (at_laws, source=balance%stiffness%coordinates%amplitudes_of(self%modes%shapes))
          self%is_at_laws = maxval(abs(at_laws), dim=1) > rounding*maxval(abs(self%modes%shapes), dim=1)
          call move_alloc(at_laws, self%modes%shapes)
       end subroutine find_modes

@@ -560,7 +560,7 @@ contains
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: big(:, :), force(:), motion(:, :)
+      real(wp), allocatable :: big(:, :), force(:)
       real(wp), pointer, contiguous :: samples(:, :)
       integer :: c, i
 
@@ -572,12 +572,13 @@ contains
       allocate (self%power_laws(size(wide%law_set%laws)), self%peak_force(size(wide%law_set%laws)), source=0.0_wp)
       do i = 1, size(self%power_laws)
          samples => wide%law_set%force_of(i)
-         motion = wide%law_set%coordinates_of(i, big)
          self%peak_force(i) = sqrt(maxval(sum(samples**2, dim=2)))
-         do c = 1, size(samples, 2)
-            call wide%project_one(samples(:, c:c), force)
-            self%power_laws(i) = self%power_laws(i) + mean_power(wide%harmonics, wide%frequencies, force, motion(:, c))
-         end do
+         associate (motion => wide%law_set%coordinates_of(i, big))
+            do c = 1, size(samples, 2)
+               call wide%project_one(samples(:, c:c), force)
+               self%power_laws(i) = self%power_laws(i) + mean_power(wide%harmonics, wide%frequencies, force, motion(:, c))
+            end do
+         end associate
       end do
       self%impact = impact_energy(structure, wide, big)
    end subroutine check_contact

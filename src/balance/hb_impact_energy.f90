@@ -32,7 +32,7 @@ contains
 
       impact_energy = 0.0_wp
       if (.not. any([(is_wall(balance%law_set%laws(i)%law), i=1, size(balance%law_set%laws))])) return
-      rate = balance%harmonics%times(cmplx(0.0_wp, balance%frequencies, wp), u)
+      allocate (rate, source=balance%harmonics%times(cmplx(0.0_wp, balance%frequencies, wp), u))
       call balance%sample(rate)
       do i = 1, size(balance%law_set%laws)
          associate (set => balance%law_set, law => balance%law_set%laws(i)%law, coordinates => balance%stiffness%coordinates)

@@ -194,7 +194,7 @@ contains
       end do
       call new_phase_problem(problem, self%balance, self%tones, .true., functionals, [0.0_wp*point%amplitude, point%amplitude])
       config = self%path_config()
-      x = problem%unknowns([point%u])
+      allocate (x, source=problem%unknowns([point%u]))
       call solve_newton(problem, config, x, report)
       call self%report%add(report)
       if (report%status /= outcome%converged .and. is_first) then
@@ -280,7 +280,7 @@ contains
       is_found = all(before > 0.0_wp)
       if (.not. is_found) return
       call new_phase_problem(self%phase, self%balance, self%tones, .false., functionals, 0.0_wp*point%omega)
-      x = self%phase%unknowns([u])
+      allocate (x, source=self%phase%unknowns([u]))
       call solve(self%phase, self%config, x, x, report)
       call self%report%add(report)
       is_found = report%status == outcome%converged

@@ -394,7 +394,7 @@ contains
                                 [0.0_wp, goal%rest + share*goal%value])
          if (goal%is_peak) search%phase%peak_dof = goal%dof
       end if
-      x = search%phase%unknowns([u])
+      allocate (x, source=search%phase%unknowns([u]))
       if (by_orders) then
          call continue_in_order(search%phase, search%balance%harmonics, config, x, report)
       else

@@ -70,7 +70,7 @@ contains
       call t%real("integration_limit", "1", "", "limit of that difference", verdict%limit)
       call t%real("integration_growth", "1/s", "", "rate at which a nearby trajectory diverges from the motion", verdict%growth)
       call t%real("integration_duration", "s", "", "integrated time", verdict%duration)
-      call t%real("integration_drift", "rad/s", "tone", &
+      call t%real_array("integration_drift", "rad/s", "tone", &
          "integrated frequency minus that of the motion, 0 for given tones", verdict%drift)
    end subroutine verdict_columns
 

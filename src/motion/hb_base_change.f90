@@ -106,7 +106,7 @@ contains
       if (allocated(estimate%combination)) &
          call near_commensurate(system%tones, estimate%combination, estimate%combination_frequency)
       if (estimate%around%n_harmonics == 0) return
-      turned = is_turned(self%inverse, estimate%around)
+      allocate (turned, source=is_turned(self%inverse, estimate%around))
       call move_set(self%inverse, estimate%around, around, error)
       if (allocated(error)) then                                      ! too large a box: the next level grows without it
          if (allocated(estimate%neglected)) deallocate (estimate%neglected)

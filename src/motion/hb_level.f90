@@ -72,7 +72,7 @@ contains
          raised_by(result)*result%error_estimate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
-         least = needed_samples(next%set%highest, degree_of(system))
+         allocate (least, source=needed_samples(next%set%highest, degree_of(system)))
          finer = 1.0_wp
          if (degree_of(system) == 0) then
             finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
@@ -137,7 +137,7 @@ contains
          if (allocated(error)) return
          if (set%n_harmonics <= options%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
       end if
-      carried = top%set%norms(coefficients_of(top))
+      allocate (carried, source=top%set%norms(coefficients_of(top)))
       carried = carried/max(norm2(carried), tiny(1.0_wp))
       is_needed = [(is_needed_at(discretisation, options, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
       if (allocated(result%error_estimate%neglected)) then
@@ -255,7 +255,7 @@ contains
       allocate (n_samples, source=level%n_samples)
       if (options%accuracy%grows_set) call trim_set(discretisation, options, minor, level)
       if (options%accuracy%refines_grid) then
-         least = needed_samples(level%set%highest, degree_of(system))
+         allocate (least, source=needed_samples(level%set%highest, degree_of(system)))
          if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
          level%n_samples = min(n_samples, least)
       end if

@@ -104,7 +104,7 @@ contains
          end if
       end if
       if (.not. s%has_error_estimate) return
-      orders = wider_orders(s%highest)
+      allocate (orders, source=wider_orders(s%highest))
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
       bytes%error_estimate = of_error_estimate + 4*real_bytes*unknowns(s, n_wide) + linear_bytes(s, n_wide, size(orders) == 1) &
                           + complex_bytes*s%n_dofs*merge(n_wide, s%n_harmonics, size(orders) == 1) &

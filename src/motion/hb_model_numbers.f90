@@ -129,7 +129,7 @@ contains
          end if
          if (allocated(error)) return
       end do
-      traits = traits_of(self%system%laws)
+      allocate (traits, source=traits_of(self%system%laws))
       call store_numbers(self, numbers, values, error)
       if (.not. allocated(error)) call follow_numbers(self, numbers, error)
       if (allocated(error)) then

@@ -23,7 +23,8 @@ module hb_motion_columns
    ! Units that depend on the degrees of freedom along an axis of a row: theirs, and those of the forces on them and of their rates.
    character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force", of_rate = "of its rate"
 
-   !> A visitor of the table: its procedures receive each existing column with its values, if they are known.
+   !> A visitor of the table: its procedures receive each existing column with its values, if they are known. `integer_array` and
+   !> `real_array` are for arrays that may not be allocated: gfortran reads the bounds of what is passed to `values(..)`.
    type, abstract :: columns_t
       logical :: has_accuracy = .false.                 !! a tolerance is requested
       logical :: has_own_tuples = .false.               !! each motion may have its own tuples
@@ -44,6 +45,8 @@ module hb_motion_columns
       procedure(column_of_integers), deferred :: integer
       procedure(column_of_reals), deferred :: real
       procedure(column_of_text), deferred :: text
+      procedure :: integer_array => columns_integer_array
+      procedure :: real_array => columns_real_array
       procedure :: attribute => columns_attribute
       procedure :: go_through => columns_go_through
    end type columns_t
@@ -80,6 +83,32 @@ contains
       class(columns_t), intent(inout) :: self
       character(*), intent(in) :: name, text
    end subroutine columns_attribute
+
+   !> An array of integers, not known if it is not allocated.
+   subroutine columns_integer_array(self, name, units, axes, long_name, values)
+      class(columns_t), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, long_name
+      integer, allocatable, intent(in) :: values(..)
+
+      if (allocated(values)) then
+         call self%integer(name, units, axes, long_name, values)
+      else
+         call self%integer(name, units, axes, long_name)
+      end if
+   end subroutine columns_integer_array
+
+   !> An array of reals, not known if it is not allocated.
+   subroutine columns_real_array(self, name, units, axes, long_name, values)
+      class(columns_t), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, long_name
+      real(wp), allocatable, intent(in) :: values(..)
+
+      if (allocated(values)) then
+         call self%real(name, units, axes, long_name, values)
+      else
+         call self%real(name, units, axes, long_name)
+      end if
+   end subroutine columns_real_array
 
    !> Visits all columns of a motion, in the order of the file.
    subroutine columns_go_through(t, m)
@@ -137,8 +166,8 @@ contains
          "number of motions found by time integration from several starts; 0: not tried", m%n_motions)
       call t%integer("is_integrated_first", "1", "", "1 if time integration was tried before the balance", merge(1, 0, &
          m%is_integrated_first))
-      call t%real("frequency", "rad/s", "tone", "base frequencies", m%frequency)
-      call t%real("artificial_damping", "1/s", "tone", &
+      call t%real_array("frequency", "rad/s", "tone", "base frequencies", m%frequency)
+      call t%real_array("artificial_damping", "1/s", "tone", &
          "xi of a normal mode: the forces -xi M dx/dt that maintain its amplitude", m%artificial_damping)
    end subroutine outcome_columns
 
@@ -152,11 +181,11 @@ contains
       call t%real("level_difference", "1", "", "difference of the last two levels, relative to the motion", m%level_difference)
       call t%real("level_estimate", "1", "", &
          "estimated error from this difference, where it exceeds the other estimates; else 0", m%level_estimate)
-      call t%integer("grid", "1", "tone", "samples of each tone", m%n_samples)
+      call t%integer_array("grid", "1", "tone", "samples of each tone", m%n_samples)
       t%is_there = t%has_accuracy .and. t%has_outputs
-      call t%real("output_estimate", "1", "output", &
+      call t%real_array("output_estimate", "1", "output", &
          "estimated relative error of each output of the tolerance", m%output_estimate)
-      call t%real("output_level_estimate", "1", "output", &
+      call t%real_array("output_level_estimate", "1", "output", &
          "estimated error of each output from the difference of levels, where larger; else 0", m%output_level_estimate)
    end subroutine accuracy_columns
 
@@ -167,20 +196,20 @@ contains
       type(motion_result_t), intent(in) :: m
 
       t%is_there = t%has_own_tuples
-      call t%integer("tuples", "1", "harmonic tone", &
+      call t%integer_array("tuples", "1", "harmonic tone", &
          "integer tuple j of each harmonic of the point; only the first n_harmonics are in use", m%harmonics%tuples)
       t%is_there = .true.
-      call t%real("coefficients", of_dof, "dof harmonic component", "coefficients of the motion", m%coefficients)
-      call t%real("force_coefficients", of_force, "law_dof harmonic component", &
+      call t%real_array("coefficients", of_dof, "dof harmonic component", "coefficients of the motion", m%coefficients)
+      call t%real_array("force_coefficients", of_force, "law_dof harmonic component", &
          "coefficients of the force of the laws, on the left-hand side", m%force_coefficients)
-      call t%real("corrected_coefficients", of_dof, "law_dof harmonic component", &
+      call t%real_array("corrected_coefficients", of_dof, "law_dof harmonic component", &
          "coefficients of the displacement corrected at a rigid wall", m%corrected_coefficients)
       t%is_known = allocated(m%error_estimate%combination)
-      call t%real("frequency_estimate", "rad/s", "tone", "estimated error of the frequencies, 0 for given ones", &
+      call t%real_array("frequency_estimate", "rad/s", "tone", "estimated error of the frequencies, 0 for given ones", &
          m%error_estimate%frequency_error)
       t%is_known = .true.
       t%is_there = t%has_improved
-      call t%real("improved_coefficients", of_dof, "law_dof harmonic component", &
+      call t%real_array("improved_coefficients", of_dof, "law_dof harmonic component", &
          "coefficients of the motion improved in a wider set of harmonics", m%improved_coefficients)
       t%is_there = .true.
    end subroutine motion_columns
@@ -212,15 +241,16 @@ contains
             "largest power by which exact friction would exceed the reaction of rigid friction", found%defects%slip)
          call t%real("power_in", "W", "", "mean power of the loads", found%power_in)
          call t%real("power_damping", "W", "", "mean dissipation in the structure", found%energy%lost)
-         call t%real("power_laws", "W", "law", "mean dissipation in each law", found%power_laws)
-         call t%real("peak_force", "N", "law", "largest force of each law at a sample, over its coordinates", found%peak_force)
+         call t%real_array("power_laws", "W", "law", "mean dissipation in each law", found%power_laws)
+         call t%real_array("peak_force", "N", "law", "largest force of each law at a sample, over its coordinates", &
+            found%peak_force)
          call t%real("energy_kinetic", "J", "", "mean kinetic energy of the structure", found%energy%kinetic)
          call t%real("energy_strain", "J", "", "mean strain energy of the structure", found%energy%strain)
          call t%real("loss_factor", "1", "", &
             "total dissipation over twice the sum of frequency times mean strain energy of each harmonic", loss_factor)
          call t%real("equivalent_damping", "1/s", "", "total dissipation over four times the mean kinetic energy", damping)
          call t%real("combination_frequency", "rad/s", "", "smallest |k.omega| of low order", found%combination_frequency)
-         call t%integer("combination", "1", "tone", "integers k of combination_frequency", found%combination)
+         call t%integer_array("combination", "1", "tone", "integers k of combination_frequency", found%combination)
       end associate
       call t%integer("is_near_commensurate", "1", "", "1 if combination_frequency is below the threshold: "// &
          "the tones are nearly commensurate", merge(1, 0, m%is_near_commensurate))
@@ -236,17 +266,10 @@ contains
 
       n = t%n_multipliers
       associate (found => m%stability)
-         allocate (exponents(n), im(n), re(n))                        ! what is not known is deallocated
-         if (allocated(found%exponents)) then
-            exponents = padded(found%exponents, n)
-         else
-            deallocate (exponents)
-         end if
+         if (allocated(found%exponents)) allocate (exponents, source=padded(found%exponents, n))
          if (allocated(found%exponents) .and. allocated(found%multipliers)) then
-            re = padded(real(found%multipliers), n)
-            im = padded(aimag(found%multipliers), n)
-         else
-            deallocate (im, re)
+            allocate (re, source=padded(real(found%multipliers), n))
+            allocate (im, source=padded(aimag(found%multipliers), n))
          end if
          call t%integer("is_stable", "1", "", "1 stable (small disturbances decay), -1 unstable, 0 unknown", found%verdict, &
                         ["unstable", "unknown ", "stable  "], lowest=-1)
@@ -256,10 +279,10 @@ contains
          call t%real("stability_estimate", trim(merge("1  ", "1/s", t%has_one_tone)), "", &
             "estimated relative error of the monodromy matrix; for several tones of the largest exponent", found%estimate)
          t%is_there = n > 0
-         call t%real("exponent", "1/s", "multiplier", "growth rates of disturbances, the largest first", exponents)
+         call t%real_array("exponent", "1/s", "multiplier", "growth rates of disturbances, the largest first", exponents)
          t%is_there = n > 0 .and. t%has_one_tone
-         call t%real("multiplier_real", "1", "multiplier", "Floquet multipliers, the largest first: real parts", re)
-         call t%real("multiplier_imag", "1", "multiplier", "Floquet multipliers, the largest first: imaginary parts", im)
+         call t%real_array("multiplier_real", "1", "multiplier", "Floquet multipliers, the largest first: real parts", re)
+         call t%real_array("multiplier_imag", "1", "multiplier", "Floquet multipliers, the largest first: imaginary parts", im)
       end associate
       t%is_there = .true.
       t%is_known = .true.
@@ -271,21 +294,21 @@ contains
       type(motion_result_t), intent(in) :: m
 
       t%is_there = t%has_gradient .and. t%has_response_gradient
-      call t%real("response_gradient", "1", "gradient_value", &
+      call t%real_array("response_gradient", "1", "gradient_value", &
          "derivatives of the response with respect to input values, each in its unit", m%gradient%response)
       t%is_there = t%has_gradient .and. .not. t%has_response_gradient
-      call t%real("gradient", "1", "gradient_value dof harmonic component", &
+      call t%real_array("gradient", "1", "gradient_value dof harmonic component", &
          "derivatives of the coefficients with respect to input values, each in its unit", m%gradient%coefficients)
       t%is_there = t%has_gradient
-      call t%real("frequency_gradient", "1", "gradient_value tone", "derivatives of the base frequencies likewise", &
+      call t%real_array("frequency_gradient", "1", "gradient_value tone", "derivatives of the base frequencies likewise", &
          m%gradient%frequency)
-      call t%real("gradient_estimate", "1", "gradient_value", &
+      call t%real_array("gradient_estimate", "1", "gradient_value", &
          "relative change of the derivatives with twice the samples and, with a tolerance, twice the set; nan: unknown", &
          m%gradient%estimate)
-      call t%real("gradient_defect", "1", "gradient_value", &
+      call t%real_array("gradient_defect", "1", "gradient_value", &
          "deviation of the motion from the linear prediction at a small step; not small at a kink", m%gradient%defect)
       t%is_there = t%has_gradient .and. t%has_curve
-      call t%real("position_gradient", "1", "gradient_value", &
+      call t%real_array("position_gradient", "1", "gradient_value", &
          "derivatives of the position of a located point, such as a fold or peak; 0 at all others", &
          m%gradient%position)
       t%is_there = .true.
@@ -310,7 +333,7 @@ contains
          position%direction = padded(position%direction, t%n_curve_unknowns)
       call t%integer("curve_kind", "1", "", "kind of the point of a curve", position%kind, curve_kind_names)
       if (t%describes) then
-         attributes = kind_attributes()
+         allocate (attributes, source=kind_attributes())
          do i = 1, size(attributes)
             call t%attribute(trim(attributes(i)%name), trim(attributes(i)%text))
          end do
@@ -323,8 +346,8 @@ contains
          "number of the response that is located there, of all keys that name responses together; 0: none", position%response)
       call t%real("curve_over", "1", "", "value of 'over' in its unit for continued located points, else 0", position%over)
       call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
-      call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", position%unknowns)
-      call t%real("curve_direction", "1", "curve_unknown", "tangent of the curve, where it continues from the point", &
+      call t%real_array("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", position%unknowns)
+      call t%real_array("curve_direction", "1", "curve_unknown", "tangent of the curve, where it continues from the point", &
          position%direction)
       call t%real("curve_step", "1", "", "length of the next step; 0 except at the end of a step", position%step)
       call t%real("curve_orientation", "1", "", &
@@ -343,9 +366,10 @@ contains
 
       t%is_there = t%has_surfaces
       t%is_known = .true.
-      call t%real("displacement_samples", of_dof, "law_dof tau", "hypertime surface of the motion", m%displacement_samples)
-      call t%real("corrected_samples", of_dof, "law_dof tau", "hypertime surface corrected at a rigid wall", m%corrected_samples)
-      call t%real("force_samples", of_force, "law_dof tau", "hypertime surface of the force", m%force_samples)
+      call t%real_array("displacement_samples", of_dof, "law_dof tau", "hypertime surface of the motion", m%displacement_samples)
+      call t%real_array("corrected_samples", of_dof, "law_dof tau", "hypertime surface corrected at a rigid wall", &
+         m%corrected_samples)
+      call t%real_array("force_samples", of_force, "law_dof tau", "hypertime surface of the force", m%force_samples)
    end subroutine surface_columns
 
    !> Unit of a column of the table: the given one, or that which all degrees of freedom along it share, else `see dof_units`.

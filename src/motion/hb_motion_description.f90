@@ -277,7 +277,7 @@ contains
       call balance%project(balance%law_set%samples%f%values, coefficients)
       result%force_coefficients = &
          as_pairs(basis%whole%amplitudes(basis%expand(balance%stiffness%coordinates%spread_forces(coefficients))))
-      moved = balance%at_law_dofs(u)
+      allocate (moved, source=balance%at_law_dofs(u))
       if (balance%law_set%needs_reaction) then
          call new_real_block(correction, size(balance%law_set%samples%q%values, 1), size(moved, 2), error)
          if (allocated(error)) return

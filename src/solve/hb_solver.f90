@@ -107,7 +107,7 @@ contains
          self%is_ended = limited%work_limit < self%problem%residual_work
          if (self%is_ended) return
       end if
-      trial = start_of(rule, self%first_guess, self%linear_solution)
+      allocate (trial, source=start_of(rule, self%first_guess, self%linear_solution))
       call proceed(self%problem, limited, self%chosen, rule, trial, step)
       call self%report%add(step)
       if (rule%has_budget()) call self%budget%spend(step%work)

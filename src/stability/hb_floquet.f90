@@ -289,7 +289,7 @@ contains
       if (monodromy%estimate >= huge(1.0_wp)) return                  ! cancelled
       self%estimate = monodromy%estimate
       if (.not. all(ieee_is_finite(monodromy%matrix))) return
-      neutral = states_of(free, size(monodromy%matrix, 1))
+      allocate (neutral, source=states_of(free, size(monodromy%matrix, 1)))
       if (is_free) then
          shifts = shifts_of(variation, amplitudes, [.true.], none)
          shift = real(sum(shifts(:size(monodromy%matrix, 1), :, 1), dim=2))

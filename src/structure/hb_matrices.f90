@@ -127,8 +127,8 @@ contains
       if (.not. allocated(error)) call check_skew("gyroscopic", matrix(self, 3), error)
       if (.not. allocated(error)) call check_skew("gyroscopic_by_speed", matrix(self, 5), error)
       if (allocated(error)) return
-      mass = matrix(self, 1)
-      stiffness = matrix(self, 4)
+      allocate (mass, source=matrix(self, 1))
+      allocate (stiffness, source=matrix(self, 4))
       damping = matrix(self, 2) + matrix(self, 3) + self%proportional%matrix(mass, stiffness)
       if (has_speed(self)) then
          damping = damping + self%speed*matrix(self, 5)

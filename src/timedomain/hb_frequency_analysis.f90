@@ -36,7 +36,7 @@ contains
          call fail(error, "a record needs at least 32 samples for frequency analysis")
          return
       end if
-      weights = bump_weights(n)
+      allocate (weights, source=bump_weights(n))
       remainder = x - sum(weights*x)
       time = [(start + (i - 1)*step, i=1, n)]
       width = two_pi/(n*step)

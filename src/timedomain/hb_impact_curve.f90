@@ -136,7 +136,7 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       call self%orbit%move(request%moving, request%start)
-      x = self%orbit%map%state_at(self%orbit%section*self%orbit%period())
+      allocate (x, source=self%orbit%map%state_at(self%orbit%section*self%orbit%period()))
       call solve_newton(self%orbit, solver_config_t(tolerance=accurate, max_iterations=3*max_corrections), x, report)
       self%is_done = report%status /= outcome%converged
       if (self%is_done) then

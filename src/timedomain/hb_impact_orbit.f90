@@ -371,7 +371,7 @@ contains
       call sample(self, x, q, is_done)
       if (.not. is_done) return
       v = cshift(q, 1) - cshift(q, -1)
-      far = far_from_events(self%map, q, v)
+      allocate (far, source=far_from_events(self%map, q, v))
       if (far(1) > too_near*maxval(far)) return
       section = modulo(section + (maxloc(far, dim=1) - 1)/real(size(far), wp), 1.0_wp)
    end function impact_orbit_better_section

@@ -69,7 +69,7 @@ contains
       if (allocated(error)) return
       call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
-      frequencies = discretisation%harmonics%frequencies(self%omega)
+      allocate (frequencies, source=discretisation%harmonics%frequencies(self%omega))
       call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, &
                                   self%omega, timed_loads(system%loads, system%structure))
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
