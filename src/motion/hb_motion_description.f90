@@ -141,7 +141,7 @@ contains
       type(error_estimate_t), intent(in) :: found                        !! its error estimate
       type(stability_t), intent(inout) :: stability                   !! its stability
       type(stability_config_t) :: config
-      type(stability_t) :: refined
+      type(stability_t) :: compared, refined
       integer, allocatable :: carrying(:)
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
@@ -151,10 +151,16 @@ contains
       config%patience = 1.0_wp
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%max_periods = stability%n_periods
-      call request_stability(system, discretisation, options, config, &
-                             harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
-                             huge(1.0_wp), refined)
-      call stability%compare_with(refined)
+      do
+         call request_stability(system, discretisation, options, config, &
+                                harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
+                                huge(1.0_wp), refined)
+         compared = stability
+         call compared%compare_with(refined)
+         if (compared%verdict /= stability_verdict%unknown .or. config%min_periods >= stability%n_periods) exit
+         config%min_periods = stability%n_periods                     ! the averages of a shorter record differ by beats alone
+      end do
+      stability = compared
    end subroutine compare_with_refined
 
    !> Finds the tuples of a motion without the smallest ones, which together change no degree of freedom by more than

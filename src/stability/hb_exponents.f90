@@ -66,6 +66,7 @@ module hb_exponents
 contains
 
    !> Propagates disturbances until the largest exponent exceeds its spread in magnitude and is resolved, or the work is used up.
+   !> Of disturbances that beat with each other the first one may not have the largest exponent yet.
    subroutine find_exponents(self, propagation, work_limit, min_periods, max_periods)
       type(exponents_t), intent(out) :: self
       class(propagation_t), intent(inout) :: propagation
@@ -106,7 +107,7 @@ contains
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
          found%is_resolved = is_resolved(found%rate, found%n_periods*propagation%length)
          if (found%is_resolved .and. &
-             abs(found%rate(1)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
+             abs(maxval(found%rate)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
          if (found%is_cut_short .or. 2*found%n_periods > merge(1, longer_beat, found%is_resolved)*max_periods) exit
          found%n_periods = 2*found%n_periods
