@@ -30,6 +30,12 @@ def test_nodes_that_meet_are_found(two):
     assert two.dofs_of("joint_1.z") == [10, 11] and two.dofs_of("joint_2.z") == [12, 13]
 
 
+def test_single_nodes_meet_up_to_rounding(two):
+    two.sets |= {"one": two.sets["a_tail"][:1], "other": two.sets["b_head"][1:]}
+    two.coordinates[two.sets["other"], 0] = np.nextafter(two.coordinates[two.sets["one"], 0], np.inf)
+    assert assembly.add_pair(two, "rollers", "one", "other") == 1
+
+
 def test_sets_that_do_not_meet_are_refused(two):
     two.coordinates[12:, 1] = 0.25
     with pytest.raises(ModelError, match="no node of 'a_tail' meets one of 'b_head'; the closest are 0.25 apart"):

@@ -83,8 +83,9 @@ def meeting_nodes(model: Structure, first: str, second: str, within: float = 0.0
     a, b = (np.asarray(model.sets[name]) for name in (first, second))
     tree = cKDTree(model.coordinates[b])
     size = np.ptp(model.coordinates[np.concatenate([a, b])], axis=0).max()
+    rounding = 1.0e-12 * abs(model.coordinates).max()  # of positions, where sets of one node have no size
     distance, nearest = tree.query(model.coordinates[a])
-    meets = distance <= max(within, 1.0e-6 * size)
+    meets = distance <= max(within, 1.0e-6 * size, rounding)
     if not meets.any():
         raise ModelError(f"no node of '{first}' meets one of '{second}'; the closest are {distance.min():.3g} apart")
     if len(set(nearest[meets].tolist())) < meets.sum():
