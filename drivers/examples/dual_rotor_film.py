@@ -1,10 +1,9 @@
-"""Run-up of the rotor of dual_rotor.py as a film: the largest deflection of the first disk over the speed with its estimated error,
-stability at some speeds, its orbit in the casing, and both shafts.
+"""Run-up of the rotor of dual_rotor.py as a film: the largest deflection of the first disk over the speed with the estimated error
+and the stability of each motion, its orbit in the casing, and both shafts.
 
 usage: python dual_rotor_film.py [FILM.gif] [PICTURE.png]
 """
 
-import os
 import sys
 import time
 
@@ -20,25 +19,15 @@ import dual_rotor  # noqa: E402
 CASING = 12.0  # [um]
 FRAMES, TURNS, SAMPLES = 40, 12, 120  # of the film; turns of the inner shaft and samples a turn of an orbit
 ROTOR = dual_rotor.reduced()
-SPEEDS = [345.0, 360.0, 375.0, 390.0, 405.0]  # at which stability is determined, by integration of the linearised equations
 MARKS = {"stable": ("C2", "o"), "unstable": ("C3", "s"), "unknown": ("0.5", "x")}
 
 
 def run_up(start: float = 340.0, stop: float = 410.0):
-    """The curve over the speed of the inner shaft of the reduced rotor, with a tolerance of 1 %, and the seconds it took."""
-    began, model = time.process_time(), dual_rotor.model(start, ROTOR)
-    model.set("stability", method="off")
-    curve = model.curve("tones%frequency(1)", start, stop, points=200, tolerance=1e-2)
-    return curve, time.process_time() - began
-
-
-def stability(speeds=SPEEDS, workers: int = 1):
-    """The motions at some speeds with their stability, and the seconds of this process and its workers."""
-    began = sum(os.times()[:4])
-    model = dual_rotor.model(speeds[0], ROTOR)
+    """The curve over the speed of the inner shaft of the reduced rotor with a tolerance of 1 %, all motions with their stability by
+    integration of the linearised equations."""
+    model = dual_rotor.model(start, ROTOR)
     model.set("stability", method="integration", tolerance=1e-3)
-    found = model.sweep({"tones%frequency(1)": speeds}, tolerance=1e-2, workers=workers)
-    return found, sum(os.times()[:4]) - began
+    return model.curve("tones%frequency(1)", start, stop, points=200, tolerance=1e-2)
 
 
 def orbit(motion):
@@ -57,17 +46,16 @@ def table(curve):
 class Picture:
     """Run-up, orbit and shafts at one speed and time."""
 
-    def __init__(self, curve, checked) -> None:
+    def __init__(self, curve) -> None:
         self.curve, (self.speeds, self.sizes, self.errors) = curve, table(curve)
         self.figure = plt.figure(figsize=(8.0, 4.6), layout="constrained")
         grid = self.figure.add_gridspec(3, 2, height_ratios=[3, 1, 1.3])
         top, below = self.figure.add_subplot(grid[0, 0]), self.figure.add_subplot(grid[1, 0])
         top.plot(self.speeds, self.sizes, color="C0")
-        speeds, sizes, _ = table(checked)
         for name, (color, mark) in MARKS.items():
-            at = checked["stability"].values == name
+            at = curve["stability"].values == name
             if at.any():
-                top.plot(speeds[at], sizes[at], mark, color=color, ms=5, label=name)
+                top.plot(self.speeds[at], self.sizes[at], mark, color=color, ms=3.5, label=name)
         width = self.sizes * self.errors
         top.fill_between(self.speeds, self.sizes - width, self.sizes + width, color="C0", alpha=0.25, lw=0)
         top.axhline(CASING, color="k", lw=0.8)
@@ -128,12 +116,13 @@ class Picture:
 
 
 def main(film: str = "dual_rotor.gif", picture: str = "dual_rotor.png") -> None:
-    curve, seconds = run_up()
-    print(f"{curve.sizes['point']} points in {seconds:.0f} s of processor time; {curve.sizes['dof']} degrees of freedom")
+    began = time.process_time()
+    curve = run_up()
+    print(f"{curve.sizes['point']} points in {time.process_time() - began:.0f} s; {curve.sizes['dof']} degrees of freedom")
     print(curve.nhbm.events("n3.x (1,0)", "n3.x (0,1)").to_string())
-    checked, seconds = stability(workers=os.cpu_count() or 1)
-    print(f"{', '.join(checked['stability'].values)} at {', '.join(map(str, SPEEDS))} rad/s in {seconds:.0f} s of processor time")
-    drawn = Picture(curve, checked)
+    for name in MARKS:
+        print(f"{name}: {int((curve['stability'] == name).sum())}")
+    drawn = Picture(curve)
     drawn.show(int(drawn.sizes.argmax()), 0.0)
     drawn.figure.savefig(picture, dpi=80)
     drawn.film(film)
