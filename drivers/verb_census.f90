@@ -57,7 +57,10 @@ contains
       if (allocated(error)) return
       call choose_point(options, study, point, error)
       if (.not. allocated(error)) call place_result(options, comm, path, error)
-      if (.not. allocated(error)) call check_target(path, options%overwrite, error)
+      if (.not. allocated(error)) then
+         call check_target(path, options%overwrite, error)
+         call annotate(error, "result file '"//path//"'")
+      end if
       if (.not. allocated(error)) call study_of_point(study, point, alone, error)
       if (allocated(error)) return
       config%n_starts = options%n_starts

@@ -202,6 +202,11 @@ def test_a_record_is_described_and_drawn(tmp_path, capsys, monkeypatch):
     record_line, harmonics = drawn[0].axes[0].lines
     np.testing.assert_allclose(np.interp(record_line.get_xdata(), *harmonics.get_data()), record_line.get_ydata(), atol=1e-3)
     assert drawn[1].axes[0].get_xlabel() == "Frequency $f$ [Hz]"
+    table = tmp_path / "record.csv"
+    assert run(capsys, "time", record, "--from", t[1], "-o", table)[0] == 0
+    assert table.read_text().splitlines()[0] == "t [s],v3 [m]"
+    np.testing.assert_array_equal(np.loadtxt(table, delimiter=",", skiprows=1), np.stack([t, 0.5 * np.cos(2.0 * t)], axis=1)[1:])
+    assert "holds its own times" in run(capsys, "time", record, "--samples", 5, "-o", table)[2]
     status, _, err = run(capsys, "time", record, "--point", 0)
     assert status == 2 and "leave --point, --at and --of out" in err
     assert "info, time and spectrum read it" in run(capsys, "orbit", record)[2]
@@ -340,3 +345,8 @@ def test_a_misspelt_command_is_recognised(capsys):
     with pytest.raises(SystemExit):
         main(["respons", "run.h5"])
     assert "did you mean 'response'?" in capsys.readouterr().err
+
+
+def test_a_page_has_the_ending_of_a_page(sweep, tmp_path, capsys):
+    status, _, err = run(capsys, "report", sweep, "-o", tmp_path / "page.png")
+    assert status == 2 and "the name must end in .html" in err and not (tmp_path / "page.png").exists()

@@ -76,6 +76,8 @@ def report_page(arguments):
     from .page import write_page
 
     output = arguments.output or arguments.file.with_suffix(".html")
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"cannot write a page to '{output}': the name must end in .html")
     with Results(arguments.file) as results:
         for note in write_page(results, output, arguments.model):
             print(note)
@@ -348,12 +350,30 @@ def vtk(arguments):
     print(f"{path}: {len(times)} moments from {arguments.t_from:g} s to {end:g} s")
 
 
+def _write_record(arguments):
+    """Writes the times and displacements of a record as they are."""
+    from .draw.time_history import write_table
+
+    if arguments.overlay or arguments.integration or arguments.samples:
+        raise UsageError("a .csv of a record holds its own times: leave --overlay, --integration and --samples out")
+    series, _, _ = _series_of_record(arguments)
+    _, t, x = integration.read_displacement(arguments.file, series.label)
+    low = -np.inf if arguments.t_from is None else arguments.t_from
+    inside = (t >= low) & (t <= (np.inf if arguments.t_to is None else arguments.t_to))
+    if not inside.any():
+        raise UsageError(f"the record has no times there; it is from {t[0]:g} to {t[-1]:g} s")
+    print(f"wrote {write_table([('t', 's'), (series.label, series.units)], [t[inside], x[inside]], arguments.output)}")
+
+
 def time(arguments):
     from . import draw
     from .draw.time_history import Record, read_record, write_time
 
     at = dict(arguments.at)
     if integration.is_record(arguments.file):
+        if arguments.output and arguments.output.suffix.lower() == ".csv":
+            _write_record(arguments)
+            return
         series, title, _ = _series_of_record(arguments)
         dof, curves = series.label, [(f"its {series.n_harmonics} harmonics", series)]
         arguments.integration = arguments.integration or ("", arguments.file)
@@ -371,7 +391,7 @@ def time(arguments):
             title = ", ".join(part for part in (results.title, *_common_parameters(results, points), outcome) if part)
     if arguments.output and arguments.output.suffix.lower() == ".csv":
         if arguments.overlay or arguments.integration:
-            raise UsageError("a .csv holds the motions of one result file, no records: leave --overlay and --integration out")
+            raise UsageError("a .csv holds the motions of one result file: leave --overlay and --integration out")
         names = [dof if len(points) == 1 else f"{dof} at point {point}" for point in points]
         columns = [(name, series) for name, (_, series) in zip(names, curves, strict=True)]
         print(f"wrote {write_time(columns, arguments.output, arguments.t_from, arguments.t_to, arguments.samples)}")

@@ -407,6 +407,8 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
     if isinstance(data, (str, Path)):
         try:
             data = pandas.read_csv(data, comment="#", skipinitialspace=True)
+        except FileNotFoundError:
+            raise ModelError(f"file '{data}' does not exist") from None
         except (OSError, ValueError) as error:
             raise ModelError(f"'{data}' cannot be read as CSV: {error}") from None
     table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
@@ -417,6 +419,9 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
         raise ModelError(f"data need the columns 'amplitude' and 'frequency' [rad/s] or 'hertz' [Hz]; there are: {known}")
     others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
     for column in [name for name in table.columns if name != "sweep"]:
+        wrong = [value for value in table[column].values if isinstance(value, str) and not _is_number(value)]
+        if wrong:
+            raise ModelError(f"column '{column}' must be numbers, not '{wrong[0]}'")
         numbers = np.array(numbers_of(f"column '{column}'", table[column].values))
         if not np.isfinite(numbers).all() or (column in ("amplitude", "sigma") and not (numbers > 0).all()):
             raise ModelError(f"column '{column}' must have finite{' positive' if column in ('amplitude', 'sigma') else ''} numbers")
@@ -451,6 +456,14 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
         held = None if force is None else rows[force].values.astype(float)
         found.append(_Set(rows["position"].values, amplitude, phase, sigma, conditions, sweep, held))
     return found, noise is None and "sigma" not in given, "" if force is None else others[force]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]) -> tuple[Array, Array]:

@@ -72,10 +72,16 @@ def write_time(
     several = [series for _, series in columns]
     t_from, t_to = _window(several[0], (), t_from, t_to)
     t = np.linspace(t_from, t_to, n_samples or _n_samples(several, t_to - t_from))
-    header = ",".join(["t [s]", *(f"{name} [{series.units}]" for name, series in columns)])
+    names = [("t", "s"), *((name, series.units) for name, series in columns)]
+    return write_table(names, [t, *(s.evaluate(t) for s in several)], path)
+
+
+def write_table(names: list[tuple[str, str]], columns: list[np.ndarray], path: Path) -> Path:
+    """Writes columns, with their names and units, as text."""
+    header = ",".join(f"{name} [{unit}]" for name, unit in names)
     try:
         with atomic_write(path) as name:
-            np.savetxt(name, np.column_stack([t, *(s.evaluate(t) for s in several)]), "%.17g", ",", header=header, comments="")
+            np.savetxt(name, np.column_stack(columns), "%.17g", ",", header=header, comments="")
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
     return path
