@@ -229,7 +229,7 @@ contains
    end function results_crash_location
 
    !> Writes the held rows, the statuses last; independent of other ranks. Rows that may contain results of a previous
-   !> run are set to pending while they are overwritten, and written completely.
+   !> run are set to pending while they are overwritten, and written as far as they have some.
    subroutine results_flush(self, error)
       class(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error

@@ -189,37 +189,63 @@ contains
       end if
    end subroutine check_extents
 
-   !> Writes the first `n` rows to the dataset, beginning at row `first`, unless both are blank.
+   !> Writes the first `n` rows to the dataset, beginning at row `first`, unless both are blank. Of rows with a part no more is
+   !> written than this part, and what the file has beyond: the rest of a sparse file has no room on the disk.
    subroutine row_buffer_flush(self, first, n, is_filled, dataset, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: first, n
       logical, intent(in) :: is_filled                                !! the rows of the file may differ from those of a new file
       type(h5_dataset_t), intent(in) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      integer :: k
+      integer :: k, n_written
 
       if (.not. (self%is_used .or. is_filled)) return
       self%is_used = .false.
-      if (self%part == 0 .or. is_filled) then
+      if (self%part == 0 .or. size(self%bytes) == 0) then
          call dataset%write(self%bytes(:, :n), error, first)
          return
       end if
       do k = 1, n
-         if (self%n_used(k) > 0) call dataset%write(used_bytes(self, k), error, first + k - 1, self%n_used(k))
+         n_written = self%n_used(k)
+         if (is_filled) call extend_over(self, dataset, first + k - 1, n_written, error)
+         if (allocated(error)) return
+         if (n_written > 0) call dataset%write(used_bytes(self, k, n_written), error, first + k - 1, n_written)
          if (allocated(error)) return
       end do
    end subroutine row_buffer_flush
 
-   !> The used bytes of row `k`.
-   pure function used_bytes(self, k) result(bytes)
+   !> Extends a number of entries along the part to all that differ from zero in a row of the file.
+   subroutine extend_over(self, dataset, row, n_used, error)
       class(row_buffer_t), intent(in) :: self
-      integer, intent(in) :: k
+      type(h5_dataset_t), intent(in) :: dataset
+      integer, intent(in) :: row
+      integer, intent(inout) :: n_used
+      type(error_t), allocatable, intent(out) :: error
+      integer(int8), allocatable :: before(:, :), blocks(:, :, :)
+      integer :: i
+
+      allocate (before(size(self%bytes, 1), 1))
+      call dataset%read(before, error, row)
+      if (allocated(error)) return
+      allocate (blocks, source=reshape(before, [bytes_of_kind(self%kind)*product(self%extents(:self%part - 1)), &
+                                                self%extents(self%part), product(self%extents(self%part + 1:))]))
+      do i = self%extents(self%part), n_used + 1, -1
+         if (all(blocks(:, i, :) == 0_int8)) cycle
+         n_used = i
+         exit
+      end do
+   end subroutine extend_over
+
+   !> The bytes of the first `n_used` entries of row `k`.
+   pure function used_bytes(self, k, n_used) result(bytes)
+      class(row_buffer_t), intent(in) :: self
+      integer, intent(in) :: k, n_used
       integer(int8), allocatable :: blocks(:, :), bytes(:)
       integer :: n_before
 
       n_before = bytes_of_kind(self%kind)*product(self%extents(:self%part - 1))
       allocate (blocks, source=reshape(self%bytes(:, k), &
                                        [n_before*self%extents(self%part), product(self%extents(self%part + 1:))]))
-      bytes = reshape(blocks(:n_before*self%n_used(k), :), [n_before*self%n_used(k)*size(blocks, 2)])
+      bytes = reshape(blocks(:n_before*n_used, :), [n_before*n_used*size(blocks, 2)])
    end function used_bytes
 end module hb_row_buffer
