@@ -35,6 +35,12 @@ def test_models_and_results_are_shown_as_tables(curve):
     assert "converged" in repr(model.solve(order=5).nhbm) and "response" in repr(model.sweep({"tones[0]": [0.5, 0.6]}, of="x1"))
 
 
+def test_one_motion_has_one_value(curve):
+    one = curve.isel(point=3).nhbm
+    assert repr(one).splitlines()[:2] == ["motion: converged", f"tones%frequency: {float(curve['tones_frequency'][3]):.6g} rad/s"]
+    assert repr(curve.isel(point=[3]).nhbm).startswith("points: 1 converged\n")
+
+
 def test_a_report_is_shown_within_a_page(curve, tmp_path):
     report = curve.nhbm.report()
     assert report._repr_html_().startswith("<iframe srcdoc=")

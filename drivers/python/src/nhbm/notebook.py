@@ -60,7 +60,9 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
         values = data[name].values
         if not values.size:
             continue
-        ends = f"{values.min():.6g} to {values.max():.6g}" if values.dtype.kind in "fi" else ", ".join(map(str, np.unique(values)))
+        ends = ", ".join(map(str, np.unique(values)))
+        if values.dtype.kind in "fi":
+            ends = " to ".join(dict.fromkeys(f"{value:.6g}" for value in (values.min(), values.max())))
         unit = str(data[name].attrs.get("units", "1"))
         rows.append((str(data[name].attrs.get("parameter", name)), f"{ends} {'' if unit == '1' else unit}".rstrip()))
     if "stability" in data:
@@ -81,9 +83,9 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
 
 
 def _counts(words: Any) -> str:
+    if np.ndim(words) == 0:
+        return str(words)
     words = np.ravel(words)
-    if words.size == 1:
-        return str(words[0])
     found = {str(word): int((words == word).sum()) for word in dict.fromkeys(words.tolist())}
     return ", ".join(f"{n} {word}" for word, n in found.items())
 
