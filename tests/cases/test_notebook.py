@@ -35,6 +35,12 @@ def test_models_and_results_are_shown_as_tables(curve):
     assert "converged" in repr(model.solve(order=5).nhbm) and "response" in repr(model.sweep({"tones[0]": [0.5, 0.6]}, of="x1"))
 
 
+def test_axes_have_powers_of_units():
+    data = duffing().sweep({"spring.stiffness": [0.4, 0.5]}, order=3)
+    data["law_spring_stiffness"].attrs["units"] = "N m2/V2"
+    assert data.nhbm.plot("x1 (1)").get_xlabel().endswith("[N m²/V²]")
+
+
 def test_one_motion_has_one_value(curve):
     one = curve.isel(point=3).nhbm
     assert repr(one).splitlines()[:2] == ["motion: converged", f"tones%frequency: {float(curve['tones_frequency'][3]):.6g} rad/s"]

@@ -401,7 +401,7 @@ class Model(Description):
         Examples
         --------
         >>> import nhbm
-        >>> oscillator = nhbm.Chain(n_masses=1, ends="fixed-free", mass=1.0, coupling_stiffness=1.0, damping_mass=0.05)
+        >>> oscillator = nhbm.Matrices(mass=1.0, damping=0.05, stiffness=1.0)
         >>> model = nhbm.Model(oscillator, tones=[1.2])
         >>> model.load("x1", 1, cos=0.18)
         >>> model.law("cubic_spring", "x1", stiffness=0.1)

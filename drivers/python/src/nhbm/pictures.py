@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ def most_of(data: xr.Dataset) -> str:
 
 def _labelled(name: str, values: xr.DataArray, value: float | None = None) -> str:
     """Name and unit of an axis, or name, value and unit."""
-    unit = values.attrs.get("units", "1").replace("m3", "m³").replace("m2", "m²")
+    unit = re.sub(r"(?<=[A-Za-z])(\d)", lambda digit: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(digit[1])], str(values.attrs.get("units", "1")))
     unit = "" if unit == "1" else unit
     words = values.attrs.get("long_name", values.attrs.get("parameter", name))
     return f"{words} = {value:.4g} {unit}".rstrip() if value is not None else words + (f" [{unit}]" if unit else "")
