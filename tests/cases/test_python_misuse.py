@@ -354,6 +354,22 @@ def refusing(code):
     return model
 
 
+def test_a_last_iterate_is_no_motion():
+    """A motion that was not found has coefficients, the last ones, but no harmonics that they belong to."""
+    model = stopped()
+    model.set("solver", max_iterations=1, fallback=False)
+    with pytest.warns(NotConverged):
+        motion = model.solve(order=5)
+    assert motion["status"] == "out_of_budget" and "coefficients" in motion
+    for evaluate in (lambda: motion.nhbm.amplitude("x1"), lambda: motion.nhbm.largest("x1"), lambda: motion.nhbm.time("x1", 0.0),
+                     lambda: motion.nhbm.response("x1"), motion.nhbm.plot, motion.nhbm.orbit, motion.nhbm.spectrum,
+                     motion.nhbm.to_dataframe, lambda: model.verify(motion)):  # fmt: skip
+        with pytest.raises(ModelError, match=r"no motion was found .status out_of_budget."):
+            evaluate()
+    with pytest.warns(NotConverged):
+        assert np.isnan(model.response("x1", order=5))
+
+
 def test_a_dataset_without_a_motion_says_why():
     model = refusing(-1)  # fatal
     with pytest.warns(NotConverged):

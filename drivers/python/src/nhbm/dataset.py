@@ -77,8 +77,9 @@ def has_own_tuples(motion: xr.Dataset) -> bool:
 
 
 def check_found(data: xr.Dataset, name: str) -> None:
-    """Raises ModelError, with the status and the reason, if a dataset lacks a column because no motion was found."""
-    if name in data.variables or "status" not in data:
+    """Raises ModelError, with the status and the reason, if a dataset lacks a column, or the tuples of it, because no motion was
+    found."""
+    if "status" not in data or (name in data.variables and {"tuple", "tuples"} & set(data.variables)):
         return
     statuses = np.unique(data["status"].values).tolist()
     if not set(statuses) & set(SOLVED):
