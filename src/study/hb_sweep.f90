@@ -261,7 +261,8 @@ contains
       call run%counter%destroy()
    end subroutine run_points
 
-   !> Finds the laws that exert no force in any motion of the file; none if it has motions of other runs.
+   !> Finds the laws that exert no force in any motion of the file; none if it has motions of other runs, or points whose motion
+   !> was not found, which laws may have prevented.
    subroutine find_idle_laws(found, n_laws, comm, summary)
       type(idle_laws_t), intent(in) :: found                          !! by this rank
       integer, intent(in) :: n_laws
@@ -269,9 +270,11 @@ contains
       type(run_summary_t), intent(inout) :: summary
       integer, parameter :: max_laws = 100                            ! a message of each
       logical :: acts(n_laws)
-      integer :: i
+      integer :: i, n_lost
 
-      acts = sum_over(comm, found%n_motions) < number_solved(summary) .or. n_laws > max_laws
+      n_lost = sum(summary%counts) - number_solved(summary) - &
+               sum(summary%counts([outcome%pending, outcome%unused, outcome%collapsed]))
+      acts = sum_over(comm, found%n_motions) < number_solved(summary) .or. n_laws > max_laws .or. n_lost > 0
       if (allocated(found%is_idle)) then
          if (size(found%is_idle) /= n_laws) acts = .true.
          if (.not. all(acts)) acts = acts .or. .not. (found%is_idle .and. found%largest > 0.0_wp)

@@ -1,7 +1,7 @@
 """The command says what is not plausible: stops that no motion reaches, gaps of a kilometre, tones far above all natural
 frequencies."""
 
-from program import ALL_CONVERGED, run
+from program import ALL_CONVERGED, NOT_ALL_CONVERGED, run
 
 MODEL = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
 &load dof = 'x1', tuple = 1, cos = 0.1 /
@@ -31,6 +31,16 @@ def test_a_stop_that_no_motion_reaches(tmp_path):
     assert "exerts no force" not in said(WALL.format(gap=0.0) + "&error_estimate is_on = .false. /\n", tmp_path)
     assert IDLE in said(MODEL.format(gap=50.0) + SWEEP, tmp_path, ranks=2)
     assert "exerts no force" not in said(MODEL.format(gap=0.3) + SWEEP, tmp_path, ranks=2)
+
+
+def test_a_stop_that_prevents_a_point_is_not_called_idle(tmp_path):
+    """Motions that were not found reach it, perhaps."""
+    text = MODEL.format(gap=0.5).replace("stiffness = 1.0, gap", "stiffness = 100.0, gap").replace("cos = 0.1", "cos = 0.3")
+    text += "&solver max_iterations = 2, fallback = .false. /\n" + SWEEP.replace("0.1, 0.9", "0.3, 0.84, 3.0")
+    (tmp_path / "case.nml").write_text(text)
+    done = run("solve", "case.nml", cwd=tmp_path)
+    assert done.status == NOT_ALL_CONVERGED and "2 of 3 points converged" in done.stdout
+    assert "exerts no force" not in done.stdout
 
 
 def test_values_that_suggest_a_mistake(tmp_path):

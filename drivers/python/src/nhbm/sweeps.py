@@ -87,6 +87,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         done = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
     rows, doubtful = [row for row, _, _ in done], [doubt for _, doubt, _ in done if doubt is not None]
     idle = set.intersection(*([laws for _, _, laws in done if laws is not None] or [set()]))
+    if any(status not in dataset.SOLVED for status, _ in doubtful):  # a motion that was not found may have been prevented by a law
+        idle = set()
     names = [identifier(path) for path in grid]
     coordinates = {
         name: ([point[k] for point in points], model._described(path)) for k, (name, path) in enumerate(zip(names, grid))
