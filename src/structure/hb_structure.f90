@@ -418,6 +418,12 @@ contains
       end if
       message = "unknown degree of freedom '"//trim(adjustl(label))//"'; known: "//trim(known_labels(self%labels))
       closest = trim(closest_word(label, self%labels))
+      if (allocated(self%sets%names)) then
+         if (size(self%sets%names) > 0) message = message//"; sets: "//trim(known_labels(self%sets%names))
+         number = index(label, ".", back=.true.)
+         if (len(closest) == 0 .and. number > 1) closest = trim(closest_word(label(:number - 1), self%sets%names))
+         if (number > 1 .and. any(self%sets%names == closest) .and. len(closest) > 0) closest = closest//trim(label(number:))
+      end if
       if (len(closest) > 0) message = message//"; did you mean '"//closest//"'?"
       call fail(error, message)
    end subroutine structure_find_dof
