@@ -370,6 +370,32 @@ def test_a_last_iterate_is_no_motion():
         assert np.isnan(model.response("x1", order=5))
 
 
+def test_a_point_without_a_motion_is_not_drawn():
+    points = duffing().sweep({"tones[0]": [0.8, 0.9]}, order=3)
+    points["status"][1] = "pending"
+    points["n_harmonics"][1] = 0
+    point = points.isel(point=1)
+    for values in (point.nhbm.amplitude("x1"), point.nhbm.largest("x1"), point.nhbm.time("x1", 0.0), point.nhbm.response("x1")[0]):
+        assert np.isnan(values)
+    for draw in (point.nhbm.plot, point.nhbm.orbit, point.nhbm.spectrum, point.nhbm.animate, lambda: duffing().verify(point)):
+        with pytest.raises(ModelError, match="no motion was found .status pending."):
+            draw()
+
+
+@pytest.mark.parametrize("wrong, message", [
+    (lambda data: data.nhbm.amplitude("x1", of="power_in"), "'power_in' has no harmonics"),
+    (lambda data: data.nhbm.amplitude("x1", of="power"), "there is no column 'power'"),
+    (lambda data: data.nhbm.spectrum(over="freqency"), "over must be 'tuple' or 'frequency'"),
+    (lambda data: data.nhbm.animate(frames=0), "frames must be 1 or more"),
+    (lambda data: data.nhbm.report().save("page.png"), "the name must end in .html"),
+    (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.plot("x1 (1)"), "numbers, not motions: response"),
+    (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.amplitude("x1"), "numbers, not motions: response"),
+])  # fmt: skip
+def test_wrong_uses_of_a_dataset_are_named(wrong, message):
+    with pytest.raises(ModelError, match=message):
+        wrong(duffing().solve(order=3))
+
+
 def test_a_dataset_without_a_motion_says_why():
     model = refusing(-1)  # fatal
     with pytest.warns(NotConverged):

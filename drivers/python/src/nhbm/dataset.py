@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from nhbm.errors import ModelError, imported
+from nhbm.errors import ModelError, imported, meant
 from nhbm.groups import numbers_of
 from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
 
@@ -81,10 +81,16 @@ def check_found(data: xr.Dataset, name: str) -> None:
     found."""
     if "status" not in data or (name in data.variables and {"tuple", "tuples"} & set(data.variables)):
         return
-    statuses = np.unique(data["status"].values).tolist()
+    check_motion(data, f", so there are no '{name}'")
+    if "coefficients" not in data:
+        raise ModelError(f"this dataset has numbers, not motions: {', '.join(map(str, data.data_vars))}")
+
+
+def check_motion(data: xr.Dataset, what: str = "") -> None:
+    """Raises ModelError, with the status and the reason, if a dataset has no motion."""
+    statuses = np.unique(data["status"].values).tolist() if "status" in data else SOLVED
     if not set(statuses) & set(SOLVED):
-        reason = f"no motion was found (status {', '.join(statuses)}), so there are no '{name}'. {data.nhbm.message}"
-        raise ModelError(reason.rstrip())
+        raise ModelError(f"no motion was found (status {', '.join(statuses)}){what}. {data.nhbm.message}".rstrip())
 
 
 # Motions of a session
@@ -443,6 +449,8 @@ class Accessor:
         """
         from nhbm import notebook
 
+        if over not in ("tuple", "frequency"):
+            raise ModelError(f"over must be 'tuple' or 'frequency', not {over!r}")
         return notebook.drawn("spectrum", self._dataset, [self._moving(dof)], over=over)
 
     def animate(self, dof: str | None = None, frames: int = 60, fps: int = 20) -> Any:
@@ -462,6 +470,9 @@ class Accessor:
         """
         from nhbm import notebook
 
+        for name, number in {"frames": frames, "fps": fps}.items():
+            if not number >= 1:
+                raise ModelError(f"{name} must be 1 or more, not {number!r}")
         return notebook.animated(self._dataset, self._moving(dof), frames, fps)
 
     def _moving(self, dof: str | None) -> str:
@@ -469,6 +480,7 @@ class Accessor:
         from nhbm.pictures import most_of
 
         check_found(self._dataset, "coefficients")
+        check_motion(self._dataset)
         return dof or most_of(self._dataset)
 
     def events(self, *of: str) -> Any:
@@ -523,7 +535,7 @@ class Accessor:
             raise ModelError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
         sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
         has = (tuples == sign * wanted).all("tone") & self._in_use()
-        if has.size and not bool(has.any()):
+        if bool(self._has_motion().any()) and not bool(has.any()):
             raise ModelError(f"the set of harmonics does not have the tuple {tuple_}: its amplitude is not known; "
                              f"the highest is {int(abs(tuples).max())}")  # fmt: skip
         found = self._row(of, dof).where(has).sum("harmonic", min_count=1).where(self._has_motion())
@@ -710,12 +722,16 @@ class Accessor:
         """
         from nhbm.pictures import plot
 
-        check_found(self._dataset, "coefficients")
+        if {"coefficients", "n_harmonics"} & set(self._dataset.variables):  # motions, not numbers
+            check_found(self._dataset, "coefficients")
+            check_motion(self._dataset)
         return plot(self._dataset, of, ax)
 
     def _row(self, of: str, name: str) -> xr.DataArray:
         """What a column has of a degree of freedom, by its label or by its set, or of a law."""
         column = self._column(of)
+        if column.dims[-2:] != ("harmonic", "component"):
+            raise ModelError(f"'{of}' has no harmonics; 'coefficients' and 'force_coefficients' have")
         axis = column.dims[-3]
         known = [str(label) for label in column[axis].values]
         label = self._label(name, known) if axis == "dof" else name
@@ -730,6 +746,8 @@ class Accessor:
         check_found(self._dataset, name)
         if name in self._dataset:
             return self._dataset[name]
+        if name not in self.details:
+            raise ModelError(f"there is no column '{name}'{meant(name, [*map(str, self._dataset.data_vars), *map(str, self.details)])}")
         return self.details[name]
 
     def _label(self, name: str, known: list[str]) -> str:

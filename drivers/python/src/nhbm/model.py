@@ -508,6 +508,7 @@ class Model(Description):
     def _verify_motion(self, motion: xr.Dataset, periods: int) -> xr.Dataset:
         """The verdict on a motion, at the values for which it was found."""
         dataset.check_found(motion, "coefficients")
+        dataset.check_motion(motion)
         if "point" in motion.dims:
             raise ModelError("give one motion, such as curve.isel(point=3)")
         here = copy.copy(self)

@@ -111,6 +111,8 @@ class Report:
         path : str or Path
             The file, such as "wall.html".
         """
+        if Path(path).suffix.lower() not in (".html", ".htm"):
+            raise ModelError(f"a page cannot be written to '{path}': the name must end in .html")
         with writing(Path(path)) as name:
             Path(name).write_text(self._page, encoding="utf-8")
 

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.dataset import varies_of
-from nhbm.errors import imported
+from nhbm.errors import ModelError, imported
 from nhbm.located import MARKERS, located_kinds
 
 _VERDICTS = ("stable", "-", "stable"), ("unstable", "--", "unstable"), ("unknown", ":", "stability not known")
@@ -104,6 +104,8 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
 def _numbers(ax: Any, data: xr.Dataset, name: Any) -> None:
     """Numbers of a sweep, over its one value as a line; over several as the distribution."""
     name, varies = name or next(iter(data.data_vars)), varies_of(data)
+    if name not in data.data_vars:
+        raise ModelError(f"this dataset has numbers, not motions: {', '.join(map(str, data.data_vars))}")
     if len(varies) == 1:
         ax.plot(data[varies[0]], data[name], ".-", lw=1.2)
         ax.set(xlabel=_labelled(varies[0], data[varies[0]]), ylabel=_labelled(name, data[name]))
