@@ -148,9 +148,13 @@ contains
       n = count(reasons == reason%grazing)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
          "no motion was found beyond; try a sweep from there, or another start"]
-      n = count([(is_regular_end(status(i), i, plan), i=1, plan%n_points)])
+      n = count([(is_regular_end(status(i), i, plan), i=1, plan%n_points)] .and. status == outcome%collapsed)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")// &
                           " ended where the motion of an unknown tone vanishes"]
+      do i = 1, plan%n_points
+         if (status(i) /= outcome%locked .or. .not. is_regular_end(status(i), i, plan)) cycle
+         lines = [character(max_line) :: lines, "point "//to_text(i - 1)//": "//message_of(path, i)]
+      end do
       n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" returned to "//to_text(plan%curve%start)// &
          " without reaching the other end of the range: try start = "// &
@@ -177,14 +181,16 @@ contains
       end function line_of
    end subroutine curve_lines
 
-   !> Whether a point without a motion is the regular end of a curve: that of an unknown tone vanishes, as at a Hopf point.
+   !> Whether a point without a motion is the regular end of a curve: that of an unknown tone vanishes, as at a Hopf point, or it
+   !> locks to another tone.
    pure logical function is_regular_end(status, point, plan)
       integer, intent(in) :: status
       integer, intent(in) :: point                                    !! from 1
       type(sweep_plan_t), intent(in) :: plan
 
       is_regular_end = .false.
-      if (allocated(plan%curve)) is_regular_end = status == outcome%collapsed .and. modulo(point - 1, plan%n_fastest()) > 0
+      if (allocated(plan%curve)) is_regular_end = any(status == [outcome%collapsed, outcome%locked]) .and. &
+                                                    modulo(point - 1, plan%n_fastest()) > 0
    end function is_regular_end
 
    !> Counts the steps along curves on which the number of growing disturbances changes without a point on the step or

@@ -7,7 +7,7 @@
 !> may lose its symmetry along the curve. Source: docs/why/accuracy.md.
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
-   use hb_cancellation, only: work_is_over
+   use hb_cancellation, only: cancellation_t, work_is_over
    use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -39,6 +39,7 @@ module hb_curve_sets
       type(discretisation_t) :: whole                                 ! in which all tuples of the lowest set are required
       type(level_t) :: next
       logical :: is_ended = .false.                                   ! there is no further step
+      type(cancellation_t), pointer :: effort => null()               ! counts the work of all levels
    contains
       procedure :: prepare => refined_curve_prepare
       procedure :: choose_for => refined_curve_choose_for
@@ -76,15 +77,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(refined_step_t) :: refined
       type(curve_state_t) :: first
+      type(cancellation_t), target :: effort
       integer :: ending
 
       call refined%prepare(self)
+      refined%effort => effort
       refined%max_failures = max_failures + 1
       if (self%estimate <= ample*self%model%options%accuracy%tolerance) &
          call shrink(self, self%model%system, refined%whole, self%model%options, error)
       if (allocated(error)) return
       first = self%curve_state_t
+      call effort%enter(huge(1.0_wp))
       call refine(refined, ending)
+      call effort%leave()
+      self%is_out_of_work = ending /= refinement_end%accurate .and. effort%budget%spent > self%model%options%max_work()
       if (ending == refinement_end%idle) then                         ! no set improves it: the point is reported unchanged
          call restore_curve(self, first, refined%error)
          self%n_levels = 1
@@ -287,6 +293,7 @@ contains
       class(refined_curve_t), intent(inout) :: self
 
       is_over = self%is_ended .or. work_is_over()
+      if (associated(self%effort)) is_over = is_over .or. self%effort%budget%spent > self%motion%model%options%max_work()
    end function refined_curve_is_over
 
    ! Sets

@@ -3,6 +3,7 @@
 module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
+   use hb_curve_course, only: has_images, image_of, nearest_phases
    use hb_curve_events, only: branch_event_t, fold_event_t, grazing_event_t, value_event_t
    use hb_curve_request, only: located_response_t
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
@@ -588,19 +589,27 @@ contains
          abs(after(2) - after(1)) <= rounding*maxval(abs(after))
    end function same_change
 
-   !> Whether the curve has returned to its start, after steps that led away from it.
+   !> Whether the curve has returned to its start, after steps that led away from it. Its phases may differ.
    logical function is_back(self)
       class(followed_motion_t), intent(in) :: self
-      real(wp) :: along
+      real(wp) :: along, phases(self%model%system%tones%n_tones)
+      real(wp), dimension(size(self%start%x)) :: direction_there, there
 
       is_back = .false.
       associate (curve => self%curve, units => self%curve%units)
          if (self%length < 3.0_wp*curve%last_step) return
-         associate (gap => (self%start%x - curve%last_x)/units, direction => curve%last_direction/units)
+         there = self%start%x
+         direction_there = self%start%direction
+         if (has_images(self)) then
+            phases = nearest_phases(self, curve%last_x, there)
+            there = image_of(self, there, phases)
+            direction_there = image_of(self, direction_there, phases)
+         end if
+         associate (gap => (there - curve%last_x)/units, direction => curve%last_direction/units)
             along = dot_product(gap, direction)/norm2(direction)
             if (along <= 0.0_wp .or. along > curve%last_step) return
             if (norm2(gap - along*direction/norm2(direction)) > minor*curve%last_step) return
-            is_back = dot_product(self%start%direction/units, direction) > 0.0_wp
+            is_back = dot_product(direction_there/units, direction) > 0.0_wp
          end associate
       end associate
    end function is_back

@@ -107,6 +107,7 @@ module hb_followed_motion
       real(wp) :: tolerance_factor = 1.0_wp                           !! by which the tolerance may have increased along the branch
       logical :: has_collapsed = .false.                              !! the motion of an unknown tone has vanished
       logical :: is_closed = .false.                                  !! this branch has returned to its start
+      logical :: is_out_of_work = .false.                             !! the last step has used up the work of a point
       integer :: first_waiting = 1
       type(waiting_t), allocatable :: waiting(:)
    contains
@@ -132,6 +133,7 @@ module hb_followed_motion
       procedure :: prepare_step => followed_motion_prepare_step
       procedure :: transfer_start => followed_motion_transfer_start
       procedure :: describe => followed_motion_describe
+      procedure :: free_phases => followed_motion_free_phases
       procedure :: has_left_branch => followed_motion_has_left_branch
       procedure :: sense => followed_motion_sense
       procedure :: destroy => followed_motion_destroy
@@ -727,6 +729,17 @@ contains
          if (is_crossed) problem%units_across = units
       end associate
    end subroutine put_across
+
+   !> The unknown tones whose phases are arbitrary: all but those of a normal mode, whose amplitude has a phase.
+   pure function followed_motion_free_phases(self) result(tones)
+      class(followed_motion_t), intent(in) :: self
+      integer, allocatable :: tones(:)
+      integer :: i
+
+      associate (system => self%model%system)
+         tones = pack([(i, i=1, system%tones%n_tones)], system%tones%is_unknown .and. .not. system%normal_mode%is_requested)
+      end associate
+   end function followed_motion_free_phases
 
    !> Whether this branch begins at a branch point.
    pure logical function followed_motion_has_left_branch(self) result(has)

@@ -8,6 +8,7 @@
 module hb_motion_curve
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
+   use hb_curve_course, only: curve_course_t, has_images, image_of, nearest_phases
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_request, only: curve_request_t, find_direction, find_null_vector
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
@@ -16,8 +17,9 @@ module hb_motion_curve
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
    use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
+   use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, estimate_of_motion, join, level_of, level_t
+   use hb_level, only: estimate_of, estimate_of_motion, join, level_of, level_t, transferred
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
@@ -30,13 +32,14 @@ module hb_motion_curve
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_threads, only: use_threads
-   use hb_thresholds, only: faint, nearby_steps, next_to_none, reliable
+   use hb_thresholds, only: clearly, faint, nearby_steps, next_to_none, reliable
    implicit none
    private
    public :: is_unreliable, motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
 
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
    integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
+   integer, parameter :: max_exhausted = 10                           ! consecutive steps that use up the work of a point
    real(wp), parameter :: far_above = 10.0_wp                         ! or in units of the tolerance: too large to go on
    integer, parameter :: max_halvings = 12                            ! of the distance from an origin
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
@@ -49,7 +52,12 @@ module hb_motion_curve
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
       integer :: n_unreliable = 0                                     !! the last steps of this branch whose errors are not known
+      integer :: n_exhausted = 0                                      !! the last steps of this branch that took the work of a point
       logical :: ends_here = .false.                                  !! this branch ends at the last of the waiting points, a graze
+      type(curve_course_t) :: course                                  !! of this branch, if its motions have images
+      logical :: is_retraced = .false.                                !! this branch has come back to one of its folds
+      integer, allocatable :: locked(:)                               !! combination of tones that vanishes ahead, if any
+      real(wp) :: locked_at = 0.0_wp                                  !! value where it does
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
@@ -291,6 +299,7 @@ contains
             if (curve_kinds(stored(i)%kind)%is_extreme) &
                self%reported = [self%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length))]
          end do
+         call restore_course(self, stored(max(1, i):), model%discretisation)
       end associate
       call self%renew()
       call self%evaluate_here(self%known)
@@ -366,6 +375,10 @@ contains
       end if
       self%has_collapsed = .false.
       self%n_unreliable = 0
+      self%n_exhausted = 0
+      self%is_retraced = .false.
+      if (allocated(self%locked)) deallocate (self%locked)
+      call self%course%begin()
       self%length = 0.0_wp
       self%reported = [reported_extreme_t ::]
       self%estimate = huge(1.0_wp)
@@ -488,8 +501,10 @@ contains
       started = wall_clock()
       before = self%curve%report
       if (self%first_waiting > size(self%waiting)) then
-         if (self%n_unreliable >= max_unreliable) then
+         if (max(self%n_unreliable - max_unreliable, self%n_exhausted - max_exhausted) >= 0) then
             self%curve%status = outcome%out_of_budget
+         else if (allocated(self%locked)) then
+            self%curve%status = outcome%locked
          else
             call self%make_step(error)
          end if
@@ -507,6 +522,8 @@ contains
          else if (self%has_collapsed) then
             result%status = outcome%collapsed
             result%reason = reason%none
+         else if (result%status == outcome%locked) then
+            result%reason = reason%none
          end if
          result%message = trim(lost_text(self))
          call count_work(self%curve%report, before, result)
@@ -521,7 +538,10 @@ contains
          is_end = self%ends_here .and. self%first_waiting == size(self%waiting)
          if (is_end .and. is_solved(result%status)) result%reason = reason%grazing
          is_end = is_end .or. self%waiting(self%first_waiting)%kind == curve_kind%end
+         if (is_end .and. self%is_retraced .and. .not. allocated(result%message)) &
+            result%message = "the curve returns to this fold: it would pass over its points again"
          self%first_waiting = self%first_waiting + 1
+         if (self%is_retraced .and. .not. is_end) call put_retraced_end(self)
          if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if
       result%solver_seconds = wall_clock() - started - result%error_estimate_seconds
@@ -568,6 +588,93 @@ contains
       call drop_doubtful(self, error)
    end subroutine make_step
 
+   !> Makes the end of a branch that has come back to a fold, reported last, the only waiting point.
+   subroutine put_retraced_end(self)
+      class(motion_curve_t), intent(inout) :: self
+      type(waiting_t) :: point
+
+      point%kind = curve_kind%end
+      associate (fold => self%waiting(self%first_waiting - 1))
+         point%position = fold%position
+         point%x = fold%x
+      end associate
+      point%is_crossing = .true.                                      ! there the value alone does not select a motion
+      self%waiting = [point]
+      self%first_waiting = 1
+   end subroutine put_retraced_end
+
+   !> Stores a fold or the end of a step of a branch whose motions have images, and finds whether the branch has come back to
+   !> one of its folds, or its tones lock ahead.
+   subroutine note_course(self, kind, x, length)
+      class(motion_curve_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(in) :: length                                  !! of the arc up to there
+      integer, allocatable :: combination(:)
+      real(wp) :: value
+      integer :: i
+      logical :: is_possible, locks
+
+      if (.not. has_images(self)) return
+      select case (kind)
+      case (curve_kind%fold)
+         do i = 1, size(self%course%folds)
+            if (is_same_fold(self, self%course%folds(i), x, length - self%course%lengths(i))) self%is_retraced = .true.
+         end do
+         call self%course%add_fold(x, self%level, length)
+      case (curve_kind%regular)
+         call self%problem%move_to_point(x, is_possible)
+         if (.not. is_possible) return
+         if (size(self%free_phases()) == 0) return
+         associate (tones => self%model%system%tones)
+            call self%course%add_step(x(size(x)), self%problem%omega(:tones%n_tones))
+            if (tones%n_tones < 2) return
+            call self%course%locks(tones, self%model%options%error_estimate%commensurability, locks, combination, value)
+         end associate
+         if (.not. locks) return
+         self%locked = combination
+         self%locked_at = value
+      end select
+   end subroutine note_course
+
+   !> Whether two folds of a branch are the same motion, apart from its phases, although the branch has been
+   !> elsewhere in between.
+   logical function is_same_fold(self, before, x, length)
+      class(motion_curve_t), intent(inout) :: self
+      type(origin_t), intent(in) :: before
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(in) :: length                                  !! of the arc between them
+      real(wp) :: near, there(size(x))
+
+      near = faint
+      associate (accuracy => self%model%options%accuracy)
+         if (accuracy%is_on) near = max(near, accuracy%tolerance)
+         is_same_fold = length > clearly*near
+         if (.not. is_same_fold) return
+         there = transferred(before%level%set, self%level%set, before%x, size(self%problem%which))
+         there = image_of(self, there, nearest_phases(self, x, there))
+         is_same_fold = norm2((there - x)/self%units_at(x)) <= near
+      end associate
+   end function is_same_fold
+
+   !> Stores the course of a branch up to its last stored point.
+   subroutine restore_course(self, stored, discretisation)
+      class(motion_curve_t), intent(inout), target :: self
+      type(curve_position_t), intent(in) :: stored(:)                 !! points of this branch, with those before it of other sign
+      type(discretisation_t), intent(in) :: discretisation            !! of the model
+      type(level_t) :: level
+      real(wp), allocatable :: x(:)
+      integer :: i
+
+      if (.not. has_images(self)) return
+      do i = 1, size(stored)
+         if (stored(i)%length*stored(size(stored))%length < 0.0_wp) cycle
+         level = level_of(discretisation, stored(i))
+         x = transferred(level%set, self%level%set, stored(i)%unknowns, size(self%problem%which))
+         call note_course(self, stored(i)%kind, x, abs(stored(i)%length))
+      end do
+   end subroutine restore_course
+
    !> Computes the result of one of the waiting points.
    subroutine report(self, i, result, error)
       class(motion_curve_t), intent(inout), target :: self
@@ -597,6 +704,10 @@ contains
       if (point%kind == curve_kind%regular) &
          self%n_unreliable = merge(self%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result), &
                                                                                self%model%options%accuracy))
+      if (point%kind == curve_kind%regular) &
+         self%n_exhausted = merge(self%n_exhausted + 1, 0, &
+                                  self%is_out_of_work .and. estimate_of(result) > self%model%options%accuracy%tolerance)
+      call note_course(self, point%kind, point%x, self%length + point%position)
       position%kind = point%kind
       position%parameter = point%x(size(point%x))
       position%length = self%sense()*(self%length + point%position)
@@ -682,6 +793,12 @@ contains
             text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
          else if (self%has_collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
+         else if (self%curve%status == outcome%locked) then
+            text = "the tones lock near the value "//to_text(few_digits(self%locked_at))//", where "//tuple_text(self%locked)// &
+                   " vanishes: beyond it the motion is periodic"
+         else if (self%n_exhausted >= max_exhausted) then
+            text = "the curve is given up at the value "//to_text(value)//": each of the last "//to_text(max_exhausted)// &
+                   " steps has used up the work of a point, &accuracy max_work and &solver fallback_work"
          else if (self%n_unreliable >= max_unreliable) then
             text = "the curve is lost at the value "//to_text(value)//": the estimated errors of the last "// &
                    to_text(max_unreliable)//" points are "
@@ -695,6 +812,15 @@ contains
          end if
       end associate
    end function lost_text
+
+   !> An extrapolated value as far as it is known.
+   real(wp) function few_digits(value)
+      real(wp), intent(in) :: value
+      character(13) :: digits
+
+      write (digits, "(es13.5e3)") value
+      read (digits, *) few_digits
+   end function few_digits
 
    !> Whether the values ahead are not possible.
    pure logical function is_refused(self)

@@ -1,5 +1,7 @@
 """Where curves end, why, and that no step leads to another part of them."""
 
+import re
+
 import numpy as np
 import pytest
 from nhbm_post.reader import Results
@@ -61,12 +63,12 @@ def test_curves_of_bifurcations_end_at_resonances(tmp_path):
 def test_curves_of_unreliable_motions_end(tmp_path):
     """A stiff stop with one harmonic: the errors are as large as the motions, so the curve does not use up its rows."""
     text = """
-&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.002 /
-&tones frequency=0.2 /
+&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1 /
+&tones frequency=1.0 /
 &harmonics order=1 /
 &load dof='x1', tuple=1, cos=1.0 /
 &law type='elastic_stop', dof='x1', stiffness=1e4, gap=0.01 /
-&curve parameter='tones%frequency', from=0.2, to=8.0, points=1000, max_step=0.002, peak_of='x1' /
+&curve parameter='tones%frequency', from=1.0, to=2.0, points=1000, max_step=0.002, peak_of='x1' /
 """
     path = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
     with Results(path) as results:
@@ -159,3 +161,77 @@ def test_normal_modes_begin_at_internal_resonances(tmp_path):
     with Results(solve(text, tmp_path)) as results:
         frequency = results.frequency(0)[0]
         assert min(abs(frequency - 0.9969549), abs(frequency - 1.0030018)) < 1e-6
+
+
+def test_tori_end_where_their_tones_lock(tmp_path):
+    """A forced van der Pol oscillator near three times its frequency: its torus ends at a fold of the entrained motion of three
+    periods, which it approaches ever more slowly."""
+    oscillator = """
+&structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
+&law type='van_der_pol', dof='x1', strength=0.3 /
+"""
+    torus = solve(
+        oscillator
+        + """
+&tones frequency=2.9, 0.993, unknown=.false., .true. /
+&accuracy tolerance=1e-2 /
+&load dof='x1', tuple=1,0, cos=0.9 /
+&curve parameter='tones%frequency(1)', from=2.9, to=4.5 /
+""",
+        tmp_path,
+        name="torus",
+    )
+    entrained = solve(
+        oscillator
+        + """
+&tones frequency=0.995 /
+&harmonics order=15 /
+&load dof='x1', tuple=3, cos=0.9 /
+&start dof='x1', tuple=1, cos=2.0 /
+&curve parameter='tones%frequency', start=0.995, from=0.97, to=1.02 /
+""",
+        tmp_path,
+        name="entrained",
+    )
+    with Results(torus) as results, Results(entrained) as one_tone:
+        last = results.used[-1]
+        assert results.status_name(last) == "locked"
+        message = results.message(last)
+        assert "(1,-3)" in message, message
+        [value] = re.findall(r"near the value ([\d.]+)", message)
+        assert float(value) == pytest.approx(3.0 * values_at(one_tone, "fold").min(), rel=2e-5)
+        assert len(results.used) < 100
+
+
+def test_closed_curves_of_several_periods_are_traced_once(tmp_path):
+    """Entrained motions of three periods of the load: after a third of the way round the same motions follow, a period later."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
+&tones frequency=0.995 /
+&harmonics order=15 /
+&load dof='x1', tuple=3, cos=0.9 /
+&law type='van_der_pol', dof='x1', strength=0.3 /
+&start dof='x1', tuple=1, cos=2.0 /
+&curve parameter='tones%frequency', start=0.995, from=0.97, to=1.02 /
+"""
+    with Results(solve(text, tmp_path)) as results:
+        assert values_at(results, "fold") == pytest.approx([1.002760326, 0.9858923797], rel=1e-7)
+        assert values_at(results, "end") == pytest.approx([0.995])
+
+
+def test_curves_whose_steps_use_up_their_work_end(tmp_path):
+    """Steps of a curve have the limit of work of a point; ten in a row that reach it above the tolerance end the curve."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, damping=0.05, stiffness=1.0 /
+&tones frequency=3.0 /
+&load dof='x1', tuple=1, cos=1.0 /
+&law type='elastic_stop', dof='x1', stiffness=50.0, gap=0.5 /
+&accuracy tolerance=1e-6, max_work=1e-3 /
+&solver fallback_work=1e-3 /
+&curve parameter='tones%frequency', from=0.4, to=3.0, start=3.0 /
+"""
+    path = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
+    with Results(path) as results:
+        last = results.used[-1]
+        assert results.status_name(last) == "out_of_budget" and "max_work" in results.message(last)
+        assert [results.status_name(point) for point in results.used[-11:-1]] == 10*["truncated"]

@@ -71,7 +71,7 @@ def warn_of_end(session: Session) -> bool:
         text = "the curve continues: it has reached the limit of its points, 'points' of &curve"
     elif reason == dataset.GRAZED:
         text = "the curve ended where a wall is grazed: no motion was found beyond"
-    elif dataset.status_of(session) not in (*dataset.SOLVED, "collapsed"):  # there the motion ends
+    elif dataset.status_of(session) not in (*dataset.SOLVED, "collapsed", "locked"):  # there the motion ends
         text = f"the curve ended before the end of its range: {doubt_of(session)}"
     else:
         return False

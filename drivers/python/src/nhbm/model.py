@@ -367,7 +367,7 @@ class Model(Description):
         if not points:
             raise ModelError(session.message or "the curve has no points")
         found = self._on_curve(points, path, self._source(session))
-        if doubtful and (doubtful[-1][0] == "collapsed" or (has_warned and doubtful[-1][0] not in dataset.SOLVED)):
+        if doubtful and (doubtful[-1][0] in ("collapsed", "locked") or (has_warned and doubtful[-1][0] not in dataset.SOLVED)):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
         doubts.warn_of_points(doubtful, len(points))
         doubts.warn_of_idle_laws(idle or [])
