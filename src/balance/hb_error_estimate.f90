@@ -374,7 +374,7 @@ contains
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call wide%factorise_mean_tangent(big, error)
       if (allocated(error)) return
-      call new_wide_problem(whole, wide, balance, problem, tangent)
+      call new_wide_problem(whole, wide, balance, problem, tangent, size_of_motion)
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
       call whole%find_residual(big, first, r, is_lost)
       if (is_lost) return
@@ -393,8 +393,8 @@ contains
       end if
       if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) &
          self%truncation = of_first_power*self%truncation
-      call keep_step(self, balance, wide, whole%which, big, first, size_of_motion)
-      if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
+      call keep_step(self, balance, wide, whole%which, big, first, second, size_of_motion)
+      if (present(bordered) .and. .not. is_free) self%parameter_error = hypot(first(size(first)), second(size(second)))
       self%n_products = whole%n_products
       ! an error above `minor` is too large for one linear step
       if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > minor)) &
@@ -416,12 +416,14 @@ contains
    end subroutine estimate_errors
 
    !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
-   subroutine keep_step(self, balance, wide, which, big, first, size_of_motion)
+   subroutine keep_step(self, balance, wide, which, big, first, second, size_of_motion)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance, wide
       integer, intent(in) :: which(:)                                 !! parameters of the balance among the unknowns
       real(wp), intent(in) :: big(:, :)                               !! the motion in the wider set [m]
       real(wp), intent(in) :: first(:)                                !! the step of all unknowns
+      real(wp), intent(in) :: second(:)                               !! the last part of it, or the step after it: its uncertainty,
+                                                                      !! also where a frequency has no error of first order
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp) :: outside(size(big, 1), size(big, 2))
       integer :: i
@@ -432,7 +434,7 @@ contains
       self%around = wide%harmonics
       self%neglected = wide%harmonics%norms(outside)/size_of_motion
       do i = 1, size(which)
-         if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = abs(first(size(big) + i))
+         if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = hypot(first(size(big) + i), second(size(big) + i))
       end do
       if (.not. keeps_all(self, balance)) return
       if (allocated(self%refined)) deallocate (self%refined)

@@ -52,12 +52,13 @@ contains
 
    !> Creates the problem of a wide balance, with the factors of its mean tangent, around a narrow one with its
    !> tangent, which may have unknown parameters; the border of these is that of the retained harmonics.
-   subroutine new_wide_problem(self, wide, balance, narrow, tangent)
+   subroutine new_wide_problem(self, wide, balance, narrow, tangent, size_of_motion)
       type(wide_problem_t), intent(out) :: self
       type(balance_t), intent(inout), target :: wide
       type(balance_t), intent(in) :: balance                          !! the narrow one
       class(problem_t), intent(inout), target :: narrow               !! on the narrow balance
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `narrow`, not singular
+      real(wp), intent(in) :: size_of_motion                          !! [m], > 0
       real(wp), allocatable :: functionals(:, :), border(:, :)
       integer :: i, n, n_retained
 
@@ -83,7 +84,8 @@ contains
          call move_alloc(functionals, self%functionals)
          call move_alloc(border, self%border)
       end select
-      self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are scaled as steps
+      self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are scaled as steps: those of parameters count
+      self%r_scale(n + 1:) = narrow%x_scale(n_retained + 1:)/size_of_motion ! like motions of the same relative size
       self%x_scale = self%r_scale
       if (.not. solves_by_products()) return
       allocate (self%krylov)
@@ -154,7 +156,7 @@ contains
          if (is_lost) return
          call self%step_in_blocks(r_there, second)
          if (.not. self%is_lost) then
-            is_found = norm2(second) < nearer*norm2(first)
+            is_found = length_of(second) < nearer*length_of(first)
             if (is_found .and. .not. is_rigid) call add_third()
             if (is_found .or. is_lost) return
             if (is_rigid) second = 0.0_wp
@@ -171,6 +173,13 @@ contains
       is_lost = .not. is_found
 
    contains
+
+      !> Length of a step in the units of the equations.
+      real(wp) function length_of(step)
+         real(wp), intent(in) :: step(:)                              ! (n_unknowns)
+
+         length_of = norm2(step/self%r_scale)
+      end function length_of
 
       !> Finds both steps with the preconditioner of the wide balance, as far as the products go: the components that need
       !> more, along which the tangent is almost singular, would be far too large in a linear step.
@@ -191,7 +200,7 @@ contains
          if (is_lost) return
          call self%step_in_blocks(r_there, third)
          is_found = .not. self%is_lost
-         if (is_found) is_found = norm2(third) < nearer*norm2(second)
+         if (is_found) is_found = length_of(third) < nearer*length_of(second)
          if (is_found) second = second + third
       end subroutine add_third
 
@@ -273,13 +282,13 @@ contains
 
       is_found = .false.
       if (self%is_lost .or. .not. all(ieee_is_finite(step))) return
-      is_found = norm2(step) <= least
+      is_found = norm2(step/self%r_scale) <= least
       if (is_found) return
       call self%wide%linearise(reshape(motion, [size(motion)]), is_found)
       if (.not. is_found) return
       call new_gmres(gmres, self%n_unknowns, most)
       blocks = step
-      call gmres%solve(self, blocks, max(accuracy, least/norm2(blocks)), most, step)
+      call gmres%solve(self, blocks, max(accuracy, least/norm2(blocks/self%r_scale)), most, step)
       self%n_products = self%n_products + gmres%n_products
       is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
    end subroutine wide_problem_find_step

@@ -313,3 +313,28 @@ def test_estimates_under_rigid_friction_see_the_whole_error(tmp_path):
     for order, found, estimate in list(zip(orders, motion, np.hypot(truncation, aliasing)))[:-1]:
         true_error = np.linalg.norm(found - motion[-1]) / np.linalg.norm(motion[-1])
         assert estimate / FACTOR < true_error < 1.7 * estimate, (order, true_error, estimate)
+
+
+def test_estimates_along_curves_weigh_the_parameter(tmp_path):
+    """One harmonic of a mass at a stiff stop: the estimate along a curve is that of the motion, whatever the unit of the value;
+    with the value in its own unit beside displacements of a hundredth, it was 70 times the error."""
+    text = """
+&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.002 /
+&tones frequency=8.0 /
+&harmonics order={order} /
+&load dof='x1', tuple=1, cos=1.0 /
+&law type='elastic_stop', dof='x1', stiffness=1e4, gap=0.01 /
+&curve parameter='tones%frequency', from=7.7, to=8.0, start=8.0, max_step={step}, points=1000 /
+"""
+    curves = []
+    for order, step in ((1, 0.05), (40, 0.2)):
+        result = solve(text.format(order=order, step=step), tmp_path, name=f"order_{order}", status=None)
+        kinds, w, c, estimate = read(result, "curve_kind", "frequency", "coefficients", "truncation_estimate")
+        used = kinds > 0
+        curves.append((w[used, 0], np.nan_to_num(c[used].reshape(used.sum(), -1)), estimate[used]))
+    (w, c, estimate), (w_reference, c_reference, _) = curves
+    ascending = np.argsort(w_reference)
+    reference = np.array([np.interp(w, w_reference[ascending], column[ascending]) for column in c_reference.T]).T
+    missing = reference.shape[1] - c.shape[1]
+    error = np.linalg.norm(np.pad(c, ((0, 0), (0, missing))) - reference, axis=1) / np.linalg.norm(reference, axis=1)
+    assert np.all(estimate > error / FACTOR) and np.all(estimate < FACTOR * error), (estimate / error)

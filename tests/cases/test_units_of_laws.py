@@ -176,3 +176,33 @@ def test_no_law_is_forgotten():
 
     table = (Path(__file__).resolve().parents[2] / "src" / "input_keys.txt").read_text()
     assert set(re.findall(r"^law (\w+) \|", table, re.M)) == set(LAWS) | WITHOUT_UNITS
+
+
+def test_other_units_of_curves_change_no_point(tmp_path):
+    """A curve of rigid friction in SI units and in units of 2**-20 m, 2**-30 kg and 2**-20 s: steps, sets and statuses depend on
+    error estimates, in which the frequency along the curve is an unknown beside the motion."""
+    length, mass, time = 2.0**-20, 2.0**-30, 2.0**-20
+    rows = []
+    for name, (x, m, t) in {"si": (1.0, 1.0, 1.0), "small": (length, mass, time)}.items():
+        force = m * x / t**2
+        text = f"""
+&structure type='matrices', n_dofs=2,
+ mass={0.642443256604 / m!r}, 0.0, 0.0, {1.04693921848 / m!r}
+ damping={0.0781822625261 / m * t!r}, {0.00233872487192 / m * t!r}, {0.00233872487192 / m * t!r}, {0.130552536457 / m * t!r}
+ stiffness={2.15432404753 / m * t**2!r}, {-0.556457457382 / m * t**2!r},
+  {-0.556457457382 / m * t**2!r}, {2.76242300318 / m * t**2!r} /
+&tones frequency={1.31444158006 * t!r} /
+&accuracy tolerance=1e-2 /
+&load dof='x1', tuple=1, cos={0.432003490294 / force!r}, sin={-0.244179065838 / force!r} /
+&law type='coulomb_rigid', dofs='x1', weights=1.0, limit={0.0844911178865 / force!r} /
+&curve parameter='tones%frequency(1)', from={0.65722079003 * t!r}, to={2.103106528096 * t!r} /
+"""
+        result = solve(text, tmp_path, name=name)
+        kinds, frequency, status, estimate = read(result, "curve_kind", "frequency", "status", "truncation_estimate")
+        used = kinds > 0
+        rows.append((frequency[used, 0] / t, status[used], estimate[used]))
+    (frequency, status, estimate), (other_frequency, other_status, other_estimate) = rows
+    assert len(frequency) == len(other_frequency)
+    np.testing.assert_allclose(other_frequency, frequency, rtol=1e-9)
+    np.testing.assert_array_equal(other_status, status)
+    np.testing.assert_allclose(other_estimate, estimate, rtol=1e-3)
