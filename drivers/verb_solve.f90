@@ -126,7 +126,7 @@ contains
       integer, allocatable :: statuses(:)
 
       n_ends = 0
-      if (.not. allocated(plan%curve) .or. summary%counts(outcome%collapsed) == 0) return
+      if (.not. allocated(plan%curve) .or. summary%counts(outcome%collapsed) + summary%counts(outcome%locked) == 0) return
       statuses = numbers_of(path, "status")
       n_ends = count([(is_regular_end(statuses(i), i, plan), i=1, size(statuses))])
    end function n_ends
@@ -354,7 +354,7 @@ contains
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
          if (summary%by_levels > 0.0_wp) then
-            write (estimates, "(a, es7.1)") "by comparison of refinement levels, where larger: at most ", summary%by_levels
+            write (estimates, "(a, es7.1)") "by comparison of refinement levels, where larger: ", summary%by_levels
             call say(trim(estimates))
          end if
       end if
@@ -370,6 +370,9 @@ contains
                      " was not computed: the fastest harmonic has more than a million cycles in a period of the slowest tone")
          end if
       end if
+      if (size(study%model%options%gradient%by) > 0 .and. summary%counts(outcome%integrated) > 0) &
+         call say("warning: "//number_of(summary%counts(outcome%integrated), "point")// &
+                  " found by time integration: without derivatives, which need a balance; compare runs at two values instead")
       if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)
       do i = 1, size(summary%is_idle)
          if (summary%is_idle(i)) call say("warning: "//trim(idle_law_text(study%model%system%laws(i)%law%label)))

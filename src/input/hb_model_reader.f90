@@ -262,7 +262,9 @@ contains
       if (.not. self%options%may_integrate) call refuse_integration()
       self%options%integration%work_limit = work_of_method*self%options%solver%fallback_work
       if (.not. self%options%solver%has_fallback_work) then
-         if (self%options%primary_method == primary_method%integration) self%options%integration%work_limit = work_if_requested
+         if (self%options%primary_method == primary_method%integration .or. (self%system%tones%n_tones > 1 .and. &
+             self%system%has_restitution(self%options%integration%restitution))) &  ! of one tone the period map finds it
+            self%options%integration%work_limit = work_if_requested
          self%options%integration%work_limit = max(self%options%callbacks%share_of_integration* &
                                                    self%options%integration%work_limit, least_work)
       end if

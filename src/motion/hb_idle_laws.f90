@@ -6,7 +6,7 @@ module hb_idle_laws
    use hb_law_coordinates, only: law_dofs_of
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
-   use hb_outcome, only: is_solved
+   use hb_outcome, only: is_solved, outcome
    use hb_system, only: system_t
    implicit none
    private
@@ -58,7 +58,8 @@ contains
       end if
       dofs = law_dofs_of(system%laws)
       do i = 1, size(system%laws)
-         if (.not. self%is_idle(i)) cycle
+         if (motion%status == outcome%integrated .and. system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts: the
+         if (.not. self%is_idle(i)) cycle                             ! series lies within the gap
          call find_force(system%laws(i)%law, dofs, q, v, is_idle, largest)
          self%is_idle(i) = is_idle
          self%largest(i) = max(self%largest(i), largest)
