@@ -98,7 +98,8 @@ contains
                text = integrate_from_rest(run)
             else
                text = solve_with(run, "integration%restitution=0.5")
-               if (len(text) > 0) text = text//"  (with the restitution of the walls)"
+               if (len(text) > 0) text = text//"  (with the restitution of the walls; "// &
+                  "if 0.1 and 0.9 give one motion, it has no effect)"
             end if
          case (outcome%subharmonic)
             text = with_lower_tones(run)
@@ -406,6 +407,8 @@ contains
       end do
       values = numbers_of(run, "harmonics", "order")
       if (size(values) > 0) call add_string(sets, "harmonics%order="//list_of(n*values))
+      if (size(values) == 0 .and. size(run%tones%omega) > 1) &         ! otherwise the unstable motion is found in the larger set
+         call add_string(sets, "solver%primary_method='integration'")
       values = numbers_of(run, "sampling", "samples")
       if (any(values > 0)) call add_string(sets, "sampling%samples="//list_of(n*values))
       values = [numbers_of(run, "tones", "subharmonic"), 1]            ! 1 if it is not given

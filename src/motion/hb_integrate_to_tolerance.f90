@@ -154,10 +154,11 @@ contains
       is_struck = options%lacks_impacts_of(system, result%status)
       if (steady%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(steady%message)) result%message = steady%message
-         if (steady%is_out_of_work) result%reason = reason%fallback_work
+         if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%fallback_work
          if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
-         if (any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. estimate_of(result) >= reliable) then
-            call forget_motion(result)                                ! its estimate says that it is no motion
+         if (steady%status == outcome%subharmonic .or. &
+             (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
+            call forget_motion(result)                                ! it is no motion by its estimate, or does not persist
             result%status = steady%status
             result%n_periods = steady%n_repeat
          end if
@@ -291,7 +292,8 @@ contains
          self%steady%is_out_of_work = steady%is_out_of_work
          return
       end if
-      if (self%n_found == 0) self%steady = steady
+      if (self%n_found == 0 .and. .not. (self%steady%status == outcome%subharmonic .and. steady%status == outcome%pending)) &
+         self%steady = steady
       is_solved = any(steady%status == [outcome%integrated, outcome%multiple_attractors])
       self%is_ended = .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. &
                              .not. shows_returns(self%system, self%options))
@@ -320,7 +322,8 @@ contains
       if (allocated(self%error)) return
       if (self%candidates%n_harmonics > candidates_of_retained*self%capacity) return
       is_there = self%budget%left() > 0.0_wp
-      if (.not. is_there .and. self%n_found == 0) call leave_open(self%steady, self%here%harmonics%n_harmonics)
+      if (.not. is_there .and. self%n_found == 0 .and. self%steady%status /= outcome%subharmonic) &
+         call leave_open(self%steady, self%here%harmonics%n_harmonics)
    end subroutine refined_record_choose
 
    logical function refined_record_is_accurate(self) result(is_accurate)

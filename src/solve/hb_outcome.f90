@@ -76,7 +76,7 @@ module hb_outcome
       "diverged: the iteration diverged", &
       "locked: the tones are commensurate, the motion is periodic", &
       "timed out: the processor time limit of the point was reached", &
-      "impact: solved, but it depends on the unknown restitution", &
+      "impact: solved, but it may depend on the restitution of a wall", &
       "unused: spare row of a curve that ended earlier", &
       "integrated: found by time integration instead of the balance", &
       "subharmonic: the motion repeats after several periods only", &

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import h5py
@@ -813,3 +814,27 @@ def test_verify_agrees_with_blades_that_run_along_the_casing(tmp_path, frame):
     result = solve(forced_blades(frame, 9), tmp_path)
     found = verified(result)
     assert found["integration_verdict"] == [AGREES] and found["integration_first_difference"][0] < 1e-3, found
+
+
+def test_motions_of_several_periods_are_named(tmp_path):
+    """Parametric resonance by a quadratic spring at half of a tone. The balance in both tones alone is not accurate enough, and
+    time integration from it ends in the subharmonic motion: that is the status, not a truncated motion that needs more work."""
+    (tmp_path / "case.nml").write_text("""
+&structure type='matrices', n_dofs=1, mass=1.0, damping=0.1, stiffness=1.0 /
+&tones frequency=2.0, 0.7290084 /
+&accuracy tolerance=1e-8, max_harmonics=61 /
+&load dof='x1', tuple=1,0, cos=1.0 /
+&load dof='x1', tuple=0,1, cos=0.1 /
+&law type='polynomial', dof='x1', stiffness=0.0, 0.5, 0.3 /
+""")
+    done = run("solve", "case.nml", cwd=tmp_path)
+    assert "1 subharmonic" in done.stdout, done.stdout
+    assert "max_work" not in done.stdout, done.stdout
+    (command,) = [line for line in done.stdout.splitlines() if line.strip().startswith("try:")]
+    words = shlex.split(command)
+    assert "tones%subharmonic=2" in words
+    run(*words[2:], "--set", "accuracy%tolerance=1e-2", "--set", "accuracy%max_harmonics=2000", cwd=tmp_path)
+    c, tuples, status = read(tmp_path / words[-1], "coefficients", "tuples", "status")
+    assert status == [18]  # integrated
+    odd = np.any(tuples.reshape(c.size // 2, -1) % 2 == 1, axis=1)
+    assert np.nanmax(np.hypot(*c.reshape(-1, 2).T)[odd]) > 0.1

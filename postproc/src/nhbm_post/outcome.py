@@ -31,7 +31,7 @@ TEXTS = {
     "diverged": "diverged: the iteration diverged",
     "locked": "locked: the tones are commensurate, the motion is periodic",
     "timed_out": "timed out: the processor time limit of the point was reached",
-    "impact": "impact: solved, but it depends on the unknown restitution",
+    "impact": "impact: solved, but it may depend on the restitution of a wall",
     "unused": "unused: spare row of a curve that ended earlier",
     "integrated": "integrated: found by time integration instead of the balance",
     "subharmonic": "subharmonic: the motion repeats after several periods only",
