@@ -90,11 +90,16 @@ contains
       character(*), intent(in) :: name, units, axes, long_name
       integer, allocatable, intent(in) :: values(..)
 
-      if (allocated(values)) then
-         call self%integer(name, units, axes, long_name, values)
-      else
+      if (.not. allocated(values)) then
          call self%integer(name, units, axes, long_name)
+         return
       end if
+      select rank (values)                                             ! the same for each: gfortran 12 passes no array of any rank on
+      rank (1)
+         call self%integer(name, units, axes, long_name, values)
+      rank (2)
+         call self%integer(name, units, axes, long_name, values)
+      end select
    end subroutine columns_integer_array
 
    !> An array of reals, not known if it is not allocated.
@@ -103,11 +108,20 @@ contains
       character(*), intent(in) :: name, units, axes, long_name
       real(wp), allocatable, intent(in) :: values(..)
 
-      if (allocated(values)) then
-         call self%real(name, units, axes, long_name, values)
-      else
+      if (.not. allocated(values)) then
          call self%real(name, units, axes, long_name)
+         return
       end if
+      select rank (values)                                             ! the same for each: gfortran 12 passes no array of any rank on
+      rank (1)
+         call self%real(name, units, axes, long_name, values)
+      rank (2)
+         call self%real(name, units, axes, long_name, values)
+      rank (3)
+         call self%real(name, units, axes, long_name, values)
+      rank (4)
+         call self%real(name, units, axes, long_name, values)
+      end select
    end subroutine columns_real_array
 
    !> Visits all columns of a motion, in the order of the file.
