@@ -393,8 +393,8 @@ contains
       end if
       if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) &
          self%truncation = of_first_power*self%truncation
-      call keep_step(self, balance, wide, whole%which, big, first, second, size_of_motion)
-      if (present(bordered) .and. .not. is_free) self%parameter_error = hypot(first(size(first)), second(size(second)))
+      call keep_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
+      if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
       ! an error above `minor` is too large for one linear step
       if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > minor)) &
@@ -416,14 +416,13 @@ contains
    end subroutine estimate_errors
 
    !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
-   subroutine keep_step(self, balance, wide, which, big, first, second, size_of_motion)
+   subroutine keep_step(self, balance, wide, which, big, first, alias, size_of_motion)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance, wide
       integer, intent(in) :: which(:)                                 !! parameters of the balance among the unknowns
       real(wp), intent(in) :: big(:, :)                               !! the motion in the wider set [m]
       real(wp), intent(in) :: first(:)                                !! the step of all unknowns
-      real(wp), intent(in) :: second(:)                               !! the last part of it, or the step after it: its uncertainty,
-                                                                      !! also where a frequency has no error of first order
+      real(wp), intent(in) :: alias(:)                                !! its part by the grid, for the parameters
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp) :: outside(size(big, 1), size(big, 2))
       integer :: i
@@ -434,13 +433,21 @@ contains
       self%around = wide%harmonics
       self%neglected = wide%harmonics%norms(outside)/size_of_motion
       do i = 1, size(which)
-         if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = hypot(first(size(big) + i), second(size(big) + i))
+         if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = &
+            without_cancellation(alias(i), first(size(big) + i))
       end do
       if (.not. keeps_all(self, balance)) return
       if (allocated(self%refined)) deallocate (self%refined)
       allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
       call wide%all_dofs(self%first_order, self%refined)
    end subroutine keep_step
+
+   !> Error of a parameter: its parts by the grid and by the set may have opposite signs, and then do not show how accurate it is.
+   elemental real(wp) function without_cancellation(by_grid, whole)
+      real(wp), intent(in) :: by_grid, whole
+
+      without_cancellation = abs(by_grid) + abs(whole - by_grid)
+   end function without_cancellation
 
    !> Whether the motion of all degrees of freedom is computed in the wider set too.
    pure logical function keeps_all(self, balance)

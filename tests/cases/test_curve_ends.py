@@ -108,7 +108,9 @@ def test_closed_branches_are_traced_once(tmp_path):
 &law type='cubic_spring', dof='x2', stiffness=1.0 /
 &curve parameter='tones%frequency', from=0.6, to=3.0, points=3000, switch=.true. /
 """
-    with Results(solve(text, tmp_path)) as results:
+    path = solve(text, tmp_path)
+    assert "no bifurcation was located" not in run("info", path.name, cwd=tmp_path).stdout, "a branch starts at one"
+    with Results(path) as results:
         branches = results.per_point("curve_branch")[results.used]
         assert values_at(results, "branch") == pytest.approx([1.685549526, 1.259889455], rel=1e-7)
         assert set(branches) == {0, 1}
