@@ -2,8 +2,8 @@
 !> sum of Z(lambda) a b^T) x = 0.
 !>
 !> Each mode without the parts is followed while they grow to their strength, by Newton's method for shape and lambda together.
-!> Other modes, of which delays have any number, are not found. Source: A. Ruhe, Algorithms for the nonlinear eigenvalue problem, SIAM
-!> J. Numer. Anal. 10 (1973) 674-689, section 2.
+!> Other modes, of which delays have any number, are not found. Source: A. Ruhe, Algorithms for the nonlinear eigenvalue problem,
+!> SIAM J. Numer. Anal. 10 (1973) 674-689, section 2.
 module hb_part_modes
    use hb_frequency_part, only: frequency_part_t
    use hb_kinds, only: wp

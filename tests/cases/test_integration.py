@@ -263,7 +263,8 @@ def test_free_decay_without_a_tone(tmp_path, method, tolerance):
 def test_a_velocity_is_that_of_an_impulse(tmp_path):
     """Momentum of the second of three free masses: the centre moves with a third of its velocity."""
     chain = "&structure type='chain', n_masses=3, mass=1, coupling_stiffness=5, ends='free' /\n&law type='cubic_spring', "
-    chain += "dofs='x1', 'x2', weights=1, -1, stiffness=7 /\n&initial dof='x2', velocity=3 /\n&integration duration=5, step=0.1, tolerance=1e-13 /"
+    chain += "dofs='x1', 'x2', weights=1, -1, stiffness=7 /\n&initial dof='x2', velocity=3 /\n"
+    chain += "&integration duration=5, step=0.1, tolerance=1e-13 /"
     t, x = read(integration(chain, tmp_path), "time", "displacement")
     np.testing.assert_allclose(x.mean(axis=0), t, atol=1e-9)
 
@@ -298,9 +299,9 @@ def test_check_says_that_a_model_without_tones_is_integrated(tmp_path):
         (PUSHED + "&integration duration=60 /", "&integration: missing key 'step'"),
         (PUSHED + "&integration duration=60, step=0.1, starts=2 /", "&integration starts: other starts"),
         (PUSHED + "&harmonics order=3 /\n&integration duration=60, step=0.1, tolerance=1e-13 /", "no harmonics without &tones"),
-        (PUSHED + "&load dof='x1', tuple=1, cos=1 /\n&integration duration=6, step=0.1, tolerance=1e-13 /", "no &tones, to which a tuple refers"),
-        (DECAY + "&initial dof='x1' /\n&integration duration=6, step=0.1, tolerance=1e-13 /", "bad.nml:2: &initial: displacement: give"),
-        (DECAY + "&initial dof='x2', velocity=1 /\n&integration duration=6, step=0.1, tolerance=1e-13 /", "bad.nml:2: &initial: dof"),
+        (PUSHED + "&load dof='x1', tuple=1, cos=1 /\n&integration duration=6, step=0.1 /", "no &tones, to which a tuple refers"),
+        (DECAY + "&initial dof='x1' /\n&integration duration=6, step=0.1 /", "bad.nml:2: &initial: displacement: give"),
+        (DECAY + "&initial dof='x2', velocity=1 /\n&integration duration=6, step=0.1 /", "bad.nml:2: &initial: dof"),
     ],
 )
 def test_free_motions_that_are_incomplete(tmp_path, text, words):
@@ -347,7 +348,8 @@ def test_a_pulse_leaves_two_steps(tmp_path, method, tolerance):
 )
 def test_edges_of_a_pulse_within_a_step_count_with_their_share(tmp_path, method, tolerance):
     text = DECAY + "&load dof='x1', cos=0.8, begin=1.5037, end=3.9989 /\n"
-    t, x = read(integration(text + f"&integration duration=20, step=0.01, method='{method}', tolerance=1e-13 /", tmp_path), "time", "displacement")
+    text += f"&integration duration=20, step=0.01, method='{method}', tolerance=1e-13 /"
+    t, x = read(integration(text, tmp_path), "time", "displacement")
     expected = under(lambda s, middle: 0.8 * (1.5037 < middle < 3.9989), [1.5037, 3.9989], t)
     np.testing.assert_allclose(x[0], expected, atol=0.4 * tolerance)
 
