@@ -554,7 +554,7 @@ def test_a_pulse_is_a_load_of_time_alone():
     t, x = record["time"].values, record["displacement"].values[0]
     expected = np.where((t > 0.5) & (t < 0.5 + np.pi), 0.25 * (1 - np.cos(2 * (t - 0.5))), 0.0)
     np.testing.assert_allclose(x, expected, atol=1e-9)
-    model.set("tones", frequency=[1.0])
-    model.load("x1", cos=1.0, frequency=3.0)
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, stiffness=4.0), tones=[1.0])
+    model.load("x1", cos=1.0, frequency=3.0, end=2.0)
     with pytest.raises(nhbm.ModelError, match="a load that begins, ends"):
         model.solve()
