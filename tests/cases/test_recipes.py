@@ -15,9 +15,9 @@ LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
 ALONE = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", ROOT / "docs" / "why" / "beside_pyharm.md"]
 PAGES = [*ALONE, *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
 LONG = {  # pages that take seconds
-    "calculix", "cheat_sheet", "dual_rotor", "find_folds", "finite_element_bracket", "finite_elements", "fit_measurement",
-    "friction_damper", "isola", "law_in_python", "normal_mode", "optimise_damper", "other_solution", "own_matrices",
-    "peak_over_gap", "period_doubling", "pictures", "small_signal", "time_signal",
+    "bolted_joint", "calculix", "cheat_sheet", "dual_rotor", "find_folds", "finite_element_bracket", "finite_elements",
+    "fit_measurement", "friction_damper", "isola", "law_in_python", "normal_mode", "optimise_damper", "other_solution",
+    "own_matrices", "peak_over_gap", "period_doubling", "pictures", "small_signal", "time_signal",
 }  # fmt: skip
 MAX_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}
 
@@ -35,7 +35,7 @@ def test_pages_run_as_written(page, tmp_path):
         pytest.skip("the shared library was not built")
     if "$ ccx " in text and not shutil.which("ccx"):
         pytest.skip("CalculiX is not here")
-    if "nhbm-model plate" in text and not importlib.util.find_spec("skfem"):
+    if re.search("nhbm-model plate|scikit-fem", text) and not importlib.util.find_spec("skfem"):
         pytest.skip("scikit-fem is not here")
     run_page(page, tmp_path)
 
