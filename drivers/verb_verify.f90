@@ -38,7 +38,7 @@ contains
       if (allocated(error)) return
       n_wrong = count(verdicts%kind /= verdict%not_done .and. verdicts%kind /= verdict%agrees)
       n_left = sum_over(comm, n_left)
-      if (max_over(comm, n_wrong) > 0) status = not_all_right
+      if (max_over(comm, n_wrong) > 0 .or. sum_over(comm, count(verdicts%kind /= verdict%not_done)) == 0) status = not_all_right
       if (n_left > 0) status = incomplete
       if (n_left > 0 .and. rank_of(comm) == 0) call print_error("stopped by the time limit: "//number_of(n_left, "point")// &
          trim(merge(" is ", " are", n_left == 1))//" left, which --points verifies")

@@ -144,7 +144,9 @@ def test_verify_says_what_came_of_it(tmp_path):
     assert re.fullmatch(r"point 0: agrees with time integration; deviation .* disturbances decay at .* 1/s; \d+ periods", said[0])
     assert said[-1] == "1 point verified: 1 agrees"
     solve(text.replace("&load", "!").replace("0.2 /", "0.2, unknown = .true. /"), tmp_path, status=None)
-    said = run("verify", "case.h5", cwd=tmp_path).stdout.splitlines()
+    done = run("verify", "case.h5", cwd=tmp_path)
+    assert done.status == NOT_ALL_CONVERGED, "nothing was verified"
+    said = done.stdout.splitlines()
     assert "it has no motion to start from: no motion: no self-excited" in said[0] and said[-1] == "0 points verified"
 
 
