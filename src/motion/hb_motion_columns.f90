@@ -94,7 +94,7 @@ contains
          call self%integer(name, units, axes, long_name)
          return
       end if
-      select rank (values)                                             ! the same for each: gfortran 12 passes no array of any rank on
+      select rank (values)                              ! the same for each: gfortran 12 passes no array of any rank on
       rank (1)
          call self%integer(name, units, axes, long_name, values)
       rank (2)
@@ -112,7 +112,7 @@ contains
          call self%real(name, units, axes, long_name)
          return
       end if
-      select rank (values)                                             ! the same for each: gfortran 12 passes no array of any rank on
+      select rank (values)                              ! the same for each: gfortran 12 passes no array of any rank on
       rank (1)
          call self%real(name, units, axes, long_name, values)
       rank (2)

@@ -141,7 +141,8 @@ contains
       end function ahead
    end function timed_loads
 
-   !> Adds the derivative of the force by one of its numbers: linear in the amplitudes, and a quarter of a period ahead for the phase.
+   !> Adds the derivative of the force by one of its numbers: linear in the amplitudes, and a quarter of a period ahead for the
+   !> phase.
    subroutine load_add_slope_to(self, number, structure, set, frequencies, slope)
       class(load_t), intent(in) :: self
       type(number_t), intent(in) :: number                            !! one that it declares

@@ -165,7 +165,8 @@ def test_controlled_experiments_are_those_of_one_harmonic(tmp_path):
 
 def test_a_curve_turns_the_phase_of_one_of_two_loads(tmp_path):
     """With the fundamental alone the motion is that under the one load |F1 exp(i p) + F2|; a sweep has the same motions."""
-    text = DUFFING.replace("order = 5", "order = 1") + "&load dof = 'x1', tuple = 1, sin = 0.1 /\n&error_estimate is_on = .false. /\n"
+    text = DUFFING.replace("order = 5", "order = 1")
+    text += "&load dof = 'x1', tuple = 1, sin = 0.1 /\n&error_estimate is_on = .false. /\n"
     path = solve(text + "&curve parameter = 'load(2)%phase', from = 0.0, to = 6.0, values = 2.0, 4.0 /\n", tmp_path, name="curve")
     points = solve(text + "&sweep parameter = 'load(2)%phase', values = 2.0, 4.0 /\n", tmp_path, name="points")
     with Results(path) as curve, Results(points) as known:
@@ -175,13 +176,16 @@ def test_a_curve_turns_the_phase_of_one_of_two_loads(tmp_path):
         assert np.ptp(load) > 0.15
         assert size * abs(1 + 0.075 * size**2 - 0.25 + 0.025j) == pytest.approx(load, rel=1e-9)
         there = curve.select({"curve_kind": "value"})
-        assert [curve.amplitude(p, "x1", (1,)) for p in there] == pytest.approx([known.amplitude(k, "x1", (1,)) for k in (0, 1)], rel=1e-10)
+        expected = [known.amplitude(k, "x1", (1,)) for k in (0, 1)]
+        assert [curve.amplitude(p, "x1", (1,)) for p in there] == pytest.approx(expected, rel=1e-10)
 
 
 def test_a_harmonic_lags_its_load_by_requested_angles(tmp_path):
     """With the fundamental alone a motion that lags by p has c w A = F sin(p) and A (1 + 3/4 k3 A**2 - w**2) = F cos(p)."""
     text = DUFFING.replace("order = 5", "order = 1") + "&error_estimate is_on = .false. /\n"
-    located = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, phase_of = 'x1 (1)', phases = 0.7, 1.5707963267948966, 2.2,"
+    located = (
+        "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, phase_of = 'x1 (1)', phases = 0.7, 1.5707963267948966, 2.2,"
+    )
     with Results(solve(text + located + " resonance_of = 'x1 (1)' /\n", tmp_path, name="curve")) as curve:
         points = curve.select({"curve_kind": "phase"})
         assert list(curve.per_point("curve_response")[points]) == [2, 3, 4]

@@ -287,7 +287,10 @@ DATA = {"frequency": OMEGA, "amplitude": abs(Z)}
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x7 (1)", order=1), "no degree of freedom 'x7'"),
     (lambda: nhbm.fit(linear(), {**DATA, "amplitude": -abs(Z)}, LINEAR, "x1 (1)"), "must have finite positive numbers"),
     (lambda: nhbm.fit(linear(), "none.csv", LINEAR, "x1 (1)"), "file 'none.csv' does not exist"),
-    (lambda: nhbm.fit(linear(), {"frequency": [1.0, 1.1], "amplitude": ["1e-3", "abc"]}, LINEAR, "x1 (1)"), "must be numbers, not 'abc'"),
+    (
+        lambda: nhbm.fit(linear(), {"frequency": [1.0, 1.1], "amplitude": ["1e-3", "abc"]}, LINEAR, "x1 (1)"),
+        "must be numbers, not 'abc'",
+    ),
 ])  # fmt: skip
 def test_mistakes_are_named(made, message):
     with pytest.raises(ModelError, match=message):

@@ -626,7 +626,7 @@ def two_tone_flights(w, loads, damping, gap, e, duration, step=0.02):
         y = state - forced(t)
         end = after(y, t, step)
         if end[0] > gap:
-            s = brentq(lambda s: after(y, t, s)[0] - gap, 0.0, step)
+            s = brentq(lambda s, y=y, t=t: after(y, t, s)[0] - gap, 0.0, step)
             state = after(y, t, s) * np.array([1.0, -e])
             state[0] = gap - 1e-14
             t += s

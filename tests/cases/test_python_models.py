@@ -135,7 +135,8 @@ def test_structures_come_from_memory_and_from_files(tmp_path):
             model.load("x1", 1, cos=0.6)
         else:
             model.load(vector="push", cos=0.3)
-            with pytest.raises(ModelError, match="unknown degree of freedom 'tp.x'; known: x1, x2, x3; sets: tip; did you mean 'tip.x'"):
+            known = "known: x1, x2, x3; sets: tip; did you mean 'tip.x'"
+            with pytest.raises(ModelError, match=f"unknown degree of freedom 'tp.x'; {known}"):
                 model.load("tp.x", cos=0.3)
                 model.solve(order=1)
             model = Model(source, tones=[0.7])

@@ -539,7 +539,7 @@ class Accessor:
             raise ModelError(f"the set of harmonics does not have the tuple {tuple_}: its amplitude is not known; "
                              f"the highest is {int(abs(tuples).max())}")  # fmt: skip
         found = self._row(of, dof).where(has).sum("harmonic", min_count=1).where(self._has_motion())
-        name, words = f"{dof} ({', '.join(map(str, wanted))})", f"complex amplitude of {dof}, {words_of_tuple(wanted)}"
+        name, words = f"{dof} ({', '.join(map(str, wanted))})", f"complex amplitude of {dof}, {words_of_tuple(wanted.tolist())}"
         found = found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
         return self._named(found, name, words, self._unit(of, dof))
 
@@ -747,7 +747,8 @@ class Accessor:
         if name in self._dataset:
             return self._dataset[name]
         if name not in self.details:
-            raise ModelError(f"there is no column '{name}'{meant(name, [*map(str, self._dataset.data_vars), *map(str, self.details)])}")
+            known = [*map(str, self._dataset.data_vars), *map(str, self.details)]
+            raise ModelError(f"there is no column '{name}'{meant(name, known)}")
         return self.details[name]
 
     def _label(self, name: str, known: list[str]) -> str:

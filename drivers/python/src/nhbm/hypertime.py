@@ -13,8 +13,8 @@ _PEAK_GRID = 2**22
 
 
 def peaks(tuples: Any, cos: Any, sin: Any) -> tuple[Any, Any]:
-    """Largest |x| over hypertime of each of n series with the same tuples (n_harmonics, n_tones), coefficients (n, n_harmonics), and
-    the phases (n, n_tones) where it is: the highest maxima of a fine grid, refined by Newton steps."""
+    """Largest |x| over hypertime of each of n series with the same tuples (n_harmonics, n_tones), coefficients (n, n_harmonics),
+    and the phases (n, n_tones) where it is: the highest maxima of a fine grid, refined by Newton steps."""
     n_tones = tuples.shape[1]
     order = np.abs(tuples).max(axis=0, initial=0)
     factor = 4.0 * min(1.0, (_PEAK_GRID / np.prod(4.0 * (2.0 * order + 1.0))) ** (1.0 / n_tones))

@@ -47,8 +47,8 @@ def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any
     elif of:
         raise ModelError("this dataset has numbers, not motions; leave the responses out")
     else:
-        for name in [name for name in data.data_vars if name not in _OUTCOMES]:
-            add(str(name), data[name].values, str(data[name].attrs.get("units", "")))
+        for name in [str(name) for name in data.data_vars if name not in _OUTCOMES]:
+            add(name, data[name].values, str(data[name].attrs.get("units", "")))
     for name in _OUTCOMES:
         if name in data and (name != "message" or any(np.ravel(data[name].values))):
             add(name, data[name].values, "")
