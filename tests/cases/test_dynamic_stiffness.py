@@ -136,7 +136,7 @@ def fed_back(tones=None, n=1):
     mass, stiffness = np.eye(n), np.array([[1.0]]) if n == 1 else np.array([[1.02, -0.02], [-0.02, 0.5]])
     model = nhbm.Model(nhbm.Matrices(mass=mass, damping=D * mass, stiffness=stiffness), tones=tones or {"unknown": True})
     model.dynamic_stiffness("delay", "x1", stiffness=P, delay=DELAY, label="feedback")
-    model.law("cubic_damping", "x1", coefficient=CUBIC)
+    model.law("cubic_damping", ["x1"], coefficient=CUBIC)
     return model
 
 
