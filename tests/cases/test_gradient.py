@@ -79,7 +79,7 @@ def test_files_have_derivatives(tmp_path):
 
 def test_values_without_derivatives_are_refused():
     for path, reason in (
-        ("damper.gap", "has no number"),
+        ("damper.gap", "unknown key 'gap'"),
         ("harmonics%order", "not a number of &structure"),
         ("load(1)%dof", "has no number"),
     ):
