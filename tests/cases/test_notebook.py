@@ -41,6 +41,17 @@ def test_axes_have_powers_of_units():
     assert data.nhbm.plot("x1 (1)").get_xlabel().endswith("[N m²/V²]")
 
 
+def test_a_picture_over_time_has_the_fast_tone_too():
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.001, 0.9])
+    model.load("x1", (1, 0), cos=0.1)
+    model.load("x1", (0, 1), sin=0.3)
+    motion = model.solve(order=1)
+    (line,) = motion.nhbm.plot("x1").lines
+    assert np.abs(line.get_ydata()).max() == pytest.approx(float(motion.nhbm.largest("x1")), rel=0.05)
+    crossings = np.count_nonzero(np.diff(np.sign(line.get_ydata())))
+    assert crossings == pytest.approx(2 * 8 * 900, rel=0.05)
+
+
 def test_one_motion_has_one_value(curve):
     one = curve.isel(point=3).nhbm
     assert repr(one).splitlines()[:2] == ["motion: converged", f"tones%frequency: {float(curve['tones_frequency'][3]):.6g} rad/s"]

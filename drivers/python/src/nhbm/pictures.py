@@ -14,6 +14,7 @@ from nhbm.located import MARKERS, located_kinds
 
 _VERDICTS = ("stable", "-", "stable"), ("unstable", "--", "unstable"), ("unknown", ":", "stability not known")
 _MOST_LINES = 10  # of one picture with a legend
+_SAMPLES, _MOST_SAMPLES = 12, 200_000  # of the fastest harmonic in a period, of a picture over time
 
 
 def plot(data: xr.Dataset, of: str | None = None, ax: Any = None) -> Any:
@@ -54,7 +55,8 @@ def _over_time(ax: Any, data: xr.Dataset, dof: str) -> None:
         return
     frequency = data["frequency"].values
     length = 2 * np.pi / frequency.min() * (2 if len(frequency) == 1 else 8)
-    times = np.linspace(0.0, length, 2000)
+    fastest = float(abs((data.nhbm._tuples() * data["frequency"]).sum("tone")).max())
+    times = np.linspace(0.0, length, int(np.clip(_SAMPLES * fastest * length / (2 * np.pi), 2000, _MOST_SAMPLES)))
     ax.plot(times, data.nhbm.time(dof, times), color="C0", lw=1.2)
     ax.set(xlim=(0.0, length))
 
