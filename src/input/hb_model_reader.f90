@@ -26,7 +26,7 @@ module hb_model_reader
    use hb_stability, only: stability_method
    use hb_structure_catalogue, only: read_structure
    use hb_system, only: system_t
-   use hb_text, only: shown, string_t, to_text
+   use hb_text, only: number_of, shown, string_t, to_text
    use hb_time_domain, only: primary_method
    use hb_tones, only: tones_t
    use hb_truncation_reader, only: read_harmonics, read_lowest_set
@@ -412,8 +412,16 @@ contains
       type(parameter_t), intent(in) :: parameter
       character(60) :: text
 
+      integer :: i_key
+
       text = "has no number in this input: give it one"
       associate (group => document%groups%holders(parameter%i_group)%group)
+         i_key = group%content%names%find(trim(parameter%key))
+         if (i_key > 0 .and. maxval(parameter%element) > 0) then
+            associate (key => group%content%keys(i_key))
+               if (allocated(key%numbers)) text = "is not there: the key has "//number_of(size(key%numbers), "number")
+            end associate
+         end if
          if (group%name /= "tones") return
          if (parameter%key == "frequency" .and. group%given("hertz")) text = "has no number in this input, which gives tones%hertz"
          if (parameter%key == "hertz" .and. group%given("frequency")) &

@@ -141,6 +141,7 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, **{"from": 0.1}), "'from' follows from the arguments path, start and stop"),
     (lambda: duffing().peak("x1", "tones[0]", 0.5, 2.0, to=3.0), "'to' follows from the arguments"),
     (lambda: duffing().set("curve", points=5), r"the keys of &curve are arguments of the operations"),
+    (lambda: duffing().gradient("x1", ["tones[1]"]), "is not there: the key has 1 number"),
     (lambda: duffing().gradient("x1", []), "by must name at least one value"),
     (lambda: duffing().response("max x1"), "'max x1' is a response of datasets"),
     (lambda: duffing().gradient("max x1", ["spring.stiffness"]), "'max x1' is a response of datasets"),
