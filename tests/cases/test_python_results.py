@@ -270,6 +270,27 @@ def test_any_motion_is_verified(points, tmp_path):
     assert model["tones[0]"] == 0.9  # its values are those before
 
 
+def test_a_motion_of_other_values_is_not_verified(tmp_path):
+    """Its verdict would be on another motion."""
+    model = duffing()
+    motion = model.solve(order=5)
+    curve = model.curve("tones[0]", 0.7, 0.8, order=5)
+    curve.nhbm.save(tmp_path / "curve.h5")
+    model["spring.stiffness"] = 0.6
+    for old in (motion, curve.isel(point=1), nhbm.open_dataset(tmp_path / "curve.h5").isel(point=1)):
+        with pytest.raises(ModelError, match=r"has changed .*: law.spring.%stiffness is 0.6, and was 0.5"):
+            model.verify(old)
+    model["spring.stiffness"] = 0.5
+    model["tones[0]"] = 1.1  # of the curve it varies
+    assert model.verify(curve.isel(point=1))["integration_verdict"] == "agrees"
+    with pytest.raises(ModelError, match="tones%frequency is 1.1, and was 0.9"):
+        model.verify(motion)
+    model["tones[0]"] = 0.9
+    model.law("cubic_spring", "x1", stiffness=0.1)
+    with pytest.raises(ModelError, match="it has 2 groups &law, and had 1"):
+        model.verify(motion)
+
+
 def test_statuses_have_the_words_of_the_program():
     """All of them, in their order; those with a motion are evaluated."""
     motion = duffing().solve(order=5)

@@ -70,6 +70,11 @@ def open_dataset(path: str | Path) -> xr.Dataset:
     return files.opened(path)
 
 
+def record_beside(motion: xr.Dataset) -> tuple[xr.Dataset, Source] | None:
+    """Details and source of a result, if it still has them."""
+    return motion.encoding.get(_DETAILS)
+
+
 def has_own_tuples(motion: xr.Dataset) -> bool:
     """Whether the harmonics of a motion were chosen for its tolerance; assumed where its details were lost."""
     found = motion.encoding.get(_DETAILS)

@@ -495,3 +495,29 @@ class Matrices(Builder):
             if m is not None
         }
         super().__init__(n_dofs=len(mass), mass=mass.ravel(), **more, **keys)
+
+
+_OF_MOTIONS = "structure", "bearing", "dynamic_stiffness", "tones", "load", "law"  # groups that a motion satisfies
+
+
+def changed_values(before: str, after: str, varied: Iterable[str]) -> str:
+    """The first number by which two complete inputs differ, in words, other than those at the paths `varied` and those that follow
+    others; empty if there is none."""
+    groups = {text: Groups.of_text(text) for text in (before, after)}
+    free = [groups[after].resolved(path) for path in varied]
+    free += [path_of(str(tie.keys["parameter"])) for tie in groups[after].named("tie")]
+    skipped = {(id(groups[after].find(path)), path.key) for path in free}
+    for name in _OF_MOTIONS:
+        old, new = groups[before].named(name), groups[after].named(name)
+        if len(old) != len(new):
+            return f"it has {len(new)} groups &{name}, and had {len(old)}"
+        for k, (was, now) in enumerate(zip(old, new)):
+            for key, value in now.keys.items():
+                other = was.keys.get(key)
+                numbers = [np.ravel(one) for one in (other, value)]
+                if (id(now), key) in skipped or any(one.dtype.kind not in "fi" for one in numbers):
+                    continue
+                if not np.array_equal(*numbers):
+                    which = f"({now.label or k + 1})" if name in REPEATED else ""
+                    return f"{name}{which}%{key} is {as_input(value)}, and was {as_input(other)}"
+    return ""

@@ -15,7 +15,7 @@ from nhbm._library import Motion, library
 from nhbm.description import Description, exclusive
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError
-from nhbm.groups import SETS, Group, Settings, described, identifier, numbers_of, path_of, plain, request
+from nhbm.groups import SETS, Group, Settings, changed_values, described, identifier, numbers_of, path_of, plain, request
 from nhbm.keys import check_keys
 from nhbm.laws import Law
 from nhbm.responses import gradient_of, refuse_largest, required_response_of, response_of
@@ -512,9 +512,15 @@ class Model(Description):
         if "point" in motion.dims:
             raise ModelError("give one motion, such as curve.isel(point=3)")
         here = copy.copy(self)
-        for name, value in motion.coords.items():
+        varied = []
+        for value in motion.coords.values():
             if "parameter" in value.attrs:
-                here[value.attrs["parameter"]] = value.item()
+                varied.append(str(value.attrs["parameter"]))
+                here[varied[-1]] = value.item()
+        record = dataset.record_beside(motion)
+        changed = changed_values(record[1].text, here.to_namelist(), varied) if record is not None else ""
+        if changed:
+            raise ModelError(f"the model has changed since this motion was found: {changed}")
         n = int(motion["n_harmonics"])
         tuples = motion["tuples" if "tuples" in motion.coords else "tuple"]
         parts = {
