@@ -203,7 +203,7 @@ def test_a_limit_cycle_moves_with_the_delay():
 
 def test_a_delay_that_damps_leaves_the_mass_at_rest():
     model = fed_back()
-    model["dynamic_stiffness(feedback).stiffness"] = -P
+    model["dynamic_stiffness(feedback)%stiffness"] = -P
     assert model.solve(order=3)["status"] in ("no_motion", "collapsed")
 
 
