@@ -17,4 +17,3 @@ class Parser(argparse.ArgumentParser):
         close = difflib.get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), 1) if wrong else []
         message += f"; did you mean '{close[0]}'?" if close else ""
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
-        raise SystemExit(2)

@@ -72,7 +72,8 @@ def open_dataset(path: str | Path) -> xr.Dataset:
 
 def record_beside(motion: xr.Dataset) -> tuple[xr.Dataset, Source] | None:
     """Details and source of a result, if it still has them."""
-    return motion.encoding.get(_DETAILS)
+    found: tuple[xr.Dataset, Source] | None = motion.encoding.get(_DETAILS)
+    return found
 
 
 def has_own_tuples(motion: xr.Dataset) -> bool:
