@@ -18,7 +18,7 @@ module hb_level_stability
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: add_stability
+   public :: add_stability, allow_for_departure
 
 contains
 

@@ -19,7 +19,8 @@ module hb_motion_curve
    use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, estimate_of_motion, join, level_of, level_t, transferred
+   use hb_level, only: estimate_of, estimate_of_motion, join, level_of, level_t, margin, transferred
+   use hb_level_stability, only: allow_for_departure
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
@@ -688,9 +689,30 @@ contains
          else
             call self%describe(point, result, error)
          end if
+         if (.not. allocated(error)) call compare_in_time(self, point, result, error)
          if (.not. allocated(error)) call add_position(self, point, result)
       end associate
    end subroutine report
+
+   !> Compares a point with a short time integration if no set has made its estimate as small as those of others, and a slow tone
+   !> may carry the motion through a jump: error estimates do not see it.
+   subroutine compare_in_time(self, point, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(motion_result_t) :: compared
+
+      associate (accuracy => self%model%options%accuracy, kind => curve_kinds(point%kind))
+         if (.not. accuracy%is_on .or. result%status /= outcome%converged .or. allocated(self%known%impacts)) return
+         if (kind%is_bifurcation .or. point%kind == curve_kind%fold .or. point%is_crossing) return
+         if (estimate_of(result) <= margin*accuracy%tolerance .or. .not. self%model%system%may_jump_within_period()) return
+         self%problem%model%options%compares_in_time = .true.
+         call self%describe(point, compared, error)
+         self%problem%model%options%compares_in_time = .false.
+         if (.not. allocated(error)) call allow_for_departure(compared%departure, accuracy%tolerance, result)
+      end associate
+   end subroutine compare_in_time
 
    !> Adds the position on the curve to the result of a point, and stores the data on which later points depend.
    subroutine add_position(self, point, result)

@@ -1,5 +1,6 @@
 """Curves by tolerance: sets, folds and bifurcations along them, and how they go on after interruptions."""
 
+import re
 import shutil
 
 import h5py
@@ -201,3 +202,25 @@ def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_
         (point,) = ridge.select({"curve_kind": "value"})
         fold = curve.select({"curve_kind": "fold"})[0]
         assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
+
+
+def test_points_that_time_integration_leaves_are_truncated(tmp_path):
+    """A slow tone carries the motion through stops: near a fold the series of the steady motion converges so slowly that error
+    estimates do not see it. A point whose estimate is near the tolerance is compared with an integration that starts on it."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, damping=0.01716220957317408, stiffness=1.0 /
+&tones frequency=0.5, 0.034784103257984846 /
+&accuracy tolerance=0.001 /
+&load dof='x1', tuple=1, 0, cos=0.1509392142186491 /
+&load dof='x1', tuple=0, 1, cos=0.10046414392749753 /
+&law type='elastic_stop', dof='x1', stiffness=29.4182479488366, gap=0.5013266119218442, two_sided=.true. /
+&curve parameter='tones%frequency(1)', from=0.5, to=1.8, points=58 /
+"""
+    path = solve(text, tmp_path, status=None)
+    with Results(path) as results:
+        left = [point for point in results.used if "leaves it by" in results.message(point)]
+        assert left and all(results.status_name(point) == "truncated" for point in left)
+        largest = max(float(re.search(r"leaves it by ([\d.E+-]+)", results.message(point))[1].rstrip(",.")) for point in left)
+    assert largest > 2e-3
+    said = run("verify", path.name, "--points", str(left[-1]), cwd=tmp_path).stdout
+    assert "differs from time integration" in said or "disagree" in said, said
