@@ -11,7 +11,8 @@ import pytest
 from program import checksum_of_row, read, run, solve
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
-AUTONOMOUS = sorted(path.stem for path in (INPUTS / "autonomous").glob("*.nml"))
+# A dynamic stiffness has no equations in time; `test_dynamic_stiffness` integrates the delay by itself.
+AUTONOMOUS = sorted({path.stem for path in (INPUTS / "autonomous").glob("*.nml")} - {"delayed_feedback"})
 NOT_DONE, AGREES, UNSTABLE, DIFFERS = 0, 1, 2, 3
 COLLAPSED, NO_MOTION, LOCKED = 10, 11, 14
 
