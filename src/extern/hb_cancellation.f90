@@ -11,7 +11,7 @@ module hb_cancellation
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_loc, c_null_ptr, c_ptr
    use hb_budget, only: budget_t
    use hb_kinds, only: wp
-   use hb_threads, only: this_thread
+   use hb_threads, only: has_helpers, this_thread
    implicit none
    private
    public :: cancellation_t, note_level, note_progress, shared_work_t, spend_work, verdict, verdict_on_work, work_is_over
@@ -117,9 +117,13 @@ contains
       real(wp), intent(in) :: work
       type(slot_t), pointer :: outer
 
-      !$omp critical(hb_budget)
-      call self%budget%spend(work)
-      !$omp end critical(hb_budget)
+      if (has_helpers()) then
+         !$omp critical(hb_budget)
+         call self%budget%spend(work)
+         !$omp end critical(hb_budget)
+      else
+         call self%budget%spend(work)
+      end if
       if (.not. c_associated(self%outer)) return
       call c_f_pointer(self%outer, outer)
       call outer%cancellation%spend(work)

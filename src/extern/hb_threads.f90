@@ -4,10 +4,10 @@
 !> The number belongs to the thread that solves a model, since each thread may solve one of its own. The threads that help it
 !> have no helpers. Without OpenMP (HB_THREADS=OFF) there is one thread.
 module hb_threads
-   !$ use omp_lib, only: omp_get_thread_num
+   !$ use omp_lib, only: omp_get_thread_num, omp_in_parallel
    implicit none
    private
-   public :: are_threads_available, n_threads, this_thread, use_threads
+   public :: are_threads_available, has_helpers, n_threads, this_thread, use_threads
 
    integer, parameter :: min_work = 16384 !! operations; with less, threads take longer to start than they save
    integer, save :: team = 1
@@ -36,6 +36,12 @@ contains
       n_threads = 1
       if (work >= min_work) n_threads = team
    end function n_threads
+
+   !> Whether other threads share the present loop of this thread.
+   logical function has_helpers()
+      has_helpers = .false.
+      !$ has_helpers = omp_in_parallel()
+   end function has_helpers
 
    !> Number of the calling thread within its loop, from 1.
    integer function this_thread()
