@@ -308,7 +308,7 @@ contains
 
    !> Transforms samples to their spectrum, which is valid until the next call with this lane.
    subroutine packed_fft_to_spectrum(self, lane, samples, spectrum)
-      class(packed_fft_t), intent(inout), target :: self
+      class(packed_fft_t), intent(inout) :: self
       integer, intent(in) :: lane                                     !! 1 to n_lanes
       real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw; unchanged
       complex(wp), intent(out), pointer, contiguous :: spectrum(:)    !! by `position`
@@ -318,11 +318,11 @@ contains
       associate (own => self%lanes(lane))
          if (self%n_together == 1) then
             own%loose%values(:, 1) = samples
-            z => own%loose%values(:, 1)
+            z => self%lanes(lane)%loose%values(:, 1)
          else if (size(self%stages) == 1 .and. self%is_half) then
             z => two_together(samples)
             own%loose%values(:, 1) = z
-            z => own%loose%values(:, 1)
+            z => self%lanes(lane)%loose%values(:, 1)
             call multiply_by_twist(self, z, .true.)
          else
             z => two_together(samples)
