@@ -514,10 +514,10 @@ def changed_values(before: str, after: str, varied: Iterable[str]) -> str:
         for k, (was, now) in enumerate(zip(old, new)):
             for key, value in now.keys.items():
                 other = was.keys.get(key)
-                numbers = [np.ravel(one) for one in (other, value)]
-                if (id(now), key) in skipped or any(one.dtype.kind not in "fi" for one in numbers):
+                old_numbers, new_numbers = np.asarray(other).ravel(), np.asarray(value).ravel()
+                if (id(now), key) in skipped or not {old_numbers.dtype.kind, new_numbers.dtype.kind} <= {"f", "i"}:
                     continue
-                if not np.array_equal(*numbers):
+                if not np.array_equal(old_numbers, new_numbers):
                     which = f"({now.label or k + 1})" if name in REPEATED else ""
                     return f"{name}{which}%{key} is {as_input(value)}, and was {as_input(other)}"
     return ""
