@@ -543,13 +543,14 @@ contains
 
       call self%sample_if_new(u)
       call self%law_set%differentiate(error)
+      if (.not. allocated(error)) &
+         call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, jacobian, error)
       if (.not. allocated(error)) then
-         n_rounds = max(1, self%law_set%memory_rounds())              ! many if sliders hardly slip
+         n_rounds = max(1, self%law_set%memory_rounds())
          self%tangent_work = self%tangent_work + (n_rounds - self%n_rounds)*self%work_of_round
          self%n_rounds = n_rounds
-         call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, jacobian, error)
+         return
       end if
-      if (.not. allocated(error)) return
       jacobian = 0.0_wp                                               ! singular: no solver continues
       call move_alloc(error, self%failure)
    end subroutine balance_tangent_of

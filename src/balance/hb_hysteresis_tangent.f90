@@ -27,7 +27,7 @@ module hb_hysteresis_tangent
       real(wp), allocatable, private :: lead(:, :, :, :)              ! (width, 2, n_steps, n_blocks) exp of the leading tone
       real(wp), allocatable, private :: across(:, :, :, :)            ! (width, 2, n_slice, n_blocks) exp of the others
       real(wp), allocatable, private :: first_slice(:, :, :, :, :, :) ! (width, 2, n_states, n_slice, n_blocks, n_coordinates)
-      real(wp), allocatable, private :: closing(:, :)                 ! (1 - M)**-1, (n_states, n_states), if known
+      real(wp), allocatable, private :: closing(:, :)                 ! transposed, states fastest, if the memory has it
       real(wp), allocatable, private :: now(:, :, :, :), before(:, :, :, :)   ! (width, 2, n_states, n_slice)
       real(wp), allocatable, private :: df_dz(:, :, :, :), df_ds(:, :, :, :)  ! (n_slice, n_coordinates, any, n_steps)
    contains
@@ -119,7 +119,8 @@ contains
       integer :: i
 
       call memory%repeat_last_round(law, characteristic)
-      if (characteristic%n_slice == 1) call memory%find_closing(characteristic, self%closing)
+      call memory%find_closing(law, characteristic)
+      call take_closing(self, memory)
       if (allocated(self%closing) .or. memory%has_jumped .or. memory%forgets_start(characteristic)) then
          self%first_slice = 0.0_wp
       else
@@ -193,37 +194,50 @@ contains
       integer :: round
       real(wp) :: change
 
-      self%before = self%first_slice(:, :, :, :, block, coordinate)
-      if (allocated(self%closing)) call close_round(self, memory, characteristic, block, coordinate)
-      do round = 1, max_rounds
-         if (work_is_over() .and. round > 1) return                   ! the solver ends too
-         call go_round(self, memory, characteristic, block, coordinate, df)
-         change = maxval(abs(self%before - self%first_slice(:, :, :, :, block, coordinate)))
-         if (change <= repeat_tolerance*max(1.0_wp, maxval(abs(self%before)))) return
-         self%first_slice(:, :, :, :, block, coordinate) = self%before
-      end do
+      associate (first => self%first_slice(:, :, :, :, block, coordinate))
+         self%before = first
+         if (allocated(self%closing)) then
+            call go_round(self, memory, characteristic, block, coordinate)
+            call close_columns(self, first)
+         end if
+         do round = 1, max_rounds
+            if (work_is_over() .and. round > 1) return                ! the solver ends too
+            call go_round(self, memory, characteristic, block, coordinate, df)
+            change = maxval(abs(self%before - first))
+            if (change <= repeat_tolerance*max(1.0_wp, maxval(abs(self%before)))) return
+            if (allocated(self%closing)) then
+               call close_columns(self, first)
+            else
+               first = self%before
+            end if
+         end do
+      end associate
    end subroutine memory_tangent_respond
 
-   !> Moves the columns `before` of the first slice to the periodic ones.
-   subroutine close_round(self, memory, characteristic, block, coordinate)
+   !> Takes over (1 - M)**-1 of the last round in the order of the columns.
+   subroutine take_closing(self, memory)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
-      type(characteristic_t), intent(in) :: characteristic
-      integer, intent(in) :: block, coordinate
-      real(wp) :: change(width, 2, size(self%now, 3))
-      integer :: k, old_state
+      integer :: n_slice, n_states
 
-      call go_round(self, memory, characteristic, block, coordinate)
-      associate (start => self%first_slice(:, :, :, 1, block, coordinate))
-         change = self%before(:, :, :, 1) - start
-         do k = 1, size(start, 3)
-            do old_state = 1, size(start, 3)
-               start(:, :, k) = start(:, :, k) + self%closing(k, old_state)*change(:, :, old_state)
-            end do
-         end do
-         self%before(:, :, :, 1) = start
-      end associate
-   end subroutine close_round
+      if (allocated(self%closing)) deallocate (self%closing)
+      if (.not. allocated(memory%closing)) return
+      n_slice = size(memory%states, 1)
+      n_states = size(memory%states, 2)
+      self%closing = reshape(reshape(transpose(memory%closing), [n_states, n_slice, n_states, n_slice], order=[2, 1, 4, 3]), &
+                             shape(memory%closing))
+   end subroutine take_closing
+
+   !> Moves the columns of the first slice from where a round began to what repeats itself; `before` contains them after the round.
+   subroutine close_columns(self, first)
+      class(memory_tangent_t), intent(inout) :: self
+      real(wp), intent(inout) :: first(:, :, :, :)                    !! (width, 2, n_states, n_slice)
+      real(wp) :: change(2*width, size(self%closing, 1))
+
+      change = reshape(self%before - first, shape(change))
+      self%before = first + reshape(matmul(change, self%closing), shape(first))
+      first = self%before
+   end subroutine close_columns
 
    !> Integrates the columns `before` of the first slice through one round; with `df` stores the forces.
    subroutine go_round(self, memory, characteristic, block, coordinate, df)

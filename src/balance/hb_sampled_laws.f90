@@ -61,6 +61,7 @@ module hb_sampled_laws
       procedure :: potential => sampled_laws_potential
       procedure :: add_frequency_slopes => sampled_laws_add_frequency_slopes
       procedure :: mean_slopes => sampled_laws_mean_slopes
+      procedure :: add_memory_slopes => sampled_laws_add_memory_slopes
       procedure :: destroy => sampled_laws_destroy
    end type sampled_laws_t
 
@@ -435,14 +436,22 @@ contains
    subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds)
       class(sampled_laws_t), intent(inout) :: self
       real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
-      integer :: i
 
       call self%jacobian%mean(df_dq, df_dv, df_ds)
+      call self%add_memory_slopes(df_dq)
+   end subroutine sampled_laws_mean_slopes
+
+   !> Adds the mean slopes of the laws with memory, which are not in `jacobian`.
+   subroutine sampled_laws_add_memory_slopes(self, df_dq)
+      class(sampled_laws_t), intent(inout) :: self
+      real(wp), intent(inout) :: df_dq(:, :)                          !! (n_dofs, n_dofs)
+      integer :: i
+
       do i = 1, size(self%sampled)
          if (allocated(self%sampled(i)%hysteresis)) &
             call self%sampled(i)%hysteresis%add_mean_slope(self%characteristic, df_dq)
       end do
-   end subroutine sampled_laws_mean_slopes
+   end subroutine sampled_laws_add_memory_slopes
 
    !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
    pure integer function sampled_laws_memory_bandwidth(self) result(bandwidth)
@@ -465,7 +474,7 @@ contains
       rounds = 0
       if (self%characteristic%n_slice == 1) return
       do i = 1, size(self%sampled)
-         if (allocated(self%sampled(i)%hysteresis)) rounds = rounds + self%sampled(i)%hysteresis%sliders%rounds
+         if (allocated(self%sampled(i)%hysteresis)) rounds = rounds + self%sampled(i)%hysteresis%sliders%rounds_of_derivatives()
       end do
    end function sampled_laws_memory_rounds
 

@@ -50,7 +50,6 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)                         !! derivative of the weights, (n_neighbours)
       real(wp) :: change, largest_path
-      real(wp), allocatable :: closing(:, :)
       integer :: round
 
       largest_path = maxval(abs(self%path))
@@ -59,18 +58,20 @@ contains
          call find_clamps(self, sliders)
       else
          call sliders%repeat_last_round(law, characteristic)
-         if (characteristic%n_slice == 1) call sliders%find_closing(characteristic, closing)
+         call sliders%find_closing(law, characteristic)
       end if
       self%states(:, :, 1) = 0.0_wp
-      if (allocated(closing)) then
-         call self%go_round(sliders, characteristic, weight_slope)
-         self%states(1, :, 1) = matmul(closing, self%states(1, :, 1))
-      else if (.not. (sliders%has_jumped .or. sliders%forgets_start(characteristic))) then
-         call follow_all_rounds(self, sliders, law, characteristic, weight_slope)
+      if (.not. (closes() .or. sliders%has_jumped)) then
+         if (.not. sliders%forgets_start(characteristic)) call follow_all_rounds(self, sliders, law, characteristic, weight_slope)
       end if
       call repeat_rounds()
 
    contains
+
+      !> Whether one round gives the derivatives that repeat themselves.
+      logical function closes()
+         closes = .not. sliders%is_clamped .and. allocated(sliders%closing)
+      end function closes
 
       !> With the steps of the last round of the states.
       subroutine repeat_rounds()
@@ -81,6 +82,7 @@ contains
             change = maxval(abs(self%states(:, :, 1) - self%first))
             self%repeats = change <= repeat_tolerance*max(largest_path, maxval(abs(self%states)))
             if (self%repeats .or. work_is_over()) return
+            if (closes()) call sliders%close(self%first, self%states(:, :, 1))
          end do
       end subroutine repeat_rounds
    end subroutine slider_derivative_integration

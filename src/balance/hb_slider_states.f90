@@ -7,23 +7,22 @@
 !> two positions are computed once for all rounds, `low` and `high`.
 !> Sliders in a plane that only the loading moves have different positions, which interpolation alone would make equal,
 !> slowly, at their mean: if all of them stick round after round, they are put there.
-!> A slider in a plane that slips little converges slowly from round to round. On one line the derivative M of a round
-!> is known: after many rounds without convergence Newton's method moves the state to the limit.
+!> A slider in a plane that slips little converges slowly from round to round: after many rounds without convergence Newton's
+!> method moves the first slice to the limit, by the derivative of a round (hb_round_map).
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: spend_work, work_is_over
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_lapack, only: dgetrf, dgetrs
+   use hb_round_map, only: find_closing, is_affordable
    use hb_slider, only: pushed_by
-   use hb_thresholds, only: agreement
    implicit none
    private
    public :: max_rounds, new_slider_states, repeat_tolerance, slider_states_t
 
    integer, parameter :: max_rounds = 1000
-   integer, parameter :: many_rounds = 40, between_jumps = 4
+   integer, parameter :: few_rounds = 10, many_rounds = 40, between_jumps = 4, few_to_close = 3
    integer, parameter :: not_known = -1, no = 0, yes = 1
    real(wp), parameter :: per_value = 25.0_wp, per_clamp = 4.0_wp, per_neighbour = 1.0_wp    ! see hb_solver_types%unit_of_work
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
@@ -46,6 +45,9 @@ module hb_slider_states
       integer, allocatable :: pusher(:, :, :)                         !! in the last round, of `pushed_by`, as states
       real(wp), allocatable :: low_slope(:, :, :, :, :), high_slope(:, :, :, :, :)   !! by the path, as ds_dpath; from
                                                                       !! `find_clamp_slopes` on
+      real(wp), allocatable :: closing(:, :)                          !! (1 - M)**-1, see hb_round_map; after `find_closing`, and
+                                                                      !! not allocated if it does not pay off or nearly singular
+      logical, private :: has_closing = .false.                       ! it was looked for
       logical, private :: has_slopes = .false.
       logical, private :: has_last_round = .false.                    ! the derivatives of its steps are there
       integer, private :: start_matters = not_known
@@ -56,6 +58,8 @@ module hb_slider_states
       procedure :: load_from_rest => slider_states_load_from_rest
       procedure :: go_round => slider_states_go_round
       procedure :: find_closing => slider_states_find_closing
+      procedure :: close => slider_states_close
+      procedure :: rounds_of_derivatives => slider_states_rounds_of_derivatives
       procedure :: average_first_slice => slider_states_average_first_slice
       procedure :: go_clamped_round => slider_states_go_clamped_round
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
@@ -95,21 +99,25 @@ contains
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp) :: change, largest, largest_move, rounding
+      integer :: next_jump                                            ! after so many rounds; not known: none
 
+      next_jump = merge(many_rounds, not_known, is_affordable(characteristic, size(self%states, 2)))
       largest = maxval(abs(self%path(:, :, path_part%at_end, :)))
       call self%load_from_rest(law, with_derivatives=.false.)
       self%is_clamped = law%has_bounds .and. characteristic%n_slice > 1
       if (self%is_clamped) call find_clamps(self, law)
       self%rounds = 0
       self%has_last_round = .false.
+      self%has_closing = .false.
       self%start_matters = not_known
       self%has_jumped = .false.
       self%levelled_at = 0
       do
          if (self%is_clamped) then
             call self%go_clamped_round(characteristic, change, largest_move)
-         else if (characteristic%n_slice == 1 .and. self%rounds >= many_rounds .and. modulo(self%rounds, between_jumps) == 0) then
+         else if (self%rounds == next_jump) then
             call jump(self, law, characteristic, change, largest_move)
+            next_jump = next_jump + merge(between_jumps, next_jump, self%has_jumped .or. characteristic%n_slice == 1)
          else
             call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
          end if
@@ -228,47 +236,56 @@ contains
       forgets = self%start_matters == no
    end function slider_states_forgets_start
 
-   !> Integrates one round on one line, and makes a Newton step to the limit of further rounds.
+   !> Integrates one round, and makes a Newton step to the limit of further rounds.
    subroutine jump(self, law, characteristic, change, largest_move)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: change, largest_move                   !! of the round
-      real(wp), allocatable :: closing(:, :)
 
       call self%differentiable()
       call self%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
-      call self%find_closing(characteristic, closing)
-      if (.not. allocated(closing) .or. .not. change > 0.0_wp) return
-      self%states(1, :, 1) = self%before(1, :) + matmul(closing, self%states(1, :, 1) - self%before(1, :))
+      if (.not. change > 0.0_wp) return
+      call find_closing(self%ds_ds_old, characteristic, self%closing)
+      if (.not. allocated(self%closing)) return
+      call self%close(self%before, self%states(:, :, 1))
       change = huge(1.0_wp)                                           ! determined by the next round
       self%has_jumped = .true.
    end subroutine jump
 
-   !> (1 - M)**-1 of the last round of one line, with derivatives; not allocated if that is nearly singular.
-   subroutine slider_states_find_closing(self, characteristic, closing)
-      class(slider_states_t), intent(in) :: self
+   !> Finds (1 - M)**-1 of the last round, once after each `integration`, where that pays off: on one line, or on a slice that is
+   !> not too large for states that converged slowly.
+   subroutine slider_states_find_closing(self, law, characteristic)
+      class(slider_states_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
-      real(wp), allocatable, intent(out) :: closing(:, :)             !! (n_states, n_states)
-      real(wp), dimension(size(self%states, 2), size(self%states, 2)) :: identity, inverse, m
-      integer :: i, info, n, pivots(size(self%states, 2))
 
-      n = size(m, 1)
-      identity = 0.0_wp
-      do i = 1, n
-         identity(i, i) = 1.0_wp
-      end do
-      m = identity
-      do i = 2, characteristic%n_steps + 1
-         m = matmul(self%ds_ds_old(1, :, :, 1 + modulo(i - 1, characteristic%n_steps)), m)
-      end do
-      m = identity - characteristic%closing*m
-      inverse = identity
-      call dgetrf(n, n, m, n, pivots, info)
-      if (info /= 0) return
-      call dgetrs("N", n, n, m, n, pivots, inverse, n, info)
-      if (agreement*maxval(abs(inverse)) < 1.0_wp) closing = inverse   ! otherwise sliders hardly slip
+      if (self%has_closing) return
+      if (allocated(self%closing)) deallocate (self%closing)
+      self%has_closing = .true.
+      if (characteristic%n_slice > 1 .and. self%rounds <= few_rounds) return
+      if (.not. is_affordable(characteristic, size(self%states, 2))) return
+      call self%repeat_last_round(law, characteristic)
+      call find_closing(self%ds_ds_old, characteristic, self%closing)
    end subroutine slider_states_find_closing
+
+   !> Rounds that derivatives of the states need, as far as is known.
+   pure integer function slider_states_rounds_of_derivatives(self) result(rounds)
+      class(slider_states_t), intent(in) :: self
+
+      rounds = self%rounds
+      if (self%has_closing .and. allocated(self%closing)) rounds = min(rounds, few_to_close)
+   end function slider_states_rounds_of_derivatives
+
+   !> Moves the first slice of states, or of their derivatives, from where a round began to what repeats itself, as far as the
+   !> round is linear: see `closing`.
+   subroutine slider_states_close(self, first, states)
+      class(slider_states_t), intent(in) :: self
+      real(wp), intent(in) :: first(:, :)                             !! before the round, (n_slice, n_states)
+      real(wp), intent(inout) :: states(:, :)                         !! after it, likewise
+
+      states = first + reshape(matmul(self%closing, reshape(states - first, [size(first)])), shape(first))
+   end subroutine slider_states_close
 
    !> Puts the sliders of the first slice to their mean, after a round in which all of them stuck. It sticks as well: the
    !> positions at which a slider sticks are a convex set.
