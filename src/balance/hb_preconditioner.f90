@@ -164,7 +164,7 @@ contains
    end subroutine preconditioner_update
 
    !> Selects the harmonics with the strongest coupling, as many as the level permits; with all of them the factors
-   !> are those of the tangent itself.
+   !> are those of the tangent itself, but for laws with memory, whose coupling is not known.
    subroutine choose_coupled(self, set, level, coupling, is_strongest)
       type(preconditioner_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: set
@@ -174,12 +174,12 @@ contains
       integer, allocatable :: retained(:)
       integer :: most, possible
 
-      is_strongest = .false.
-      if (level == 0) then
+      possible = count(coupling > 0.0_wp)                             ! others are solved exactly alone, as far as is known
+      is_strongest = possible == 0
+      if (level == 0 .or. is_strongest) then
          if (allocated(self%coupled)) deallocate (self%coupled)
          return
       end if
-      possible = size(coupling)
       do while (factor_memory(2*possible, self%pattern%n, self%pattern%half_bandwidth) > max_memory .and. possible > 0)
          possible = possible - max(1, possible/32)
       end do
@@ -226,13 +226,14 @@ contains
    end function strongest
 
    !> The tangent between the selected harmonics, term by term as in hb_dense_tangent, and its factors. The correction
-   !> of kinks is omitted: it costs more than the products that it saves.
+   !> of kinks is omitted: it costs more than the products that it saves. Laws with memory enter by their mean slopes.
    subroutine fill_coupled(self, linear, laws, frequencies)
       type(preconditioner_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(inout) :: laws
       real(wp), intent(in) :: frequencies(:)
       real(wp), allocatable :: block(:, :), cosine(:), sine(:)
+      real(wp) :: by_memory(laws%n_dofs, laws%n_dofs)
       type(error_t), allocatable :: error
       integer :: h, i, k
 
@@ -250,6 +251,18 @@ contains
                do h = 1, set%n_harmonics
                   call add_linear(h, linear%entry(i, k, coupled%retained(h)))
                   if (i == k) call add_linear(h, cmplx(linear%support_in(i, coupled%retained(h)), kind=wp))
+               end do
+               call coupled%add(i, k, block)
+            end do
+         end do
+         by_memory = 0.0_wp
+         call laws%add_memory_slopes(by_memory)
+         do k = 1, laws%n_dofs
+            do i = 1, laws%n_dofs
+               if (.not. abs(by_memory(i, k)) > 0.0_wp) cycle
+               block = 0.0_wp
+               do h = 1, set%n_harmonics
+                  call add_linear(h, cmplx(laws%factor*by_memory(i, k), kind=wp))
                end do
                call coupled%add(i, k, block)
             end do
