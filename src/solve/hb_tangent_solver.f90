@@ -3,7 +3,8 @@
 !> The tangent of a problem, scaled to unit magnitudes and LU factorised by LAPACK.
 !>
 !> Solves with the tangent of a problem from products alone: GMRES, with a preconditioner that is strengthened if
-!> GMRES does not converge. Source: docs/why/theory.md, section 6.6.
+!> GMRES does not converge. If products with the strongest one cost as much as the factors, these take their place.
+!> Source: docs/why/theory.md, section 6.6.
 module hb_tangent_solver
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: work_is_over
@@ -11,7 +12,7 @@ module hb_tangent_solver
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_problem, only: default_largest_dense, problem_t
-   use hb_solver_types, only: solver_config_t
+   use hb_solver_types, only: largest_affordable, solver_config_t
    implicit none
    private
    public :: new_tangent_factor, new_tangent_krylov, new_tangent_solver, tangent_factor_t, tangent_krylov_t, tangent_solver_t
@@ -19,6 +20,16 @@ module hb_tangent_solver
    integer, parameter :: max_patience = 300                          ! products, if a stronger preconditioner costs more
    real(wp), parameter :: uses = 4.0_wp                               ! uses of a stronger preconditioner that pay for it
    integer, parameter :: easy = 20                                    ! products up to which it is reused
+
+   type :: tangent_factor_t
+      real(wp), allocatable, private :: jacobian(:, :)
+      integer, allocatable, private :: pivots(:)
+   contains
+      procedure :: update => tangent_factor_update
+      procedure :: solve => tangent_factor_solve
+      procedure :: solve_transposed => tangent_factor_solve_transposed
+      procedure :: determinant_sign => tangent_factor_determinant_sign
+   end type tangent_factor_t
 
    type :: tangent_krylov_t
       integer :: max_products = 0                                    !! of one solution
@@ -31,21 +42,16 @@ module hb_tangent_solver
       logical, private :: is_fresh = .false.                          ! computed for this tangent
       logical, private :: is_tired = .true.                           ! the last solution took many products
       logical, private :: is_strongest = .false.
+      type(tangent_factor_t), allocatable, private :: factor          ! from the first tangent for which products cost more
+      logical, private :: has_factor = .false.                        ! of this tangent
+      real(wp), allocatable, private :: x(:)                          ! where the tangent is
    contains
       procedure :: update => tangent_krylov_update
       procedure :: solve => tangent_krylov_solve
       procedure, private :: renew => tangent_krylov_renew
+      procedure, private :: products_of_factors => tangent_krylov_products_of_factors
+      procedure, private :: solve_by_factors => tangent_krylov_solve_by_factors
    end type tangent_krylov_t
-
-   type :: tangent_factor_t
-      real(wp), allocatable, private :: jacobian(:, :)
-      integer, allocatable, private :: pivots(:)
-   contains
-      procedure :: update => tangent_factor_update
-      procedure :: solve => tangent_factor_solve
-      procedure :: solve_transposed => tangent_factor_solve_transposed
-      procedure :: determinant_sign => tangent_factor_determinant_sign
-   end type tangent_factor_t
 
    real(wp), parameter :: default_accuracy = 1.0e-8_wp
    integer, parameter :: largest_of_many = 1500 ! unknowns up to which factors cost less than tens of solutions from products
@@ -285,10 +291,14 @@ contains
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
       logical, intent(out) :: is_ready
 
+      self%residual = 1.0_wp
+      self%x = x
+      self%has_factor = .false.
+      is_ready = .true.
+      if (allocated(self%factor)) return
       call problem%linearise(x, is_ready)
       call self%gmres%forget()
       self%is_fresh = .false.
-      self%residual = 1.0_wp
    end subroutine tangent_krylov_update
 
    !> Computes s with |b - J s| <= accuracy |b|, or as near as `max_products` permit: see `residual`.
@@ -298,14 +308,19 @@ contains
       real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
       real(wp), intent(in) :: accuracy
       real(wp), intent(out), contiguous :: s(:)                       !! (n_unknowns)
-      integer :: patience, products
+      integer :: most, patience, products
 
+      if (allocated(self%factor)) then
+         call self%solve_by_factors(problem, b, s)
+         return
+      end if
       if (.not. self%is_fresh .and. (self%level == 0 .or. self%is_tired)) call self%renew(problem)
       s = 0.0_wp
       products = 0
+      most = self%products_of_factors(problem)
       do
          if (self%is_strongest) then
-            call self%gmres%solve(problem, b, accuracy, self%max_products - products, s)
+            call self%gmres%solve(problem, b, accuracy, min(most, self%max_products - products), s)
          else
             patience = patience_at(self%patience, self%level, problem)
             call self%gmres%solve(problem, b, accuracy, min(patience, self%max_products - products), s, fewer_than=patience)
@@ -321,7 +336,40 @@ contains
       self%is_tired = self%gmres%n_products > easy
       problem%preconditioner_level = self%level
       problem%has_preconditioner = .not. self%is_tired
+      if (self%residual <= accuracy .or. products < most .or. .not. self%is_strongest .or. work_is_over()) return
+      allocate (self%factor)
+      call new_tangent_factor(self%factor, problem%n_unknowns)
+      call self%solve_by_factors(problem, b, s)
    end subroutine tangent_krylov_solve
+
+   !> Products that cost as much as the factors of the tangent; more than any solution takes if these are not affordable.
+   pure integer function tangent_krylov_products_of_factors(self, problem) result(products)
+      class(tangent_krylov_t), intent(in) :: self
+      class(problem_t), intent(in) :: problem
+
+      products = huge(1)
+      if (problem%residual_work <= 0.0_wp .or. problem%n_unknowns > largest_affordable) return
+      if (problem%tangent_work < self%max_products*problem%residual_work) &
+         products = max(self%patience, ceiling(problem%tangent_work/problem%residual_work))
+   end function tangent_krylov_products_of_factors
+
+   !> Computes s with J s = b by the factors of J; `residual` is 1 if it is singular.
+   subroutine tangent_krylov_solve_by_factors(self, problem, b, s)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
+      real(wp), intent(out), contiguous :: s(:)                       !! (n_unknowns)
+      logical :: is_singular
+
+      s = b
+      if (.not. self%has_factor) then
+         call self%factor%update(problem, self%x, is_singular)
+         self%n_preconditioners = self%n_preconditioners + 1
+         self%has_factor = .not. is_singular
+      end if
+      self%residual = merge(0.0_wp, 1.0_wp, self%has_factor)
+      if (self%has_factor) call self%factor%solve(problem, s)
+   end subroutine tangent_krylov_solve_by_factors
 
    !> Products permitted with a preconditioner before the next stronger one: as many as this one costs, divided by its
    !> uses. The factors between all harmonics of ten contacts under two tones cost thousands of products, where 60

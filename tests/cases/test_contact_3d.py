@@ -116,3 +116,27 @@ def test_a_sliding_contact_is_that_of_pyharm():
     found = motion["coefficients"].values
     found = np.array([found[:, 0, 0], *(found[:, k, part] for k in (1, 2) for part in (0, 1))])
     assert found == pytest.approx(expected, abs=3e-6)
+
+
+def two_contacts():
+    """Two bodies of three degrees of freedom, pressed together and onto the ground, under two tones."""
+    model = nhbm.Model(nhbm.Matrices(np.diag([1.0, 1.0, 1.0, 1.2, 1.2, 1.2]), np.diag([2.4, 2.6, 4.1, 1.8, 2.9, 4.1]),
+                                     np.diag([0.12, 0.13, 0.17, 0.12, 0.15, 0.18])), tones=[0.8, 0.8 * 2**0.5])  # fmt: skip
+    for dof, at, c, s in [("x1", (1, 0), 0.6, 0.0), ("x2", (0, 1), 0.0, 0.6), ("x3", (1, 0), 0.5, 0.0), ("x6", (0, 1), 0.0, 0.6),
+                          ("x3", (0, 0), 0.2, 0.0), ("x6", (0, 0), 0.3, 0.0)]:  # fmt: skip
+        model.load(dof, at, cos=c, sin=s)
+    model.law("jenkins_2d", ["x1", "x4"], weights=[1, -1], second_dofs=["x2", "x5"], second_weights=[1, -1], normal_dofs=["x3", "x6"],
+              normal_weights=[1, -1], stiffness=5.0, friction_coefficient=0.35, normal_stiffness=8.0, preload=0.6)  # fmt: skip
+    model.law("jenkins_2d", "x4", second_dofs="x5", normal_dofs="x6", stiffness=3.0, friction_coefficient=0.5, normal_stiffness=4.0,
+              preload=0.8)  # fmt: skip
+    return model
+
+
+def test_two_contacts_under_two_tones_by_default():
+    """Its sliders are moved rarely, and forget slowly from round to round of the torus."""
+    default, finer = two_contacts().solve(), two_contacts().solve(order=7)
+    assert default["status"] == "converged"
+    for dof in default["dof"].values:
+        for tone in ((1, 0), (0, 1)):
+            a, b = (abs(result.nhbm.amplitude(dof, tone)) for result in (default, finer))
+            assert abs(a - b) < 2e-2 * abs(b) + 1e-3
