@@ -40,14 +40,15 @@ def benchmarks(*words, new=None):
     return subprocess.run(script, env=env, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("seconds, status, expected, text", [
-    (0.1, 1, 0, "0 of 2 are slower by more than 1.5, 0 have another result"),
-    (0.3, 1, 1, "1 of 2 are slower by more than 1.5, 0 have another result"),
-    (0.1, 2, 1, "3 converged became 2 converged, 1 truncated"),
+@pytest.mark.parametrize("before, seconds, limit, status, expected, text", [
+    (0.5, 0.5, 10, 1, 0, "0 of 2 are slower by more than 10, 0 have another result"),
+    (0.02, 2.0, 3, 1, 1, "1 of 2 are slower by more than 3, 0 have another result"),
+    (0.5, 0.5, 10, 2, 1, "3 converged became 2 converged, 1 truncated"),
 ])  # fmt: skip
-def test_what_is_slower_or_another_is_said(tmp_path, seconds, status, expected, text):
-    old, new = build(tmp_path / "old", 0.1), build(tmp_path / "new", seconds, status)
-    done = benchmarks("--program", old, "--only", "figure 4", "--rounds", 1, "--limit", 1.5, new=new)
+def test_what_is_slower_or_another_is_said(tmp_path, before, seconds, limit, status, expected, text):
+    """With margins that a busy machine leaves."""
+    old, new = build(tmp_path / "old", before), build(tmp_path / "new", seconds, status)
+    done = benchmarks("--program", old, "--only", "figure 4", "--rounds", 1, "--limit", limit, new=new)
     assert done.returncode == expected, done
     assert text in done.stdout and done.stdout.count("| points of the paper's figure 4 |") == 1
 
