@@ -119,6 +119,27 @@ def test_critical_speeds_lie_on_the_campbell_diagram():
     assert made.critical_speeds(5000.0)[0] > made.critical_speeds(5000.0, order=-1.0)[0]
 
 
+@pytest.mark.parametrize("order", [1.0, -1.0])
+@pytest.mark.parametrize("bearings", [[], [1e7], [[[1e7, 0.0], [0.0, 2e7]]]])
+def test_a_rotor_that_its_bearings_do_not_hold_has_no_critical_speed_of_zero(bearings, order):
+    """The others are those of a rotor with soft springs, and for a slender shaft the frequencies of the free beam."""
+    found = []
+    for soft in (None, 1.0):
+        made = Rotor(poisson=None)
+        made.shaft(np.linspace(0.0, 1.0, 13), 0.01)
+        for stiffness in bearings:
+            made.bearing(0.3, stiffness)
+        for z in (0.0, 1.0) if soft else ():
+            made.bearing(z, soft)
+        found.append(made.critical_speeds(5000.0, order=order))
+    above = found[1][found[1] > 5.0]
+    np.testing.assert_allclose(found[0], above, rtol=1e-3)
+    assert len(found[0]) >= 3 and found[0].min() > 5.0
+    if not bearings:
+        first = 4.730040745**2 * np.sqrt(2.1e11 / 7850) * 0.01 / 4
+        assert found[0][0] == pytest.approx(first, rel=1e-3)
+
+
 def test_damping_of_the_shaft_feeds_the_whirl_beyond_its_critical_speed():
     made = pinned(1.0, 0.03, 8, damping=1e-5)
     first = made.critical_speeds(5000.0)[0]

@@ -173,7 +173,8 @@ class Rotor:
         directions: all of them are returned, whatever the sign of the order.
 
         Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
-        for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric."""
+        for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric. Motions as a rigid body, of a rotor
+        that its bearings do not hold, are left out: R**T K = 0 of these requires R**T (order**2 M - i order G) u = 0 of all others."""
         s = self.structure()
         k, m = s.stiffness.toarray(), s.mass.toarray()
         if not np.allclose(k, k.T, rtol=1e-9, atol=1e-9 * abs(k).max()):
@@ -190,9 +191,28 @@ class Rotor:
         tolerance = 1e-9 * abs(k).max()
         if np.allclose(k[np.ix_(x, x)], k[np.ix_(y, y)], rtol=1e-9, atol=tolerance) and abs(k[np.ix_(x, y)]).max() <= tolerance:
             whole, inertia = k[np.ix_(x, x)], order**2 * m[np.ix_(x, x)] - order * g[np.ix_(x, y)]
+        free = self._free_motions(whole)
+        if free.shape[1]:
+            others = scipy.linalg.null_space(free.T @ inertia)
+            whole, inertia = (others.conj().T @ matrix @ others for matrix in (whole, inertia))
         values = scipy.linalg.eigvals(inertia, whole)
         real = values.real[(abs(values.imag) <= 1e-9 * abs(values).max()) & (values.real > 0)]
         return np.sort(1.0 / np.sqrt(real[real >= 1.0 / up_to**2]))
+
+    def _free_motions(self, stiffness: np.ndarray) -> np.ndarray:
+        """Motions of the shafts as rigid bodies without forces, one a column; `stiffness` is that of one plane or of both."""
+        n = 2 * self.n_nodes
+        rigid = np.zeros((n, 2 * len(self._shafts)))
+        for i, shaft in enumerate(self._shafts):
+            rows, half = 2 * shaft.first + 2 * np.arange(len(shaft.z)), (shaft.z[-1] - shaft.z[0]) / 2
+            rigid[rows, 2 * i] = 1.0
+            rigid[rows, 2 * i + 1] = (shaft.z - shaft.z.mean()) / half
+            rigid[rows + 1, 2 * i + 1] = 1.0 / half
+        if len(stiffness) > n:  # both planes: (x, y) of all deflections and slopes
+            rigid = np.kron(rigid, np.eye(2))
+        forces, motions = np.linalg.eigh(rigid.T @ stiffness @ rigid)
+        free: np.ndarray = rigid @ motions[:, forces < len(stiffness) * np.finfo(float).eps * abs(stiffness).max()]
+        return free
 
     def _element(self, h: float, outer: float, inner: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness, translational and rotary mass of one element in one plane; the polar inertia is twice the rotary mass."""
