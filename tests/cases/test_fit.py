@@ -267,7 +267,11 @@ def test_the_command_fits(tmp_path):
     done = run("--or", "two.nml", "--or-by", "spring.stiffness", *[f"--or-by={word}" for word in by if "%" in word])
     assert done.returncode == 0 and done.stdout.endswith("more likely: one.nml\n"), done.stdout + done.stderr
     done = run("--or", "two.nml")
-    assert done.returncode == 2 and "give both" in done.stderr
+    assert done.returncode == 2 and done.stderr.startswith("nhbm: --or names") and "give both" in done.stderr
+    done = run("--tolerence", "1e-3")
+    assert done.returncode == 2 and done.stderr.startswith("nhbm fit: unrecognized arguments: --tolerence")
+    words[2] = "none.nml"
+    assert run().stderr == "nhbm: file 'none.nml' does not exist\n"
     environment["PATH"] = "/nowhere"
     done = run()
     assert done.returncode == 2 and "a command of the Python package" in done.stderr

@@ -24,28 +24,34 @@ OK, NOT_GOOD, WRONG = 0, 1, 2
 
 def main_in_child_process() -> int:
     """The command `nhbm-model`."""
-    return run_in_child_process(main, "nhbm-model")
+    return run_in_child_process(main, _program(sys.argv[1:]))
+
+
+def _program(arguments: Any) -> str:
+    """The name in messages: `nhbm fit` is run as `nhbm-model fit`."""
+    return "nhbm" if list(arguments[:1]) == ["fit"] else "nhbm-model"
 
 
 def main(arguments: Any = None) -> int:
     """Runs the command and returns its exit status: 0, 1 for a model that is not sound, 2 for what cannot be done."""
     options = parser().parse_args(arguments)
+    program = _program([options.verb])
     try:
         if "output" in options:
             _check_output(options)
         return options.run(options)
     except ModelError as error:
-        print(f"nhbm-model: {error}", file=sys.stderr)
+        print(f"{program}: {error}", file=sys.stderr)
         return WRONG
     except OSError as error:
-        print(f"nhbm-model: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        print(f"{program}: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
         return WRONG
     except MemoryError:
-        print(f"nhbm-model {options.verb}: there is not enough memory", file=sys.stderr)
+        print(f"{program} {options.verb}: there is not enough memory", file=sys.stderr)
         return WRONG
     except Exception as error:  # of a damaged input SciPy, h5py and meshio raise whatever they meet
         why = " ".join(f"{type(error).__name__}: {error}".split())
-        print(f"nhbm-model {options.verb}: this cannot be done with the files and options given ({why})", file=sys.stderr)
+        print(f"{program} {options.verb}: this cannot be done with the files and options given ({why})", file=sys.stderr)
         return WRONG
 
 
@@ -68,7 +74,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--units", default="m kg s", help="unit system, for information only (default: m kg s)")
     _output(verb)
 
-    verb = verbs.add_parser("fit", help="fit parameters of an input to a measured response over the frequency")
+    verb = verbs.add_parser("fit", prog="nhbm fit", help="fit parameters of an input to a measured response over the frequency")
     verb.set_defaults(run=run_fit)
     verb.add_argument("input", help="input file; its values are the first guess")
     verb.add_argument("data", help="CSV with columns frequency or hertz, amplitude; optional: phase [rad], sweep (up, down), "
