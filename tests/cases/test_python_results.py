@@ -14,7 +14,7 @@ from nhbm_post.measure import Measure
 from nhbm_post.reader import Results
 
 from in_process import DUFFING, STOP, duffing
-from program import ALL_CONVERGED, run
+from program import ALL_CONVERGED, INCOMPLETE, run
 
 import nhbm
 from nhbm import Model, ModelError, dataset
@@ -109,6 +109,19 @@ def test_the_command_reads_what_was_saved(name, tmp_path):
         assert set(file.status) <= {1, 17}
     subprocess.run([sys.executable, "-m", "nhbm_post", "report", "saved.h5", "-o", "saved.html"], cwd=tmp_path, check=True)
     assert (tmp_path / "saved.html").stat().st_size > 10_000
+
+
+def test_a_stopped_curve_is_resumed_to_its_end(tmp_path):
+    """Bit by bit as if it had not been stopped."""
+    stopped = duffing().curve("tones[0]", 0.5, 2.5, order=5, on_point=lambda point: float(point["tones_frequency"]) > 1.0)
+    stopped.nhbm.save(tmp_path / "curve.h5")
+    assert run("info", "curve.h5", cwd=tmp_path).status == INCOMPLETE
+    assert nhbm.open_dataset(tmp_path / "curve.h5")["status"].values.tolist().count("converged") == stopped.sizes["point"]
+    assert run("resume", "curve.h5", cwd=tmp_path).status == ALL_CONVERGED
+    whole, found = duffing().curve("tones[0]", 0.5, 2.5, order=5), nhbm.open_dataset(tmp_path / "curve.h5")
+    for name in ("coefficients", "tones_frequency", "curve_kind"):
+        assert np.array_equal(found[name].values, whole[name].values)
+    assert run("info", "curve.h5", cwd=tmp_path).status == ALL_CONVERGED
 
 
 def test_a_saved_curve_has_no_warning_of_its_own(tmp_path):

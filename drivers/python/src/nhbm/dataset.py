@@ -48,6 +48,7 @@ class Source:
         self.folder, self.structure = folder, structure
         self.absent: dict[str, Absent] = {}  # columns of files that are not known
         self.n_points: int | None = None  # of a sweep or curve
+        self.is_complete = True  # the curve was not stopped before its end
 
 
 def open_dataset(path: str | Path) -> xr.Dataset:

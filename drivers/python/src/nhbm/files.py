@@ -18,7 +18,7 @@ from nhbm.groups import Groups, described, path_of
 from nhbm.session import Session
 from nhbm.structure import Structure
 
-_UNUSED = 17  # status of a spare row of a curve
+_PENDING, _UNUSED = 0, 17  # statuses of rows of a curve that was stopped, and of spare ones
 _MESSAGE_LENGTH = 400  # bytes
 _MULTIPLIERS = 16
 _OF_STABILITY = {"exponent", "multiplier_real", "multiplier_imag"}
@@ -104,7 +104,7 @@ def save(data: xr.Dataset, record: tuple[xr.Dataset, Source], path: Path) -> Non
         raise ModelError("a file has all points of its input: save the whole result, not a selection of it")
     columns = _with_absent(_numbers(_columns(data, details, source.has_own_tuples)), source)
     if "curve_kind" in columns:
-        columns = _padded(_with_wide_state(columns, text), _rows_of_curve(text))
+        columns = _padded(_with_wide_state(columns, text), _rows_of_curve(text), _UNUSED if source.is_complete else _PENDING)
     text, libraries = _canonical(source, text, libraries)
     text = _absolute_files(text, source.folder)
     try:
@@ -194,8 +194,8 @@ def _with_wide_state(data: xr.Dataset, text: str) -> xr.Dataset:
     return whole
 
 
-def _padded(data: xr.Dataset, n_rows: int) -> xr.Dataset:
-    """Points of a curve with the spare rows that a file has for it."""
+def _padded(data: xr.Dataset, n_rows: int, status: int) -> xr.Dataset:
+    """Points of a curve with the further rows that a file has for it, and the status of these."""
     n = data.sizes["point"]
     if n >= n_rows:
         return data
@@ -203,7 +203,7 @@ def _padded(data: xr.Dataset, n_rows: int) -> xr.Dataset:
     whole["point"].attrs.update(data["point"].attrs)
     for name in data.data_vars:
         if data[name].dims[:1] == ("point",) and data[name].dtype.kind in "iOU":
-            fill: Any = "" if data[name].dtype.kind in "OU" else _UNUSED if name == "status" else 0
+            fill: Any = "" if data[name].dtype.kind in "OU" else status if name == "status" else 0
             values = np.full((n_rows, *data[name].shape[1:]), fill, dtype=object if fill == "" else data[name].dtype)
             values[:n] = data[name].values
             whole[name] = (data[name].dims, values, data[name].attrs)

@@ -318,7 +318,7 @@ class Model(Description):
             Its range, in its unit.
         {tolerance and order}
         on_point : function, optional
-            Called with the dataset of each point; return True to end the curve.
+            Called with the dataset of each point; return True to end the curve, which `nhbm resume` continues in a saved file.
         progress : bool or function
             True: a progress bar of tqdm; a function is called with the number of points.
         **keys
@@ -351,7 +351,7 @@ class Model(Description):
         session = self._begin(request(tolerance, order, curve={"parameter": path, **_range(start, stop, keys)}))
         points: list[xr.Dataset] = []
         doubtful: list[tuple[str, str]] = []
-        has_warned, idle = False, None  # laws without force on all points
+        has_warned, is_stopped, idle = False, False, None  # laws without force on all points
         session.begin_curve()
         with Progress(progress, "curve") as bar:
             while session.next():
@@ -361,12 +361,15 @@ class Model(Description):
                     idle = [law for law in session.idle_laws() if idle is None or law in idle]
                 bar.update()
                 if on_point is not None and on_point(self._on_curve(points[-1:], path, self._source(session)).isel(point=0)):
+                    is_stopped = True
                     break
             else:
                 has_warned = doubts.warn_of_end(session)
         if not points:
             raise ModelError(session.message or "the curve has no points")
-        found = self._on_curve(points, path, self._source(session))
+        source = self._source(session)
+        source.is_complete = not is_stopped
+        found = self._on_curve(points, path, source)
         if doubtful and (doubtful[-1][0] in ("collapsed", "locked") or (has_warned and doubtful[-1][0] not in dataset.SOLVED)):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
         doubts.warn_of_points(doubtful, len(points))
