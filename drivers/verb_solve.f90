@@ -107,9 +107,12 @@ contains
       if (allocated(error)) return
       if (number_answered(summary) + n_ends(study%plan, summary, path) + summary%counts(outcome%unused) < summary%n_points) &
          status = not_all_right
+      if (allocated(summary%law_doubt)) status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
       if (is_reported) call write_summary(summary, study, path)
+      if (rank_of(comm) == 0 .and. .not. is_reported .and. allocated(summary%law_doubt)) &
+         call print_error("warning: "//summary%law_doubt)
       if (is_reported .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) call print_error(reason(summary)//": "// &
          number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &

@@ -35,7 +35,7 @@ module hb_run_summary
       real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_results_layout
       integer :: n_left = 0                                           !! points that the run has not solved
       integer :: interruption = interruption%none                     !! the reason
-      character(:), allocatable :: law_doubt                          !! of rank 0: derivatives of user laws that are wrong
+      character(:), allocatable :: law_doubt                          !! derivatives of user laws that are wrong; on all ranks
       logical, allocatable :: is_idle(:)                              !! laws without force in all motions of the file
       character(:), allocatable :: made_by                            !! version that wrote the file, if different
       integer :: n_damaged = 0                                        !! points of the file whose results were damaged

@@ -12,8 +12,10 @@ module hb_sweep
    use hb_idle_laws, only: idle_laws_t
    use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
+   use hb_law_doubt, only: law_doubt_t
    use hb_motion_result, only: motion_result_t
-   use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
+   use hb_mpi, only: barrier, broadcast_text, comm_t, gather_rows, max_over, new_work_counter, rank_of, &
+      share_error, size_of, sum_over, &
       work_counter_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome, outcome_name, reason
@@ -250,7 +252,7 @@ contains
       call run%counter%read_tallies(done, failed)
       call run%progress%finish(done, failed)
       call sum_up(summary, comm)
-      if (allocated(run%source%law_doubt%text)) summary%law_doubt = run%source%law_doubt%text
+      call share_law_doubt(run%source%law_doubt, comm, summary)
       call find_idle_laws(run%source%idle_laws, size(self%model%system%laws), comm, summary)
       summary%n_points = self%plan%n_points
       summary%n_left = run%schedule%n_points - done - sum_over(comm, run%n_unused)
@@ -260,6 +262,19 @@ contains
       call barrier(comm)
       call run%counter%destroy()
    end subroutine run_points
+
+   !> What is wrong with user laws, on all ranks: that of the first rank that has found anything.
+   subroutine share_law_doubt(found, comm, summary)
+      type(law_doubt_t), intent(in) :: found                          !! by this rank
+      type(comm_t), intent(in) :: comm
+      type(run_summary_t), intent(inout) :: summary
+      integer :: first
+
+      first = -max_over(comm, merge(-rank_of(comm), -size_of(comm), allocated(found%text)))
+      if (first == size_of(comm)) return
+      if (allocated(found%text)) summary%law_doubt = found%text
+      call broadcast_text(comm, summary%law_doubt, root=first)
+   end subroutine share_law_doubt
 
    !> Finds the laws that exert no force in any motion of the file; none if it has motions of other runs, or points whose motion
    !> was not found, which laws may have prevented.
