@@ -7,6 +7,7 @@ module hb_model_warnings
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
+   use hb_sign_warnings, only: describe_signs, significant
    use hb_system, only: system_t
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
@@ -16,7 +17,7 @@ module hb_model_warnings
 
    integer, parameter :: max_text = 1000                              ! length of a warning
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
-   real(wp), parameter :: max_tone_ratio = 50.0_wp                    ! of a tone to the highest natural frequency
+   real(wp), parameter :: max_tone_ratio = 50.0_wp ! of a tone to the highest natural frequency, or of the lowest to it
    real(wp), parameter :: max_length = 100.0_wp                       ! of a gap [m]
    integer, parameter :: max_dofs = 100                               ! of a structure whose natural frequencies take milliseconds
    character(*), parameter :: lengths(3) = [character(9) :: "clearance", "gap", "gaps"]
@@ -36,40 +37,62 @@ contains
       if (has_no_load(system, discretisation)) call add_line(text, no_load_text)
    end subroutine describe_warnings
 
-   !> Lists values of a model that suggest a mistake, one per line: tones far above all natural frequencies, gaps that are very
-   !> large or negative; none: an empty text.
+   !> Lists values of a model that suggest a mistake, one per line: tones far above or below all natural frequencies, negative
+   !> damping or stiffness, gaps that are very large or negative; none: an empty text.
    subroutine describe_implausible(system, text)
       type(system_t), intent(in) :: system
       character(:), allocatable, intent(out) :: text
+      type(string_t), allocatable :: lines(:)
       integer :: i
 
       text = ""
       call describe_tones(system, text)
+      call describe_signs(system, lines)
+      do i = 1, size(lines)
+         call add_line(text, lines(i)%value)
+      end do
       do i = 1, size(system%laws)
          call describe_gaps(system%laws(i)%law, text)
       end do
    end subroutine describe_implausible
 
-   !> Adds a line on given tones that are far above all natural frequencies of the structure.
+   !> Adds a line on given tones that are far above all natural frequencies of the structure, or far below.
    subroutine describe_tones(system, text)
       type(system_t), intent(in) :: system
       character(:), allocatable, intent(inout) :: text
       real(wp), allocatable :: natural(:)
-      real(wp) :: highest
+      character(:), allocatable :: line, unit
+      real(wp) :: fastest, highest, lowest
       logical :: lacks_gyroscopic
 
-      if (system%structure%n_dofs > max_dofs .or. system%structure%up_to > 0.0_wp .or. &
-          allocated(system%structure%parts)) return
+      if (system%structure%n_dofs > max_dofs .or. allocated(system%structure%parts)) return
+      if (all(system%tones%is_unknown)) return
       call find_natural_frequencies(system%structure, natural, lacks_gyroscopic)
       if (size(natural) == 0) return
       highest = maxval(natural)
+      lowest = minval(natural)
       associate (tones => system%tones)
-         if (.not. highest > rounding*maxval(tones%omega)) return
-         if (.not. any(tones%omega > max_tone_ratio*highest .and. .not. tones%is_unknown)) return
-         call add_line(text, "a tone of "//to_text(rounded(tones%in_unit(maxval(tones%omega))))//" "//trim(tones%unit())// &
-            " is more than "//to_text(nint(max_tone_ratio))//" times the highest natural frequency, "// &
-            to_text(significant(tones%in_unit(highest)))//" "//trim(tones%unit())//"; `frequency` is in rad/s, `hertz` in Hz")
+         fastest = maxval(tones%omega, mask=.not. tones%is_unknown)
+         if (.not. (fastest > 0.0_wp .and. highest > rounding*fastest)) return
+         unit = " "//trim(tones%unit())
+         if (fastest > max_tone_ratio*highest .and. .not. system%structure%up_to > 0.0_wp) then
+            line = "a tone of "//to_text(rounded(tones%in_unit(fastest)))//unit//" is more than "// &
+                   to_text(nint(max_tone_ratio))//" times the highest natural frequency, "// &
+                   to_text(significant(tones%in_unit(highest)))//unit
+         else if (fastest < lowest/max_tone_ratio .and. .not. any(tones%is_unknown)) then
+            line = "the motion is nearly static: the lowest natural frequency, "// &
+                   to_text(significant(tones%in_unit(lowest)))//unit//", is more than "//to_text(nint(max_tone_ratio))// &
+                   " times the tone of "//to_text(rounded(tones%in_unit(fastest)))//unit
+         else
+            return
+         end if
       end associate
+      line = line//"; `frequency` is in rad/s, `hertz` in Hz"
+      if (lowest > 0.0_wp) then
+         if (fastest*highest*max_tone_ratio > 1.0_wp .and. fastest*lowest < max_tone_ratio) &
+            line = line//"; are mass and stiffness exchanged?"
+      end if
+      call add_line(text, line)
    end subroutine describe_tones
 
    !> Adds lines on gaps of a law.
@@ -109,15 +132,6 @@ contains
       if (len(text) > 0) text = text//new_line("a")
       text = text//line
    end subroutine add_line
-
-   !> A number with four digits.
-   real(wp) function significant(number)
-      real(wp), intent(in) :: number
-      character(16) :: digits
-
-      write (digits, "(es10.3)") number
-      read (digits, *) significant
-   end function significant
 
    !> Whether nothing drives the model: no load, no law that depends on tones, and no unknown tone of a self-excited
    !> motion. Without tones a free motion is integrated.

@@ -1,5 +1,5 @@
-"""The command says what is not plausible: stops that no motion reaches, gaps of a kilometre, tones far above all natural
-frequencies."""
+"""The command says what is not plausible: stops that no motion reaches, gaps of a kilometre, tones far above or below all
+natural frequencies, signs that feed energy."""
 
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, run
 
@@ -48,6 +48,10 @@ def test_values_that_suggest_a_mistake(tmp_path):
         assert "warning: law 'stop': gap = 1500.0 m; lengths are in metres" in said(MODEL.format(gap=1500.0), tmp_path, verb)
         fast = MODEL.format(gap=0.3).replace("frequency = 0.9", "hertz = 50.0")
         assert "is more than 50 times the highest natural frequency, 0.1592 Hz" in said(fast, tmp_path, verb)
+        slow = MODEL.format(gap=0.3).replace("mass = 1.0", "mass = 1e-6").replace("frequency = 0.9", "frequency = 1.0")
+        assert "the motion is nearly static: the lowest natural frequency, 1000.0 rad/s" in said(slow, tmp_path, verb)
+        negative = MODEL.format(gap=0.3).replace("damping = 0.1", "damping = -0.1")
+        assert said(negative, tmp_path, verb).count("warning: the damping of 'x1' is negative, -0.1 N s/m: energy is fed") == 1
     assert "see the warnings above" in said(MODEL.format(gap=1500.0), tmp_path, "check")
     assert "the input is valid" in said(MODEL.format(gap=0.3), tmp_path, "check")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from collections.abc import Iterable
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from nhbm.session import Session
 
 
+_NUMBER = re.compile(r"(?<![\w'])[-+]?\d[\d.]*(?:[eE][-+]?\d+)?")  # not of a name
 _OF_A_MOTION = "their combination"  # tones with a common period: estimated for each motion, where it matters
 
 
@@ -38,10 +40,11 @@ def warn_of(session: Session) -> None:
 
 
 def warn_of_model(session: Session, known: set[str]) -> None:
-    """Warns of values of a model that suggest a mistake, except those that are known from before."""
+    """Warns of values of a model that suggest a mistake, except those that are known from before, also with other numbers."""
     for text in session.warnings():
-        if text not in known and _OF_A_MOTION not in text:
-            known.add(text)
+        kind = _NUMBER.sub("#", text)
+        if kind not in known and _OF_A_MOTION not in text:
+            known.add(kind)
             warn(text, Implausible)
 
 
