@@ -269,7 +269,7 @@ def test_the_command_fits(tmp_path):
     done = run("--or", "two.nml")
     assert done.returncode == 2 and done.stderr.startswith("nhbm: --or names") and "give both" in done.stderr
     done = run("--tolerence", "1e-3")
-    assert done.returncode == 2 and done.stderr.startswith("nhbm fit: unrecognized arguments: --tolerence")
+    assert done.returncode == 2 and done.stderr.startswith("nhbm fit: unknown: --tolerence 1e-3; did you mean '--tol")
     words[2] = "none.nml"
     assert run().stderr == "nhbm: file 'none.nml' does not exist\n"
     environment["PATH"] = "/nowhere"

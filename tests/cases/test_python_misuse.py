@@ -357,6 +357,29 @@ def test_a_warning_about_a_number_is_not_repeated_for_its_next_value():
     assert len(warned) == 1
 
 
+@pytest.mark.parametrize("operation", [
+    lambda m, **keys: m.curve("tones[0]", 2.9, 3.5, order=3, **keys),
+    lambda m, **keys: m.peak("x1 (1)", "tones[0]", 2.9, 3.5, order=3, **({"start": keys["first"]} if keys else {})),
+])  # fmt: skip
+def test_a_curve_that_turns_back_is_said(operation):
+    """A softening spring, whose force has a maximum: behind the fold no motion leads to the other end of the range."""
+    model = driven(0.5, 0.02, 5.0)
+    model["load[0].cos"] = 0.05
+    model.law("cubic_spring", "x1", stiffness=-4.0)
+    model.set("stability", method="off")
+    with pytest.warns(NotConverged, match="returned to 2.9 without reaching 3.5: trace another one from there, with first=3.5"):
+        operation(model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NotConverged)
+        operation(model, first=3.5)
+
+
+def test_a_list_has_one_index():
+    model = Model(nhbm.Matrices(mass=[[1.0, 0.0], [0.0, 2.0]], stiffness=np.eye(2)), tones=[0.9])
+    with pytest.raises(ModelError, match=r"mass has 4 values, row by row: it has one index, mass\(4\)"):
+        model["structure.mass[1, 1]"]
+
+
 def driven(mass, damping, stiffness):
     model = Model(nhbm.Matrices(mass=mass, damping=damping, stiffness=stiffness), tones=[0.9])
     model.load("x1", 1, cos=0.1)

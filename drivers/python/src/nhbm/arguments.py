@@ -5,11 +5,22 @@ from __future__ import annotations
 import argparse
 import difflib
 import re
-from typing import NoReturn
+from typing import Any, NoReturn
 
 
 class Parser(argparse.ArgumentParser):
     """A parser that reports an error in one line, with status 2, and names the closest choice to a misspelt one."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """The options; words that a verb does not know are an error of this verb, with the option that they are like."""
+        found, rest = self.parse_known_args(args, namespace)
+        if rest:
+            verbs = next((a for a in self._actions if isinstance(a, argparse._SubParsersAction)), None)
+            parser = self if verbs is None else verbs.choices.get(getattr(found, verbs.dest), self)
+            words = [word.partition("=")[0] for word in rest if word.startswith("-")]
+            close = difflib.get_close_matches(words[0], parser._option_string_actions, 1) if words else []
+            parser.error(f"unknown: {' '.join(rest)}" + (f"; did you mean '{close[0]}'?" if close else ""))
+        return found
 
     def error(self, message: str) -> NoReturn:
         """Ends the process with the message."""

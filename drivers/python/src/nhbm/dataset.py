@@ -23,6 +23,7 @@ STATUSES = (
     "diverged locked timed_out impact unused integrated subharmonic broadband multiple_attractors"
 ).split()
 SOLVED = "converged truncated aliased penetrating impact integrated multiple_attractors".split()  # there is a motion
+END = 6  # as `curve_kind`
 CUT_SHORT, GRAZED = 8, 9  # as `reason`: a curve continues beyond its last point; it ends at a grazing impact
 AMPLITUDES = (
     "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"

@@ -67,6 +67,13 @@ def warn_of_points(doubts: Iterable[tuple[str, str]], n_points: int) -> None:
     warn(f"of {n_points} points {counts}. {firsts}")
 
 
+def warn_of_return(ends: list[float], start: float, stop: float, first: float) -> None:
+    """Warns of a curve that began at one end of the range, and has left it there: what is behind its fold is not known."""
+    other = start if first == stop else stop
+    if first in (start, stop) and ends and all(abs(end - first) <= 1e-9 * abs(stop - start) for end in ends):
+        warn(f"the curve returned to {first:g} without reaching {other:g}: trace another one from there, with first={other:g}")
+
+
 def warn_of_end(session: Session) -> bool:
     """Whether a curve has ended before its range does, with a warning if so."""
     reason = int(dataset.number(session, "reason"))

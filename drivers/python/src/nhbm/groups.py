@@ -90,11 +90,11 @@ class InputPath(NamedTuple):
 
 
 _OF_INPUT = re.compile(r"\s*(\w+)\s*(?:\(\s*([^()]*?)\s*\))?\s*%\s*(\w+)\s*(?:\(\s*(\d+)\s*(?:,\s*(\d+)\s*)?\))?\s*")
-_OF_PYTHON = re.compile(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)\])?)?")
+_OF_PYTHON = re.compile(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)(?:, *(\d+))?\])?)?")
 
 
 def path_of(path: Any) -> InputPath:
-    """A path as it is written: `tones[0]`, `wall.gap`, `load[1].cos`, `structure.mass[2]`, or as in an input, `law(wall)%gap`."""
+    """A path as it is written: `tones[0]`, `wall.gap`, `load[1].cos`, `structure.mass[2]`, `bearing[0].stiffness[1, 0]`, or as in an input, `law(wall)%gap`."""
     if not isinstance(path, str):
         raise ModelError(f"a path is a text such as 'wall.gap' or 'tones[0]', not {path!r}")
     match = _OF_INPUT.fullmatch(path)
@@ -105,13 +105,13 @@ def path_of(path: Any) -> InputPath:
     match = _OF_PYTHON.fullmatch(path)
     if match is None:
         raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are")
-    name, number, key, element = match.groups()
+    name, number, key, element, column = match.groups()
     if key is None:
         if name != "tones":
             hint = "; did you mean 'tones[0]'?" if name in ("frequency", "omega", "tone") else ""
             raise ModelError(f"unknown path '{path}'{hint or ', write wall.gap or load[1].cos'}")
         key, element, number = "frequency", number, None
-    indices = () if element is None else (int(element) + 1,)
+    indices = tuple(int(i) + 1 for i in (element, column) if i is not None)
     if number is None and name not in GROUPS:
         return InputPath("law", name, key, indices)
     return InputPath(name, None if number is None else int(number) + 1, key, indices)
@@ -343,7 +343,9 @@ def value_at(path: InputPath, groups: Groups) -> Any:
     value = group.get(path.key, path.indices)
     if value is None and path.key in group.keys:
         whole = group.keys[path.key]
-        raise ModelError(f"'{path}': {path.key} has {len(whole) if isinstance(whole, tuple) else 1} values")
+        n = len(whole) if isinstance(whole, tuple) else 1
+        hint = f", row by row: it has one index, {path.key}({n})" if len(path.indices) > 1 else ""
+        raise ModelError(f"'{path}': {path.key} has {n} value{'s' * (n > 1)}{hint}")
     if value is None:
         raise ModelError(f"'{path}': there is no such value; known keys: {', '.join(group.keys)}")
     return list(value) if isinstance(value, tuple) else value

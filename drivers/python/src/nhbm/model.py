@@ -288,20 +288,23 @@ class Model(Description):
         if order is not None:
             groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
         session = self._begin(request(tolerance, order, **groups))
-        best, found, doubt = -1.0, None, ""
+        best, found, doubt, ends = -1.0, None, "", []
         session.begin_curve()
         while session.next():
             if dataset.status_of(session) not in dataset.SOLVED:
                 continue
-            value = response_of(session, of)
+            value, at = response_of(session, of), float(session.column(identifier(path)).values)
+            if int(dataset.number(session, "curve_kind")) == dataset.END:
+                ends.append(at)
             if value > best:
                 best = value
-                found = evaluate(session, value, float(session.column(identifier(path)).values))
+                found = evaluate(session, value, at)
                 doubt = doubts.doubt_of(session)
         if doubts.warn_of_end(session):
             return None
         if doubt:
             doubts.warn(doubt)
+        doubts.warn_of_return(ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
         return found
 
     @exclusive
@@ -374,6 +377,9 @@ class Model(Description):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
         doubts.warn_of_points(doubtful, len(points))
         doubts.warn_of_idle_laws(idle or [])
+        if not (is_stopped or has_warned or "over" in keys):
+            ends = found[identifier(path)].values[found["curve_kind"].values == "end"].tolist()
+            doubts.warn_of_return(ends, start, stop, keys.get("first", start))
         return found
 
     @exclusive
