@@ -1,5 +1,6 @@
 """Rotors against closed forms."""
 
+import nhbm
 import numpy as np
 import pytest
 
@@ -138,6 +139,13 @@ def test_a_rotor_that_its_bearings_do_not_hold_has_no_critical_speed_of_zero(bea
     if not bearings:
         first = 4.730040745**2 * np.sqrt(2.1e11 / 7850) * 0.01 / 4
         assert found[0][0] == pytest.approx(first, rel=1e-3)
+
+
+def test_a_negative_bearing_is_named():
+    made = Rotor()
+    made.shaft([0.0, 1.0], 0.1)
+    with pytest.warns(nhbm.Implausible, match="bearing at 1 m: stiffness -1000000.0 is negative"):
+        made.bearing(1.0, -1e6)
 
 
 def test_damping_of_the_shaft_feeds_the_whirl_beyond_its_critical_speed():

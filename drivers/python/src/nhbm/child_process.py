@@ -111,7 +111,7 @@ def atomic_write(path: Any) -> Any:
     the process ends before, an existing file is unchanged and the temporary file is removed. A symbolic link is followed."""
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
-        raise OSError(0, "not a regular file", str(path))
+        raise OSError(0, "it is a folder" if path.is_dir() else "not a regular file", str(path))
     name = str(path.with_name(f"{path.stem[:40]}.{secrets.token_hex(4)}.part{path.suffix}"))
     _note_unfinished(name)
     try:

@@ -58,8 +58,8 @@ class Description(Laws):
             self.set("tones", **tones)
         elif np.size(tones) > 0:
             try:
-                self.set("tones", frequency=[float(omega) for omega in np.atleast_1d(tones)])
-            except (TypeError, ValueError):
+                self.set("tones", frequency=numbers_of("tones", tones))
+            except ModelError:
                 raise ModelError(
                     "tones are frequencies [rad/s] or keys of &tones such as {'unknown': True} or {'hertz': 50.0}, "
                     f"not {tones!r}"
@@ -112,6 +112,8 @@ class Description(Laws):
         model = cls.__new__(cls)
         model._clear()
         model._folder = Path(folder)
+        if "&" not in text:
+            raise ModelError(f"expected the text of an input, not {text!r}; Model.from_file reads a file")
         session = Session(model._find_structure)
         session.read(text, str(model._folder / name))
         given = Groups.of_text(session.input(given=True))

@@ -57,7 +57,7 @@ _VERDICTS = "not_done agrees unstable differs undecided"
 def opened(path: str | Path) -> xr.Dataset:
     """A result file as the dataset that `Model` returns for the same motions."""
     if not Path(path).is_file():
-        raise ModelError(f"file '{path}' does not exist")
+        raise ModelError(f"'{path}' is a folder" if Path(path).is_dir() else f"file '{path}' does not exist")
     try:
         data = xr.open_dataset(path, engine="h5netcdf")
     except OSError as error:

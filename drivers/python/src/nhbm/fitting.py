@@ -411,6 +411,10 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
             raise ModelError(f"file '{data}' does not exist") from None
         except (OSError, ValueError) as error:
             raise ModelError(f"'{data}' cannot be read as CSV: {error}") from None
+    if isinstance(data, Mapping):
+        lengths = {str(name): len(column) for name, column in data.items() if np.ndim(column) == 1}
+        if len(set(lengths.values())) > 1:
+            raise ModelError("the columns of data differ in length: " + ", ".join(f"{name}: {n}" for name, n in lengths.items()))
     table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
     table.columns = [re.sub(r"\s*\[[^\]0-9]*\]$", "", str(name)).strip() for name in table.columns]  # without a unit
     given = set(table.columns)

@@ -37,6 +37,8 @@ def plain(value: Any) -> Any:
         return tuple(plain(one) for one in value)
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, str) and "\n" in value:
+        raise ModelError(f"a text of an input has one line, not {value!r}")
     if value is None or isinstance(value, (bool, int, float, str)) or hasattr(value, "input_name"):
         return value
     raise ModelError(f"{_EXPECTED} {value!r}")
@@ -61,6 +63,8 @@ def as_input(value: Any) -> str:
 def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
     """Values as a flat list of float or int, one for a single value; ModelError, which names the argument, for others."""
     try:
+        if np.iscomplexobj(values):
+            raise ValueError
         numbers = [kind(value) for value in np.ravel(values)]
         if not numbers or (kind is int and numbers != [float(value) for value in np.ravel(values)]):
             raise ValueError

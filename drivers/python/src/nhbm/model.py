@@ -588,6 +588,8 @@ class Model(Description):
         >>> model.natural_frequencies()
         array([2.])
         """
+        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+            raise ModelError(f"n must be a whole number, 1 or more, not {n!r}")
         found = self._live(Settings()).session.natural_frequencies()
         group = self._groups.first("structure")
         structure = None if group is None else group.keys.get("file")

@@ -6,6 +6,7 @@ the slopes dx/dz and dy/dz of its section."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from nhbm.errors import ModelError
+from nhbm.errors import Implausible, ModelError
 from nhbm.structure import BY_SPEED, Structure
 
 VTK_LINE = 3
@@ -96,6 +97,9 @@ class Rotor:
         `bearing1`, ..."""
         _, node = self._node(z, shaft)
         for name, values in (("stiffness", stiffness), ("damping", damping)):
+            if (np.diagonal(_two(values)) < 0).any():
+                text = f"bearing at {z:g} m: {name} {values} is negative: a bearing holds and damps by positive ones"
+                warnings.warn(text, Implausible, stacklevel=2)
             self._add(name, (node,), _two(values), np.diag([1.0, 0.0]))
         self._sets[self._next("bearing")] = node
 
@@ -175,6 +179,8 @@ class Rotor:
         Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
         for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric. Motions as a rigid body, of a rotor
         that its bearings do not hold, are left out: R**T K = 0 of these requires R**T (order**2 M - i order G) u = 0 of all others."""
+        if not up_to > 0:
+            raise ModelError(f"up_to must be above 0, not {up_to!r}")
         s = self.structure()
         k, m = s.stiffness.toarray(), s.mass.toarray()
         if not np.allclose(k, k.T, rtol=1e-9, atol=1e-9 * abs(k).max()):

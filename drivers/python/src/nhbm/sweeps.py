@@ -62,6 +62,10 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         exception in the function is raised at the first point; later points then have the status `failed`.
     """
     refuse_largest(of)
+    if not isinstance(values, Mapping):
+        raise ModelError(f"the values of a sweep are a dict of lists by path, {{'wall.gap': [1e-3, 2e-3]}}, not {values!r}")
+    if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
+        raise ModelError(f"workers must be a whole number, 1 or more, not {workers!r}")
     grid = {self._resolved(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
     if not grid or not all(grid.values()):
         raise ModelError("a sweep needs at least one path, and values for each")
