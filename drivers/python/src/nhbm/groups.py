@@ -98,7 +98,8 @@ _OF_PYTHON = re.compile(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)(?:, *(\d+)
 
 
 def path_of(path: Any) -> InputPath:
-    """A path as it is written: `tones[0]`, `wall.gap`, `load[1].cos`, `structure.mass[2]`, `bearing[0].stiffness[1, 0]`, or as in an input, `law(wall)%gap`."""
+    """A path as it is written: `tones[0]`, `wall.gap`, `load[1].cos`, `structure.mass[2]`, `bearing[0].stiffness[1, 0]`,
+    or as in an input, `law(wall)%gap`."""
     if not isinstance(path, str):
         raise ModelError(f"a path is a text such as 'wall.gap' or 'tones[0]', not {path!r}")
     match = _OF_INPUT.fullmatch(path)

@@ -333,7 +333,7 @@ class Model(Description):
         xarray.Dataset
             As for `solve`, with the dimension `point`; `curve_kind` names folds, peaks and bifurcations, and
             `dataset.nhbm.events()` lists them. The warning
-            NotConverged is issued if the curve stops before the end of its range.
+            NotConverged is issued if the curve stops before the end of its range, or turns back without reaching it.
 
         Examples
         --------

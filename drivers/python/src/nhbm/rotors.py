@@ -177,8 +177,8 @@ class Rotor:
         directions: all of them are returned, whatever the sign of the order.
 
         Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
-        for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric. Motions as a rigid body, of a rotor
-        that its bearings do not hold, are left out: R**T K = 0 of these requires R**T (order**2 M - i order G) u = 0 of all others."""
+        for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric. Motions R of a rotor as a rigid
+        body, which its bearings do not hold, are left out: R**T K = 0 requires R**T (order**2 M - i order G) u = 0 of all others."""
         if not up_to > 0:
             raise ModelError(f"up_to must be above 0, not {up_to!r}")
         s = self.structure()
