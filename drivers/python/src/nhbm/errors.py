@@ -16,8 +16,8 @@ class NotConverged(UserWarning):
 
 
 class Implausible(UserWarning):
-    """A model can be solved, but suggests a mistake: a stop that no motion reaches, a gap of a kilometre, negative damping, a tone far
-    above or below all natural frequencies, no load."""
+    """A model can be solved, but suggests a mistake: a stop that no motion reaches, a gap of a kilometre, negative damping, a tone
+    far above or below all natural frequencies, no load."""
 
 
 def imported(module: str, purpose: str, package: str = "") -> Any:

@@ -178,7 +178,7 @@ class Rotor:
 
         Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
         for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric. Motions R of a rotor as a rigid
-        body, which its bearings do not hold, are left out: R**T K = 0 requires R**T (order**2 M - i order G) u = 0 of all others."""
+        body, which its bearings do not hold, are left out: R**T K = 0 requires R**T (order**2 M - i order G) u = 0 of others."""
         if not up_to > 0:
             raise ModelError(f"up_to must be above 0, not {up_to!r}")
         s = self.structure()
