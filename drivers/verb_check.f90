@@ -350,8 +350,10 @@ contains
       if (model%options%memory_limit < huge(1.0_wp)) &
          text = text//" for each process; "//trim(amount(model%options%memory_limit))//" are free"
       call say("memory      "//text)
-      call say("            most for: "//trim(memory_text(bytes)))
+      text = trim(memory_text(bytes))
+      if (index(text(:scan(text//",", ",") - 1), " 0 MiB") == 0) call say("            most for: "//text)
    end subroutine describe_memory
+
    !> Frequency of a tone, or `unknown`.
    function tone_text(model, i) result(text)
       type(model_t), intent(in) :: model
