@@ -208,7 +208,7 @@ class Rotor:
     def _free_motions(self, stiffness: np.ndarray) -> np.ndarray:
         """Motions of the shafts as rigid bodies without forces, one a column; `stiffness` is that of one plane or of both."""
         n = 2 * self.n_nodes
-        rigid = np.zeros((n, 2 * len(self._shafts)))
+        rigid: Any = np.zeros((n, 2 * len(self._shafts)))
         for i, shaft in enumerate(self._shafts):
             rows, half = 2 * shaft.first + 2 * np.arange(len(shaft.z)), (shaft.z[-1] - shaft.z[0]) / 2
             rigid[rows, 2 * i] = 1.0
