@@ -322,6 +322,8 @@ def test_the_page_is_read_in_minutes():
 def test_picture_of_the_layers_is_that_of_the_sources():
     run = subprocess.run([sys.executable, ROOT / "tests" / "layers", "--check"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
+    picture = (ROOT / "docs" / "pictures" / "layers.svg").read_text(encoding="utf-8")
+    assert re.findall(r'font-weight="bold">(\w+)<', picture) == LAYERS[::-1] and picture.count("<circle") > 40
 
 
 def test_documented_modules_exist():
