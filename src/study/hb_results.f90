@@ -10,13 +10,13 @@ module hb_results
    use hb_crash_handler, only: install_crash_handler, remove_crash_handler
    use hb_error, only: annotate, error_t, fail
    use hb_harmonics, only: harmonics_t, new_box
-   use hb_hdf5, only: h5_dataset_t, open_file_parallel
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file_parallel
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_operating_system, only: check_held, held_file_t, hold_file, release_file
    use hb_outcome, only: outcome
-   use hb_result_columns, only: measure_row, message_length, new_plan
+   use hb_result_columns, only: column_t, measure_row, message_length, new_plan
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, n_times, rank_times_t, results_layout_t, swept_parameter_t
    use hb_row_buffer, only: capacity_for, hold_seconds, new_row_buffer
@@ -123,6 +123,7 @@ contains
          associate (column => self%plan%columns(i))
             if (.not. allocated(error)) &
                call self%file%open_dataset(column%name, column%dataset, error, self%plan%extents_of(column))
+            if (self%is_resumed .and. .not. allocated(error)) call check_meanings(self%file, column, error)
          end associate
       end do
       do i = 1, merge(0, size(self%plan%times), self%is_resumed)
@@ -137,6 +138,24 @@ contains
       end if
       call remove_crash_handler()
    end subroutine open_datasets
+
+   !> Rejects a column whose numbers have other names in the file than in this program: its rows would have two meanings.
+   subroutine check_meanings(file, column, error)
+      type(h5_file_t), intent(in) :: file
+      type(column_t), intent(in) :: column
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: commit, meanings, version
+
+      if (.not. allocated(column%flags)) return
+      call column%dataset%get_attribute("flag_meanings", meanings, error)
+      if (allocated(error)) return
+      if (meanings == column%flags) return
+      call file%get_attribute("program_version", version, error)
+      if (.not. allocated(error)) call file%get_attribute("git_commit", commit, error)
+      if (.not. allocated(error)) call fail(error, "the numbers of '"//column%name//"' mean other things than in this version "// &
+         "of the program; continue it with that which made it, version "//version//", commit "//commit// &
+         ", or give another --output")
+   end subroutine check_meanings
 
    !> Reduces the number of harmonics to that of the file, if it is complete and has room for fewer than the input
    !> permits.

@@ -8,10 +8,10 @@ module hb_results_record
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: int64, wp
    use hb_motion_columns, only: max_attempts
-   use hb_outcome, only: is_solved, is_status, outcome
+   use hb_outcome, only: is_solved, is_status, outcome, outcome_names
    use hb_parameter_path, only: identifier
    use hb_results_file, only: schema_version
-   use hb_solver_types, only: attempt_t
+   use hb_solver_types, only: attempt_t, fallback_names
    use hb_stored_rows, only: stored_file_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: join, number_of, split, string_t, texts_t, to_text
@@ -240,6 +240,8 @@ contains
          return
       end if
       call stored%fetch("fallback", self%fallback, error)
+      call check_meanings(self, stored%file, "status", outcome_names, error)
+      call check_meanings(self, stored%file, "fallback", fallback_names, error)
       call stored%fetch("is_near_commensurate", self%is_near_commensurate, error)
       call stored%fetch("is_stable", self%is_stable, error)
       call stored%fetch("branch", self%branch, error)
@@ -257,6 +259,26 @@ contains
          if (.not. allocated(error)) self%frequency = reshape(frequency, [n_tones, self%n_points])
       end associate
    end subroutine read_columns
+
+   !> Rejects a column whose numbers have other names in the file than in this program, which may have further ones; no effect
+   !> after an error.
+   subroutine check_meanings(self, file, column, names, error)
+      type(record_t), intent(in) :: self
+      type(h5_file_t), intent(in) :: file
+      character(*), intent(in) :: column, names(:)
+      type(error_t), allocatable, intent(inout) :: error
+      type(h5_dataset_t) :: dataset
+      character(:), allocatable :: meanings
+
+      if (allocated(error)) return
+      call file%open_dataset(column, dataset, error)
+      if (.not. allocated(error)) call dataset%get_attribute("flag_meanings", meanings, error)
+      call dataset%close()
+      if (allocated(error)) return
+      if (index(join(names, " ")//" ", trim(meanings)//" ") == 1) return
+      call fail(error, "the numbers of '"//column//"' mean other things than in this version of the program; it was made by "// &
+                "version "//self%program_version//", commit "//self%git_commit)
+   end subroutine check_meanings
 
    !> Reads a single text; no effect after an error.
    subroutine read_one(file, name, text, error)

@@ -92,6 +92,20 @@ def test_resume_refuses_rows_without_axes(begun, tmp_path):
     assert done.status == BAD_INPUT and "'iterations'" in done.stderr
 
 
+@pytest.mark.parametrize("column", ["attempts", "reason", "status"])
+def test_numbers_keep_their_meaning_on_resume(column, begun, tmp_path):
+    """A file of a version that had other rows in its table of attempts, of reasons or of outcomes."""
+    path = tmp_path / "case.h5"
+    path.write_bytes(begun)
+    with h5py.File(path, "r+") as file:
+        words = file[column].attrs["flag_meanings"].split()
+        file[column].attrs["flag_meanings"] = " ".join(words[:3] + words[4:])
+    content = path.read_bytes()
+    done = run("resume", path, cwd=tmp_path)
+    assert done.status == BAD_INPUT and f"numbers of '{column}'" in done.stderr and ", commit " in done.stderr, done.stderr
+    assert path.read_bytes() == content
+
+
 def store_elsewhere(path, name, form):
     """Moves a dataset of a file into another file."""
     other = path.with_name("other")
