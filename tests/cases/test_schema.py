@@ -47,7 +47,7 @@ def is_scale(dataset: h5py.Dataset) -> bool:
 
 @pytest.fixture(scope="module")
 def datasets(tmp_path_factory):
-    """Whether every dataset of several files is a scale, its type and shape, its unit."""
+    """Whether every dataset of several files is a scale, its type and shape, its unit, and the names of its numbers."""
     folder, found = tmp_path_factory.mktemp("schema"), {}
     for name, text in INPUTS.items():
         (folder / f"{name}.nml").write_text(text)
@@ -59,14 +59,16 @@ def datasets(tmp_path_factory):
                     continue
                 dims = [key] if is_scale(dataset) else [dim[0].name[1:] for dim in dataset.dims]
                 form = f"{TYPES[str(dataset.dtype)]} ({', '.join(dims)})"
-                found[key] = (is_scale(dataset), form, dataset.attrs["units"])
+                names = str(dataset.attrs.get("flag_meanings", "")).split()
+                names = dict(zip(map(int, dataset.attrs.get("flag_values", ())), names))
+                found[key] = (is_scale(dataset), form, dataset.attrs["units"], names)
     return found
 
 
 def test_every_dataset_has_its_row(datasets):
     page = {True: rows("Dimension scales"), False: rows("Data")}
     problems = []
-    for key, (scale, form, units) in datasets.items():
+    for key, (scale, form, units, _) in datasets.items():
         expected, told = page[scale].get(key, ["", ""])[:2]
         expected = expected.replace("tau_m", key).replace("..., ", "")
         if key == "law_1_gap":
@@ -80,3 +82,11 @@ def test_every_dataset_has_its_row(datasets):
 
 def test_every_row_has_a_dataset(datasets):
     assert {*rows("Dimension scales"), *rows("Data")} - set(datasets) == set()
+
+
+@pytest.mark.parametrize("key", ["curve_kind", "fallback", "integration_verdict", "reason", "stability_method", "status"])
+def test_names_of_numbers_are_on_the_page(key, datasets):
+    meaning = rows("Data")[key][2].partition("flag_meanings")[2]
+    listed = {int(number): name for number, name in re.findall(r"(?<![\w.])(\d+) ([a-z]\w+)(?=[ ,;:(.]|$)", meaning)}
+    names = datasets[key][3]
+    assert {number: listed.get(number) for number in names} == names
