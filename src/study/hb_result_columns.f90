@@ -21,7 +21,7 @@ module hb_result_columns
    public :: bytes_of_row, column_t, measure_row, message_length, new_plan, plan_t, tuple_entry_name
 
    integer, parameter :: message_length = 400          ! bytes
-   integer, parameter :: max_columns = 100            ! capacity of the table
+   integer, parameter :: first_capacity = 64          ! of the table, in columns; it grows
 
    !> A text that describes a dataset.
    type :: attribute_t
@@ -159,7 +159,7 @@ contains
       if (self%has_curve) self%curve_path = layout%curve_parameter
       if (self%has_curve) self%curve_column = identifier(layout%curve_parameter)
       call list_axes(self, layout)
-      allocate (self%columns(max_columns))
+      allocate (self%columns(first_capacity))
       call time_columns(self)
       self%times = self%columns(:self%i)
       self%i = 0
@@ -263,6 +263,7 @@ contains
       begins = self%is_there .and. .not. allocated(self%error)
       if (.not. begins) return
       self%i = self%i + 1
+      if (self%i > size(self%columns)) call enlarge(self%columns)
       associate (column => self%columns(self%i))
          if (self%row > 0) then
             begins = self%is_known
@@ -282,6 +283,16 @@ contains
          column%is_part_used = self%has_own_tuples .and. (index(shape, "harmonic") > 0 .or. shape == "curve_unknown")
       end associate
    end function begins
+
+   !> Doubles the capacity of a list of columns.
+   subroutine enlarge(columns)
+      type(column_t), allocatable, intent(inout) :: columns(:)
+      type(column_t), allocatable :: larger(:)
+
+      allocate (larger(2*size(columns)))
+      larger(:size(columns)) = columns
+      call move_alloc(larger, columns)
+   end subroutine enlarge
 
    !> Index of a column, 0 if the file has none of this name.
    pure integer function plan_index_of(self, name) result(i)
