@@ -3,7 +3,7 @@
 
 usage: tests/law_inputs.py FOLDER N [--seed S]      writes FOLDER/LAW_K.nml for K from 1 to N
 
-The numbers of a law are those of its sketch in docs/site/laws.py, scaled; structure, loads, one or two tones, the solver and what
+The numbers of a law are those of its example in src/laws.txt, scaled; structure, loads, one or two tones, the solver and what
 is asked for besides the motion (a curve, stability, a derivative, time integration instead of balance) are drawn. A point
 need not converge.
 """
@@ -12,44 +12,34 @@ from __future__ import annotations
 
 import argparse
 import random
-import re
+import runpy
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-
-
-def sketches() -> dict[str, tuple[tuple[str, ...], dict]]:
-    """Coordinates and keys of each law, as docs/site/laws.py has them, without what it imports."""
-    text = (ROOT / "docs" / "site" / "laws.py").read_text(encoding="utf-8")
-    table = re.search(r"^SKETCHES = (\{.*?^\})", text, re.DOTALL | re.MULTILINE)[1]
-
-    def sketch(keys=None, over="", method="", dofs=("x1",), load=1.0):  # noqa: ARG001
-        return dofs, keys or {}
-
-    return eval(table, {"Sketch": sketch})  # noqa: S307
+LAWS = runpy.run_path(str(Path(__file__).resolve().parent / "keys"))["laws"]
 
 
 def shown(value: object) -> str:
     if isinstance(value, (list, tuple)):
         return ", ".join(map(shown, value))
+    if isinstance(value, bool):
+        return f".{str(value).lower()}."
     return f"'{value}'" if isinstance(value, str) else repr(value)
 
 
 def scaled(keys: dict, draw: random.Random) -> dict:
     """Real numbers by a factor of each key; integers and words stay."""
     found = {}
-    for key, value in keys.items():
+    for key, values in keys.items():
         factor = draw.uniform(0.8, 1.2)
-        numbers = value if isinstance(value, list) else [value]
-        if all(isinstance(number, float) for number in numbers):
-            numbers = [factor * number for number in numbers]
-        found[key] = numbers if isinstance(value, list) else numbers[0]
+        is_real = any(isinstance(value, float) for value in values)
+        found[key] = [factor * value for value in values] if is_real else values
     return found
 
 
-def text_of(kind: str, dofs: tuple[str, ...], keys: dict, draw: random.Random) -> str:
-    n = max(len(dofs), 2 if "second_dofs" in keys else 1) + draw.choice([0, 1])
+def text_of(law, draw: random.Random) -> str:
+    keys = law.keys
+    n = max(len(law.dofs), 2 if "second_dofs" in keys else 1) + draw.choice([0, 1])
     stiffness = [[2.0 * (i == k) - (abs(i - k) == 1) for k in range(n)] for i in range(n)]
     stiffness = [[draw.uniform(0.8, 1.2) * (i == k) + stiffness[i][k] for k in range(n)] for i in range(n)]
     n_tones = draw.choice([1, 1, 2])
@@ -66,9 +56,9 @@ def text_of(kind: str, dofs: tuple[str, ...], keys: dict, draw: random.Random) -
         groups.append(f"&load dof = 'x1', tuple = 0, 1, sin = {draw.uniform(0.1, 0.4)!r} /")
     values = scaled(keys, draw)
     if "tuple" in values and n_tones == 2:
-        values["tuple"] = [values["tuple"], 0]
-    where = f"dofs = {shown(dofs)}" if len(dofs) > 1 else f"dof = {shown(dofs)}"
-    groups.append(f"&law type = '{kind}', {where}, " + ", ".join(f"{key} = {shown(value)}" for key, value in values.items()) + " /")
+        values["tuple"] = [*values["tuple"], 0]
+    given = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
+    groups.append(f"&law type = '{law.name}', {law.place}, {given} /")
     groups.append(f"&solver method = '{draw.choice(['newton', 'krylov', 'broyden', 'auto'])}' /")
     more = draw.choice(["", "curve", "stability", "samples"])
     if more == "curve" and n_tones == 1:
@@ -77,7 +67,7 @@ def text_of(kind: str, dofs: tuple[str, ...], keys: dict, draw: random.Random) -
         groups.append("&stability method = 'integration' /")
     elif more == "samples":
         groups.append("&output samples = 8 /")
-    return f"! {kind}, at random\n" + "\n".join(groups) + "\n"
+    return f"! {law.name}, at random\n" + "\n".join(groups) + "\n"
 
 
 def main(arguments: list[str]) -> int:
@@ -87,10 +77,12 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args(arguments)
     options.folder.mkdir(parents=True, exist_ok=True)
-    for kind, (dofs, keys) in sketches().items():
+    for law in LAWS():
+        if law.name == "user":  # needs a library
+            continue
         for k in range(1, options.count + 1):
-            draw = random.Random(f"{options.seed} {kind} {k}")
-            (options.folder / f"{kind}_{k}.nml").write_text(text_of(kind, dofs, keys, draw), encoding="utf-8")
+            draw = random.Random(f"{options.seed} {law.name} {k}")
+            (options.folder / f"{law.name}_{k}.nml").write_text(text_of(law, draw), encoding="utf-8")
     return 0
 
 

@@ -4,14 +4,15 @@
 usage: laws.py FOLDER      writes FOLDER/index.md, and FOLDER/LAW.md and FOLDER/LAW.svg for each type of &law
 
 Formula and keys are the section of the law in docs/user/input.md; index.md has what stands there for all laws. The sketch is the force of the program itself along a motion that the
-law does not change, with the numbers of SKETCHES: a new law needs an entry there. NHBM_LIBRARY names libnhbm.so.
+law does not change, with the numbers of its example in src/laws.txt or those of SKETCHES. NHBM_LIBRARY names libnhbm.so.
 """
 
 from __future__ import annotations
 
 import re
+import runpy
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import matplotlib
@@ -32,67 +33,63 @@ EXAMPLES = 6  # listed on a page
 
 @dataclass(frozen=True)
 class Sketch:
-    """Numbers of a law, and over what its first force is drawn: displacement or velocity of the first coordinate."""
+    """Numbers of a law instead of those of its example in src/laws.txt, and over what its first force is drawn: displacement or velocity of
+    the first coordinate."""
 
     keys: dict = field(default_factory=dict)
     over: str = "displacement"
     method: str = "cvode"
-    dofs: tuple[str, ...] = ("x1",)
-    load: float = 1.0  # amplitude of the motion
 
 
-SKETCHES = {
-    "annular_clearance": Sketch({"stiffness": 3.0, "clearance": 0.4, "friction_coefficient": 0.2}, dofs=("x1", "x2")),
-    "blade_contact": Sketch({"n_diameters": 2, "n_blades": 8, "gaps": 0.3, "stiffness": 2.0}, dofs=("x1", "x2", "x3", "x4")),
-    "bouc_wen": Sketch({"stiffness": 2.5, "post_yield_ratio": 0.1, "yield_displacement": 0.3}, method="central_differences"),
-    "contact_table": Sketch({"n_contacts": 2, "shapes": [1.0, 0.0, -1.0, 0.0], "gaps": [0.3, 0.5], "stiffness": 2.0}, dofs=("x1", "x2")),
-    "coulomb_rigid": Sketch({"limit": 0.4}, over="velocity"),
-    "coulomb_tanh": Sketch({"limit": 0.4, "velocity": 0.1}, over="velocity"),
-    "cubic_damping": Sketch({"coefficient": 1.0}, over="velocity", dofs=("x1", "x2")),
-    "cubic_spring": Sketch({"stiffness": 1.0}),
-    "elastic_stop": Sketch({"stiffness": 3.0, "gap": 0.4}),
+LAWS = {law.name: law for law in runpy.run_path(str(ROOT / "tests" / "keys"))["laws"]()}
+SKETCHES = {  # where the example does not show the law over the displacement
+    "bouc_wen": Sketch(method="central_differences"),
+    "contact_table": Sketch({"n_contacts": 2, "shapes": [1.0, 0.0, -1.0, 0.0], "gaps": [0.3, 0.5], "stiffness": 2.0}),
+    "coulomb_rigid": Sketch(over="velocity"),
+    "coulomb_tanh": Sketch(over="velocity"),
+    "cubic_damping": Sketch({"coefficient": 1.0}, over="velocity"),
     "electrostatic": Sketch({"coefficient": 1.0, "gap": 2.0, "voltage": 1.0}),
-    "hertz": Sketch({"stiffness": 3.0, "gap": 0.2, "dissipation": 0.3}),
-    "iwan": Sketch({"stiffness": [1.0, 2.0, 0.5], "limit": [0.1, 0.4, 0.3]}),
-    "jenkins": Sketch({"stiffness": 2.0, "limit": 0.5}),
-    "jenkins_2d": Sketch({"stiffness": 2.0, "limit": 0.5, "second_dofs": "x2"}, method="central_differences"),
-    "parametric": Sketch({"tuple": 2, "stiffness_cos": 0.5}),
-    "piecewise_linear": Sketch({"breakpoints": [-0.5, 0.2], "slopes": [2.0, 0.5, 1.5]}),
-    "polynomial": Sketch({"stiffness": [0.3, -0.5, 0.7], "damping": [0.1]}),
-    "polynomial_coupled": Sketch({"coefficients": [1.0], "acts_on": ["x1"], "displacement_exponents": [1, 2],
-                                  "velocity_exponents": [0, 0]}, dofs=("x1", "x2")),
-    "quadratic_damping": Sketch({"coefficient": 1.0}, over="velocity"),
-    "rigid_wall": Sketch({"gap": 0.4}),
-    "rolling_bearing": Sketch({"second_dofs": "x2", "tuple": 1, "n_balls": 7, "stiffness": 4.0, "exponent": 1.5, "clearance": -0.2}),
+    "jenkins_2d": Sketch(method="central_differences"),
+    "quadratic_damping": Sketch(over="velocity"),
     "short_bearing": Sketch({"second_dofs": "x2", "viscosity": 5.0, "radius": 2.0, "length": 1.5, "clearance": 2.0, "rotor_speed": 0.5}),
     "stribeck": Sketch({"limit": 0.3, "static_limit": 0.5, "stribeck_velocity": 0.4, "velocity": 0.05}, over="velocity"),
-    "tabulated": Sketch({"displacements": [-0.8, -0.3, 0.0, 0.3, 0.8], "forces": [-1.0, -0.2, 0.0, 0.1, 0.9]}),
-    "van_der_pol": Sketch({"strength": 1.0, "threshold": 0.7}, over="velocity"),
-}  # fmt: skip
+    "van_der_pol": Sketch(over="velocity"),
+}
 
 
-def forces(kind: str, sketch: Sketch) -> tuple[np.ndarray, np.ndarray]:
+def sketch_of(kind: str) -> Sketch:
+    """The sketch of a law, with numbers."""
+    sketch = SKETCHES.get(kind, Sketch())
+    return sketch if sketch.keys else replace(sketch, keys={key: all_or_one(values) for key, values in LAWS[kind].keys.items()})
+
+
+def all_or_one(values: list) -> object:
+    return values if len(values) > 1 else values[0]
+
+
+def forces(kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Displacement or velocity of the first coordinate and the force on it over a period. The coordinates are carried by dashpots so
     strong that the law does not change their motion: sines in quarters of a period."""
-    n = max(len(sketch.dofs), 2 if "second_dofs" in sketch.keys else 1)
+    sketch, dofs = sketch_of(kind), LAWS[kind].dofs
+    n = max(len(dofs), 2 if "second_dofs" in sketch.keys else 1)
     heavy = 1e5 * np.eye(n)
     model = nhbm.Model(nhbm.Matrices(heavy, heavy, heavy), tones=[1.0])
     for k in range(n):
         turn = 0.5 * np.pi * k
-        model.load(f"x{k + 1}", 1, cos=1e5 * sketch.load * np.cos(turn), sin=1e5 * sketch.load * np.sin(turn))
-    model.law(kind, sketch.dofs if len(sketch.dofs) > 1 else sketch.dofs[0], **sketch.keys)
+        model.load(f"x{k + 1}", 1, cos=1e5 * np.cos(turn), sin=1e5 * np.sin(turn))
+    model.law(kind, all_or_one(dofs), **sketch.keys)
     record = model.integrate(2 * np.pi, transient=12 * np.pi, method=sketch.method)
     return record[sketch.over].values[0], record["force"].values[0]
 
 
 def draw(kind: str, path: Path) -> None:
     """The force over the displacement or velocity."""
-    sketch = SKETCHES[kind]
+    sketch = sketch_of(kind)
     if kind == "rigid_wall":  # no force along a motion that it stops
         gap = sketch.keys["gap"]
         x, f = np.array([-1.0, gap, gap]), np.array([0.0, 0.0, 1.0])
     else:
-        x, f = forces(kind, sketch)
+        x, f = forces(kind)
     with plt.rc_context({"font.size": 9, "svg.hashsalt": kind, "svg.fonttype": "none"}):
         figure, axes = plt.subplots(figsize=(3.4, 2.3), layout="constrained")
         axes.axhline(0.0, color="0.8", linewidth=0.8)
@@ -132,14 +129,14 @@ def title(path: Path) -> str:
 def page(kind: str, text: str, has_sketch: bool) -> str:
     lines = [f"# {kind}\n"]
     if has_sketch:
-        lines.append(f"![Force of {kind} over the {SKETCHES[kind].over}]({kind}.svg)\n")
+        lines.append(f"![Force of {kind} over the {sketch_of(kind).over}]({kind}.svg)\n")
     lines.append(from_here(text.strip(), kind) + "\n")
     found = examples(kind)
     if found:
         lines.append("## Examples\n")
         lines += [f"- [{path.parent.name}/{path.name}](../inputs/{path.parent.name}/{path.name}): {title(path)}" for path in found]
         lines.append("")
-    numbers = ", ".join(f"`{key} = {value}`" for key, value in SKETCHES[kind].keys.items()) if has_sketch else ""
+    numbers = ", ".join(f"`{key} = {value}`" for key, value in sketch_of(kind).keys.items()) if has_sketch else ""
     lines.append("## Source\n")
     lines.append(f"[`src/laws/hb_law_{kind}.f90`](../src/laws/hb_law_{kind}.f90), with its derivatives."
                  + (f" The sketch has {numbers}." if numbers else ""))  # fmt: skip
@@ -150,9 +147,10 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     head, texts = sections()
     for kind, text in texts.items():
-        if kind in SKETCHES:
+        has_sketch = kind != "user"
+        if has_sketch:
             draw(kind, folder / f"{kind}.svg")
-        (folder / f"{kind}.md").write_text(page(kind, text, kind in SKETCHES), encoding="utf-8")
+        (folder / f"{kind}.md").write_text(page(kind, text, has_sketch), encoding="utf-8")
     head = re.sub(r"^\| (\w+) \|(?= (?:one|two|several|x and y)\b)", r"| [\1](\1.md) |", from_here(head.strip(), "index"), flags=re.MULTILINE)
     contents = "\n".join(sorted(texts))
     (folder / "index.md").write_text(

@@ -6,7 +6,7 @@ module hb_law_reader
    use hb_law, only: law_box_t, law_t, placement_t
    use hb_law_catalogue, only: allocate_law
    use hb_law_polynomial_coupled, only: polynomial_coupled_t
-   use hb_law_user, only: load_user_law, take_memory, user_law_t
+   use hb_law_user, only: load_user_law, take_memory, user_t
    use hb_location_reader, only: read_dofs, read_further, read_location
    use hb_number_reader, only: group_problems_t, read_numbers
    use hb_operating_system, only: library_path
@@ -38,7 +38,7 @@ contains
       if (.not. allocated(label)) label = kind_of_law//" "//to_text(number)   ! the given value is not a text
       box%law%label = label
       select type (law => box%law)
-      type is (user_law_t); call read_user_law(law, group, structure)
+      type is (user_t); call read_user_law(law, group, structure)
       type is (polynomial_coupled_t); call read_coupled_terms(law, group, structure)
       class default; call read_declared(law, group, structure)
       end select
@@ -66,7 +66,7 @@ contains
 
    !> Reads a law of the user, whose library decides about the rest.
    subroutine read_user_law(law, group, structure)
-      type(user_law_t), intent(inout) :: law
+      type(user_t), intent(inout) :: law
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       character(:), allocatable :: library, name

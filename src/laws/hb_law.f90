@@ -6,7 +6,7 @@
 !>
 !>     call new_law(box, elastic_stop_t(stiffness=1.0e5_wp, gap=1.0e-3_wp), "stop", [dof], error)
 !>
-!> To add a law: a module that extends `law_t`, one `case` in hb_law_catalogue, rows in the table of input keys. Source:
+!> To add a law: a module that extends `law_t`, a row in the table of laws, rows in the table of input keys. Source:
 !> docs/why/theory.md, section 5.
 module hb_law
    use hb_error, only: annotate, error_t, fail

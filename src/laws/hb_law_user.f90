@@ -14,9 +14,9 @@ module hb_law_user
    use hb_user_library, only: any_number, law_input_t, load_user_library, user_library_t
    implicit none
    private
-   public :: load_user_law, take_memory, user_law_t, user_memory_t
+   public :: load_user_law, take_memory, user_t, user_memory_t
 
-   type, extends(law_t) :: user_law_t
+   type, extends(law_t) :: user_t
       character(:), allocatable :: name                               !! prefix of the functions
       real(wp), allocatable :: parameters(:)
       type(user_library_t), private :: library
@@ -32,11 +32,11 @@ module hb_law_user
       procedure :: explain => user_law_explain
       procedure :: fingerprint => user_law_fingerprint
       procedure :: has_touched_inputs => user_law_has_touched_inputs
-   end type user_law_t
+   end type user_t
 
    !> A law of the user that has states.
    type, extends(hysteretic_law_t) :: user_memory_t
-      type(user_law_t), private :: own
+      type(user_t), private :: own
    contains
       procedure :: declare_numbers => user_memory_declare_numbers
       procedure :: advance => user_memory_advance
@@ -48,7 +48,7 @@ contains
 
    !> Loads the law `name` from a library; fails if it cannot be loaded or has another number of parameters.
    subroutine load_user_law(self, library, name, parameters, error)
-      class(user_law_t), intent(inout) :: self
+      class(user_t), intent(inout) :: self
       character(*), intent(in) :: library                             !! path; empty: the program itself
       character(*), intent(in) :: name                                !! prefix of the functions
       real(wp), intent(in) :: parameters(:)
@@ -73,7 +73,7 @@ contains
    end subroutine load_user_law
 
    subroutine user_law_declare_numbers(self, numbers)
-      class(user_law_t), intent(inout) :: self
+      class(user_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
       call numbers%add("parameters", self%parameters)
@@ -81,7 +81,7 @@ contains
 
    !> Whether the library expects the coordinates of the law, and what the user declares is possible.
    subroutine user_law_check(self, problems)
-      class(user_law_t), intent(in) :: self
+      class(user_t), intent(in) :: self
       class(problems_t), intent(inout) :: problems
 
       if (self%is_odd .and. self%n_phases > 0) call problems%add("odd", "a law that needs phases cannot be declared odd")
@@ -93,7 +93,7 @@ contains
 
    !> Returns NaN throughout if the library reports a failure, so that the residual is not finite there.
    subroutine user_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
-      class(user_law_t), intent(in) :: self
+      class(user_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
@@ -108,7 +108,7 @@ contains
 
    !> Calls the library again to explain the failure.
    subroutine user_law_explain(self, z, v, text, is_fatal)
-      class(user_law_t), intent(in) :: self
+      class(user_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)
       character(:), allocatable, intent(out) :: text
       logical, intent(out) :: is_fatal
@@ -130,7 +130,7 @@ contains
 
    !> Its name, and the fingerprint of the library.
    function user_law_fingerprint(self) result(text)
-      class(user_law_t), intent(in) :: self
+      class(user_t), intent(in) :: self
       character(300) :: text
 
       text = self%name//", "//self%library%fingerprint()
@@ -138,21 +138,21 @@ contains
 
    !> Calls the library again and checks whether it writes to its input arguments.
    logical function user_law_has_touched_inputs(self, z, v) result(has_touched)
-      class(user_law_t), intent(in) :: self
+      class(user_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
 
       has_touched = self%library%has_touched(law_input_t(self%parameters, z, v, self%phases, self%omega))
    end function user_law_has_touched_inputs
 
    pure subroutine user_law_set_phases(self, phases)
-      class(user_law_t), intent(inout) :: self
+      class(user_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)
 
       self%phases = transpose(phases)
    end subroutine user_law_set_phases
 
    pure subroutine user_law_set_frequencies(self, omega)
-      class(user_law_t), intent(inout) :: self
+      class(user_t), intent(inout) :: self
       real(wp), intent(in) :: omega(:)
 
       if (self%needs_frequencies) self%omega = omega
@@ -160,7 +160,7 @@ contains
 
    !> By central differences.
    subroutine user_law_frequency_slope(self, z, v, tone, slope)
-      class(user_law_t), intent(in) :: self
+      class(user_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)
       integer, intent(in) :: tone
       real(wp), intent(out), contiguous :: slope(:, :)
@@ -185,7 +185,7 @@ contains
       type(user_memory_t), allocatable :: memory
 
       select type (law => box%law)
-      type is (user_law_t)
+      type is (user_t)
          if (law%n_states == 0) return
          allocate (memory)
          memory%own = law

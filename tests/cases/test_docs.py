@@ -1,5 +1,6 @@
-"""The table of input keys (src/input_keys.txt) against the source and the page: each key that the program reads has one row, each
-row is read, docs/user/input.md has the tables that follow from it, and nothing of a row stands a second time in the source.
+"""The tables of input keys and laws (src/input_keys.txt, src/laws.txt) against the source and the page: each key that the
+program reads has one row, each row is read, docs/user/input.md has the tables that follow from them, and nothing of a row
+stands a second time in the source.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from program import run
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
-KEYS = runpy.run_path(str(ROOT / "tests" / "keys"))["keys"]()
+TABLES = runpy.run_path(str(ROOT / "tests" / "keys"))
+KEYS, LAWS = TABLES["keys"](), TABLES["laws"]()
 
 # Where neither the file nor the procedure (read_<group>) tells whose keys are read.
 SECTIONS_BY_FILE = {
@@ -193,13 +195,12 @@ def test_keys_that_have_rows_are_read(section):
     assert not invented, f"src/input_keys.txt has of {section} keys that nothing reads: {', '.join(invented)}"
 
 
-def test_laws_have_a_row_in_the_overview():
-    (types,) = [words(key.range) for key in KEYS if (key.section, key.name) == ("law", "type")]
-    page = (ROOT / "docs" / "user" / "input.md").read_text(encoding="utf-8")
-    overview = page.partition("| law | coordinates | force | smooth |\n")[2].partition("\n\n")[0]
-    assert sorted(re.findall(r"^\| (\w+) \|", overview, re.MULTILINE)) == sorted(types)
-    sheet = (ROOT / "docs" / "user" / "cheat_sheet.md").read_text(encoding="utf-8")
-    assert not [name for name in types if f"`{name}`" not in sheet]
+def test_the_table_of_laws_is_in_order():
+    names = [law.name for law in LAWS]
+    assert names == sorted(set(names)) and len(names) > 20
+    assert {f"hb_law_{name}.f90" for name in names} <= {path.name for path in (SRC / "laws").glob("*.f90")}
+    for law in LAWS:
+        assert law.dofs and set(law.keys) <= keys_of_table()[f"law {law.name}"], law
 
 
 def test_marks_of_located_points_can_be_drawn():

@@ -13,6 +13,7 @@ module models
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist
    use hb_run_callbacks, only: run_callbacks
+   use law_examples_of_table, only: law_examples
    use random_numbers, only: fill_random
    use user_law_paths, only: user_law_samples
    implicit none
@@ -27,45 +28,18 @@ module models
 
 contains
 
-   !> Keys of a law with typical parameters, without the place where its first coordinate acts; a second one is at `x2`. Empty
-   !> for a law that has no example yet.
+   !> Keys of a law with typical parameters, without the place where its first coordinate acts; a second one is at `x2`: the
+   !> example of the table of laws.
    pure function law_example(name) result(keys)
       character(*), intent(in) :: name
       character(:), allocatable :: keys
+      character(*), parameter :: library = "{samples}"
+      integer :: start
 
-      select case (name)
-      case ("annular_clearance"); keys = "stiffness=3 clearance=0.25 friction_coefficient=0.2 spin='negative' center=0.1,-0.05"
-      case ("blade_contact"); keys = "n_diameters=3 n_blades=7 gaps=0.1,0,-0.2,0.3,0.1,0.05,0 stiffness=2 "// &
-            "friction_coefficient=0.3 friction_arms=0.3,0.4 shares=1,0.9,1,1.1,1,1,1 frame='stationary' tone=1"
-      case ("contact_table"); keys = "n_contacts=3 shapes=-1,0.5, 0.3,1, 0.8,-0.6 gaps=0.1,0,-0.2 stiffness=2,1.5,3 "// &
-            "friction_coefficient=0.3 friction_shapes=0.5,1, -1,0.3, 0.6,0.8 tone=1 turns=2"
-      case ("cubic_spring"); keys = "stiffness=1.5"
-      case ("cubic_damping"); keys = "coefficient=0.6 speed=-0.7 n_diameters=2"
-      case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
-      case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
-      case ("coulomb_tanh"); keys = "limit=0.7 velocity=0.4"
-      case ("electrostatic"); keys = "coefficient=2 gap=3 voltage=1.5 tuple=2 voltage_cos=0.6 voltage_sin=-0.4"
-      case ("hertz"); keys = "stiffness=3 gap=0.2 dissipation=0.3"
-      case ("bouc_wen"); keys = "stiffness=2.5 post_yield_ratio=0.1 yield_displacement=0.3 exponent=1.7 beta=0.8"
-      case ("iwan"); keys = "stiffness=1,2,0.5 limit=0.1,0.4,0.3"
-      case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dofs='x2'"
-      case ("jenkins"); keys = "stiffness=2.5 limit=0.4"
-      case ("parametric"); keys = "tuple=2 stiffness_cos=0.6 stiffness_sin=-0.4 damping_cos=0.3 damping_sin=0.2"
-      case ("rolling_bearing")
-         keys = "second_dofs='x2' tuple=2 n_balls=5 stiffness=4 exponent=1.5 clearance=-0.2"
-      case ("short_bearing"); keys = "second_dofs='x2' viscosity=5 radius=2 length=1.5 clearance=8 rotor_speed=0.7"
-      case ("piecewise_linear"); keys = "breakpoints=-0.3,0.1,0.4 slopes=2,0.5,-0.3,1.5 force_at_zero=0.2"
-      case ("polynomial"); keys = "stiffness=0.3,-0.5,0.7 damping=0.1,0.2,0.4"
-      case ("polynomial_coupled"); keys = "coefficients=0.7,-0.4,0.5,0.3 acts_on='x1','x2','x2','x1' "// &
-            "displacement_exponents=1,2, 3,0, 0,1, 0,0 velocity_exponents=0,0, 0,0, 1,1, 2,1"
-      case ("quadratic_damping"); keys = "coefficient=0.6"
-      case ("rigid_wall"); keys = "gap=0.2 augmentation=2.5 two_sided=.true."
-      case ("stribeck"); keys = "limit=0.4 static_limit=0.7 stribeck_velocity=0.5 velocity=0.2 belt_velocity=0.3"
-      case ("tabulated"); keys = "displacements=-0.6,-0.2,0,0.3,0.5 forces=-1,-0.3,0,0.1,0.9"
-      case ("user"); keys = "library='"//user_law_samples//"' name='coupled' parameters=0.7,0.4"
-      case ("van_der_pol"); keys = "strength=0.4 threshold=0.8"
-      case default; keys = ""
-      end select
+      keys = example_of(name)
+      keys = keys(index(keys, " ") + 1:)
+      start = index(keys, library)
+      if (start > 0) keys = keys(:start - 1)//user_law_samples//keys(start + len(library):)
    end function law_example
 
    !> Where a law of `law_example` acts in a structure that has x1 and x2.
@@ -73,12 +47,21 @@ contains
       character(*), intent(in) :: name
       character(:), allocatable :: keys
 
-      select case (name)
-      case ("annular_clearance", "contact_table", "cubic_damping", "polynomial_coupled", "user"); keys = "dofs='x1','x2'"
-      case ("blade_contact"); keys = "dofs='x1','x2','x3','x4'"
-      case default; keys = "dof='x1'"
-      end select
+      keys = example_of(name)
+      keys = keys(:index(keys, " ") - 1)
    end function law_place
+
+   !> The example of a law; one blank if the table has no such law.
+   pure function example_of(name) result(keys)
+      character(*), intent(in) :: name
+      character(:), allocatable :: keys
+      integer :: i
+
+      keys = " "
+      do i = 1, size(law_examples)
+         if (index(law_examples(i), trim(name)//" | ") == 1) keys = trim(law_examples(i)(len_trim(name) + 4:))
+      end do
+   end function example_of
 
    !> Reads a model.
    subroutine make_model(text, model, error)
