@@ -14,8 +14,8 @@ from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run, solve
 from user_law import with_its_law
 
 # Those of user_law need libraries that are built first: test_user_law.py runs them. Those of sequence of orders are for another
-# verb: test_bench.py runs them, and those of time: test_integration.py. Those of models need the file that the script beside them
-# makes: test_models.py runs them.
+# verb: test_bench.py runs them, and those of time: test_motions_over_time.py. Those of models need the file that the script
+# beside them makes: test_models.py runs them.
 FILES = sorted(file for file in INPUTS.rglob("*.nml") if file.parent.name not in ("user_law", "order_sequence", "models", "time"))
 
 

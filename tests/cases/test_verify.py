@@ -1,0 +1,194 @@
+"""`nhbm verify`: motions of a result file against time integration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from integrations import FORCED, FREE, INPUTS, forced_blades
+from program import BAD_INPUT, NOT_ALL_CONVERGED, checksum_of_row, read, run, solve
+
+
+def verified(result: Path, *options, status=0) -> dict[str, np.ndarray]:
+    done = run("verify", result, *options, cwd=result.parent)
+    assert done.status == status, done.stderr + done.stdout
+    names = ("integration_verdict", "integration_first_difference", "integration_difference", "integration_growth")
+    return dict(zip(names, read(result, *names)))
+
+
+AGREES, UNSTABLE, DIFFERS, UNDECIDED = 1, 2, 3, 4
+CONVERGED_CUBIC = FORCED.replace("order=3", "order=15")
+
+
+def test_verify_agrees_with_a_converged_motion(tmp_path):
+    found = verified(solve(CONVERGED_CUBIC, tmp_path))
+    assert found["integration_verdict"] == [AGREES]
+    assert found["integration_difference"][0] < 1e-9
+
+
+def test_verify_integrates_again_what_was_integrated_with_a_set_of_its_own(tmp_path):
+    """Ueda's oscillator without a balance: the file has as many elements as its largest set, the first point uses six of ten."""
+    text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=0 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
+    text += "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
+    text += "&solver max_iterations=0, homotopy_iterations=0 /\n&sweep parameter='harmonics%order', values=5, 9 /\n"
+    result = solve(text, tmp_path, status=None)
+    assert (read(result, "status")[0] == 18).all()  # integrated
+    assert (verified(result)["integration_verdict"] == AGREES).all()
+
+
+def test_verify_sees_a_coefficient_that_is_wrong_by_a_thousandth(tmp_path):
+    result = solve(CONVERGED_CUBIC, tmp_path)
+    with h5py.File(result, "r+") as file:
+        file["coefficients"][0, 0, file["tuple"][:, 0].tolist().index(1), 0] *= 1.001
+        file["checksum"][0] = checksum_of_row(file, 0)  # as if it had been found in this way
+    found = verified(result, status=NOT_ALL_CONVERGED)
+    assert found["integration_verdict"] == [DIFFERS]
+    assert 2e-4 < found["integration_first_difference"][0] < 5e-3
+
+
+def test_verify_knows_an_unstable_motion_from_a_wrong_one(tmp_path):
+    """A van der Pol oscillator under a small load: the small motion is a solution, with a growth rate near strength/2."""
+    law = "&load dof='x1', tuple=1, cos=0.05 /\n&law type='van_der_pol', dof='x1', strength=0.3 /\n"
+    text = FREE.replace("&tones frequency=1", "&tones frequency=2").replace("order=1", "order=9") + law
+    found = verified(solve(text, tmp_path), "--periods", 50, status=NOT_ALL_CONVERGED)
+    assert found["integration_verdict"] == [UNSTABLE]
+    assert found["integration_first_difference"][0] < 1e-10
+    assert found["integration_growth"][0] == pytest.approx(0.15, rel=0.1)
+
+
+@pytest.mark.long  # seconds
+def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
+    text = (INPUTS / "gallery" / "jenkins_two_tones.nml").read_text()
+    result = solve(text, tmp_path)
+    done = run("verify", result, "--points", "1,2", cwd=tmp_path, ranks=2)
+    assert done.status == 0, done.stderr
+    kinds, largest = read(result, "integration_verdict", "integration_difference")
+    assert kinds.tolist() == [0, AGREES, AGREES]
+    assert np.isnan(largest[0]) and largest[1] < 5e-2 and largest[2] < 1.5e-2  # of the motion of the law's coordinate
+
+
+# Converged motions from which a time integration departs; that of another program (tests/points) ends at the given distance from
+# them.
+DEPARTING = {
+    "grows slowly": (
+        UNSTABLE,
+        """
+&structure type='chain', n_masses=2, mass=0.4975, 2.638, coupling_stiffness=0.7854, 1.2364, 0.9657, damping_stiffness=0.012955 /
+&tones frequency=1.6141943 /
+&harmonics order=21 /
+&law type='cubic_spring', dof='x1', stiffness=1.98058 /
+&law type='coulomb_tanh', dof='x1', limit=0.136304, velocity=0.0595164 /
+&load dof='x1', tuple=1, cos=0.965677, sin=0.18018 /
+""",
+    ),  # 110 % of the motion of x1
+    "grows more slowly than the structure forgets": (
+        UNSTABLE,
+        """
+&structure type='modal_beam', length=1.0, bending_stiffness=0.010265982254684338, mass_per_length=1.0, n_modes=2,
+   damping_stiffness=0.0414588 /
+&tones frequency=1.6847037733 /
+&harmonics order=7 /
+&law type='coulomb_rigid', dofs='q1','q2', weights=0.985860607,0.330396373, limit=0.0845810128 /
+&law type='cubic_spring', dofs='q1','q2', weights=0.908617370,-0.758930999, stiffness=9.29254771 /
+&load dof='q1', tuple=1, cos=-0.453907734, sin=-0.467877773 /
+""",
+    ),  # 25 % of the motion of the friction
+    "two stops": (
+        UNSTABLE,
+        """
+&structure type='matrices', n_dofs=1, mass=1.90222, stiffness=11.39946, damping_stiffness=0.005401 /
+&tones frequency=1.36007445 /
+&harmonics order=16 /
+&law type='elastic_stop', dof='x1', stiffness=483.645, gap=0.070841 /
+&law type='elastic_stop', dof='x1', stiffness=113.038, gap=0.073506 /
+&load dof='x1', tuple=1, cos=-0.154108, sin=0.764477 /
+""",
+    ),  # 95 %; with order 120 it is accurate to 1e-4, and departs at the same rate
+    "two tones": (
+        DIFFERS,
+        """
+&structure type='matrices', n_dofs=1, mass=1.62884, stiffness=5.06897, damping_mass=0.309476 /
+&tones frequency=3.80818, 8.54107 /
+&harmonics order=5 /
+&law type='cubic_spring', dof='x1', stiffness=3780.877 /
+&load dof='x1', tuple=1,0, cos=0.773091, sin=0.513342 /
+&load dof='x1', tuple=0,1, cos=-0.477488, sin=0.840491 /
+""",
+    ),  # 59 %
+    "wall between two masses": (
+        DIFFERS,
+        """
+&structure type='chain', n_masses=3, mass=1.110137, 1.115973, 1.58035671, coupling_stiffness=2.07388, 0.335519, 2.29986, 0.327054,
+   damping_mass=0.00463875 /
+&tones frequency=1.04542795 /
+&harmonics order=19 /
+&law type='rigid_wall', dofs='x1','x2', weights=1.0,-1.0, gap=0.291549 /
+&load dof='x1', tuple=1, cos=-0.39093, sin=-0.348957 /
+""",
+    ),  # 66 %
+}
+
+
+@pytest.mark.parametrize("name", DEPARTING)
+def test_verify_sees_motions_from_which_integration_departs(tmp_path, name):
+    expected, text = DEPARTING[name]
+    result = solve(text, tmp_path, status=None)
+    found = verified(result, status=NOT_ALL_CONVERGED)
+    assert found["integration_verdict"] == [expected], found
+    names = ("integration_growth", "integration_limit", "integration_duration", "frequency")
+    growth, limit, duration, frequency = read(result, *names)
+    assert limit <= 0.1 and duration >= 20 * 2 * np.pi / frequency.min() * (1 - 1e-12)
+    if expected == DIFFERS:
+        assert found["integration_difference"] > 0.3
+    else:
+        assert growth * duration > 3.0
+
+
+def test_verify_is_as_long_as_the_slowest_decay_needs_by_default(tmp_path):
+    """With 0.1 % of damping ten periods show nothing, and 700 are sufficient."""
+    light = "&structure type='matrices', n_dofs=1, mass=1, damping=0.002, stiffness=1 /\n&tones frequency=1.2 /\n"
+    text = light + "&harmonics order=7 /\n&load dof='x1', tuple=1, cos=0.1 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"
+    result = solve(text, tmp_path)
+    assert verified(result, "--periods", 10, status=NOT_ALL_CONVERGED)["integration_verdict"] == [UNDECIDED]
+    assert read(result, "integration_duration")[0] == pytest.approx(10 * 2 * np.pi / 1.2)
+    assert verified(result)["integration_verdict"] == [AGREES]
+    assert np.log(100) / 0.001 < read(result, "integration_duration")[0] < 1.3 * np.log(100) / 0.001
+
+
+def test_disturbances_of_a_motion_that_agrees_decay(tmp_path):
+    """Its difference exceeds the limit in the transient: growth is that of all periods, by the multipliers -0.6/s."""
+    text = "&structure type='chain', n_masses=2, mass=2.0, 0.7, ends='fixed-free', coupling_stiffness=5000.0, 1500.0,\n"
+    text += "           damping_stiffness=4e-4, damping_mass=0.3 /\n&tones hertz=8.0 /\n&load dof='x1', tuple=1, cos=8.0 /\n"
+    text += "&law type='elastic_stop', label='stop', dof='x2', stiffness=3.0e4, gap=3e-3 /\n"
+    found = verified(solve(text, tmp_path))
+    assert found["integration_verdict"] == [AGREES] and found["integration_growth"][0] == pytest.approx(-0.6, abs=0.2)
+
+
+def test_verify_needs_all_degrees_of_freedom(tmp_path):
+    two = "&structure type='chain', n_masses=2, mass=1, coupling_stiffness=1 /\n&tones frequency=3 /\n&harmonics order=1 /\n"
+    result = solve(two + "&load dof='x1', tuple=1, cos=1 /\n&output dofs='x1' /\n", tmp_path)
+    done = run("verify", result, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "1 of 2; solve again" in done.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["cvode", "central_differences"])
+def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, method):
+    """Both tones have their maximum at t = 0, where the series of order 5 is 3e-5 m beyond the wall."""
+    text = (INPUTS / "paper" / "wall.nml").read_text()
+    result = solve(
+        text[: text.index("&sweep")], tmp_path, "--set", "harmonics%order=5", "--set", "sampling%samples=32", "--set",
+        f"integration%method='{method}'", status=None,
+    )  # fmt: skip
+    found = verified(result, "--points", 0, "--periods", 3)
+    assert 2e-2 < found["integration_first_difference"][0] < 6e-2  # of the motion of the wall's coordinate
+
+
+@pytest.mark.parametrize("frame", ["own", "stationary"])
+def test_verify_agrees_with_blades_that_run_along_the_casing(tmp_path, frame):
+    result = solve(forced_blades(frame, 9), tmp_path)
+    found = verified(result)
+    assert found["integration_verdict"] == [AGREES] and found["integration_first_difference"][0] < 1e-3, found
