@@ -18,10 +18,6 @@ from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
 if TYPE_CHECKING:
     from nhbm.session import Session
 
-STATUSES = (
-    "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating collapsed no_motion crashed "
-    "diverged locked timed_out impact unused integrated subharmonic broadband multiple_attractors"
-).split()
 SOLVED = "converged truncated aliased penetrating impact integrated multiple_attractors".split()  # there is a motion
 END = 6  # as `curve_kind`
 CUT_SHORT, GRAZED = 8, 9  # as `reason`: a curve continues beyond its last point; it ends at a grazing impact
@@ -280,7 +276,7 @@ def number(session: Session, name: str) -> float:
 
 def status_of(session: Session) -> str:
     """Status of the motion found last."""
-    return STATUSES[int(number(session, "status"))]
+    return session.words_of("status")[int(number(session, "status"))]
 
 
 def varies_of(data: xr.Dataset) -> list[str]:

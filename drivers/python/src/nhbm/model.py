@@ -456,7 +456,8 @@ class Model(Description):
         name, columns = identifier(path), dataset.joined(points)
         if name not in columns:
             text = next((str(text) for text in columns["message"].values if text), "")
-            raise ModelError(f"no motion was found (status {dataset.STATUSES[int(columns['status'][0])]}). {text}".rstrip())
+            status = str(dataset.with_words(columns)["status"].values[0])
+            raise ModelError(f"no motion was found (status {status}). {text}".rstrip())
         values = {name: (columns[name].values, {**columns[name].attrs, **self._described(path), "moves_along": "curve"})}
         return dataset.result_of(columns.drop_vars(name), source, values, {"varies": [name], **self._attributes()})
 
@@ -543,7 +544,7 @@ class Model(Description):
         order = None if has_own_tuples else abs(parts["tuples"]).max(axis=0).tolist()
         session = here._live(request(None, order)).session
         sizes = {"n_tones": len(parts["frequency"]), "n_harmonics": n, "n_dofs": len(parts["coefficients"])}
-        words = {"status": dataset.STATUSES.index(motion["status"].item()), "n_unstable": int(motion["n_unstable"])}
+        words = {"status": session.words_of("status").index(motion["status"].item()), "n_unstable": int(motion["n_unstable"])}
         addresses = {name: part.ctypes.data for name, part in parts.items()}
         session.verify_motion(Motion(**sizes, **addresses, **numbers, **words), periods)
         return dataset.record_of(session)

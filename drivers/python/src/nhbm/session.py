@@ -283,6 +283,10 @@ class Session:
         self._call("describe_column", name.encode(), ctypes.byref(found))
         return _KINDS[found.kind]
 
+    def words_of(self, name: str) -> list[str]:
+        """Names of the numbers 0, 1, ... in a column of motions such as `status`, also if its values are not known."""
+        return str(self._describe_column("describe_column", name).get("flag_meanings", "")).split()
+
     def _describe_column(self, function: str, name: str) -> dict[str, Any]:
         found = ColumnDescription()
         self._call(function, name.encode(), ctypes.byref(found))
