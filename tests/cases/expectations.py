@@ -22,34 +22,12 @@ import re
 from dataclasses import dataclass, field
 
 from nhbm_post.errors import ReaderError
+from nhbm_post.outcome import NAMES
 from nhbm_post.reader import Results
 
 QUANTITIES = ("penetration", "residual", "iterations", "n_harmonics", "truncation_estimate", "aliasing_estimate")
 COMPONENTS = ("cos", "sin", "amplitude")
-STATUSES = (
-    "converged",
-    "stalled",
-    "out_of_budget",
-    "singular",
-    "not_finite",
-    "failed",
-    "truncated",
-    "aliased",
-    "penetrating",
-    "collapsed",
-    "no_motion",
-    "crashed",
-    "diverged",
-    "locked",
-    "timed_out",
-    "impact",
-    "unused",
-    "integrated",
-    "subharmonic",
-    "broadband",
-    "multiple_attractors",
-)
-
+STATUSES = tuple(name for name in NAMES.values() if name != "pending")
 ANSWERED = ("converged", "integrated", "multiple_attractors")
 
 _FORMS = (

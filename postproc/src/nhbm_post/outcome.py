@@ -5,15 +5,6 @@ The program has them in src/solve/hb_outcome.f90; a file brings its own numbers 
 
 from __future__ import annotations
 
-PENDING, CONVERGED, FAILED, CRASHED, UNUSED, INTEGRATED = 0, 1, 6, 12, 17, 18
-# No motion was reached that could be looked at.
-EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
-# There is a motion: of the balance, where all but the first exceed a limit of the error estimate and do not count as
-# converged, or integrated.
-SOLVED = (CONVERGED, 7, 8, 9, 16, INTEGRATED, 21)
-# Statuses of motions without a fault.
-ANSWERS = {CONVERGED: "converged", INTEGRATED: "found by time integration"}
-
 TEXTS = {
     "pending": "not solved yet",
     "converged": "converged",
@@ -39,6 +30,22 @@ TEXTS = {
     "multiple_attractors": "multiple attractors: time integration finds several motions",
 }
 NAMES = dict(enumerate(TEXTS))
+
+
+def _numbers(*names: str) -> tuple[int, ...]:
+    return tuple(list(TEXTS).index(name) for name in names)
+
+
+PENDING, CONVERGED, FAILED, CRASHED, UNUSED, INTEGRATED = _numbers(
+    "pending", "converged", "failed", "crashed", "unused", "integrated"
+)
+# There is no motion to evaluate.
+EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
+# There is a motion: of the balance, where all but the first exceed a limit of the error estimate and do not count as
+# converged, or integrated.
+SOLVED = _numbers("converged", "truncated", "aliased", "penetrating", "impact", "integrated", "multiple_attractors")
+# Statuses of motions without a fault.
+ANSWERS = {CONVERGED: "converged", INTEGRATED: "found by time integration"}
 
 
 def words(name: str) -> str:
