@@ -7,7 +7,7 @@ module hb_point_source
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
    use hb_options, only: callbacks_t
-   use hb_results, only: results_layout_t
+   use hb_results_layout, only: results_layout_t
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
    private

@@ -32,11 +32,13 @@ module hb_progress
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
       character(:), allocatable, private :: what                      ! name of the items that are counted
-      real(wp), private :: started, shown, interval = log_interval
+      real(wp), private :: started_at                                 ! wall clock [s]
+      real(wp), private :: shown_at                                   ! wall clock [s] of the last line
+      real(wp), private :: interval = log_interval                    ! [s] to the next line
       integer, private :: done = 0, failed = 0                        ! points of this rank that are not reported yet
       integer, private :: shown_done = 0, shown_failed = 0            ! in the last line
       logical, private :: ends_log = .false.                          ! the last line is one of a log, about whole points only
-      real(wp), private :: reported = 0.0_wp
+      real(wp), private :: reported_at = 0.0_wp                       ! wall clock [s] of the last message to the other ranks
    contains
       procedure :: note => progress_note
       procedure :: report => progress_report
@@ -62,8 +64,8 @@ contains
       self%is_shown = is_first .and. level >= log_level%normal
       self%is_debug = level >= log_level%debug
       self%on_terminal = is_terminal()
-      self%started = wall_clock()
-      self%shown = self%started
+      self%started_at = wall_clock()
+      self%shown_at = self%started_at
       if (self%on_terminal) self%interval = terminal_interval
    end subroutine new_progress
 
@@ -75,7 +77,7 @@ contains
 
       self%done = self%done + 1
       if (has_failed) self%failed = self%failed + 1
-      is_report_due = wall_clock() - self%reported >= tally_interval
+      is_report_due = wall_clock() - self%reported_at >= tally_interval
    end subroutine progress_note
 
    !> Returns the points counted since the last call.
@@ -87,7 +89,7 @@ contains
       failed = self%failed
       self%done = 0
       self%failed = 0
-      self%reported = wall_clock()
+      self%reported_at = wall_clock()
    end subroutine progress_report
 
    !> Whether the next line is due.
@@ -95,7 +97,7 @@ contains
       class(progress_t), intent(in) :: self
 
       progress_is_due = .false.
-      if (self%is_shown) progress_is_due = wall_clock() - self%shown >= self%interval
+      if (self%is_shown) progress_is_due = wall_clock() - self%shown_at >= self%interval
    end function progress_is_due
 
    !> Writes the progress of the run.
@@ -105,12 +107,12 @@ contains
       character(*), intent(in), optional :: within                    !! what the rank does within a point
 
       if (.not. self%is_shown) return
-      self%shown = wall_clock()
+      self%shown_at = wall_clock()
       if (.not. self%on_terminal) self%interval = min(log_growth*self%interval, longest_log_interval)
       self%shown_done = done
       self%shown_failed = failed
       self%ends_log = .not. (self%on_terminal .or. present(within))
-      call write_line(self, done, failed, self%shown, within)
+      call write_line(self, done, failed, self%shown_at, within)
    end subroutine progress_show
 
    !> Writes the outcome of one point, at level debug, on the rank that solved it.
@@ -141,7 +143,7 @@ contains
       real(wp) :: seconds
       integer :: filled
 
-      seconds = max(now - self%started, epsilon(1.0_wp))
+      seconds = max(now - self%started_at, epsilon(1.0_wp))
       line = to_text(done)
       if (self%n_points > 0) line = line//"/"//to_text(self%n_points)
       line = line//" "//self%what

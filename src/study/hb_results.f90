@@ -24,7 +24,7 @@ module hb_results
    use hb_text, only: to_text
    implicit none
    private
-   public :: create_results, open_results, results_layout_t, results_t
+   public :: create_results, open_results, results_t
 
    !> A result file open for writing.
    type, extends(stored_file_t) :: results_t

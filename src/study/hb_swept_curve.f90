@@ -17,9 +17,10 @@ module hb_swept_curve
    use hb_outcome, only: is_solved, outcome
    use hb_point_kinds, only: curve_kind
    use hb_point_source, only: point_source_t
-   use hb_results, only: results_layout_t, results_t
+   use hb_results, only: results_t
+   use hb_results_layout, only: results_layout_t
    use hb_stored_origin, only: request_curve
-   use hb_swept_point, only: check_layout, spread_result
+   use hb_swept_point, only: check_dofs, spread_result
    implicit none
    private
    public :: new_swept_curve, swept_curve_t
@@ -62,7 +63,7 @@ contains
       allocate (self%stored(0))
       associate (model => self%runner%model)
          call update_model(model, document, is_new, failure, source%available_memory, source%callbacks)
-         if (.not. allocated(failure)) call check_layout(model%system, model%options, source%layout, failure)
+         if (.not. allocated(failure)) call check_dofs(model%system, model%options, source%layout, failure)
          if (.not. allocated(failure)) call request_curve(source%plan%curve, model, document, self%runner%request, failure)
       end associate
       if (.not. allocated(failure)) call self%runner%prepare()

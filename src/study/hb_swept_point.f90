@@ -17,12 +17,11 @@ module hb_swept_point
    use hb_outcome, only: outcome
    use hb_point_runner, only: run_model
    use hb_point_source, only: point_source_t
-   use hb_results, only: results_layout_t
-   use hb_results_layout, only: rank_times_t
+   use hb_results_layout, only: rank_times_t, results_layout_t
    use hb_system, only: system_t
    implicit none
    private
-   public :: check_layout, run_point, spread_result
+   public :: check_dofs, run_point, spread_result
 
 contains
 
@@ -44,7 +43,7 @@ contains
       call cancellation%enter(huge(1.0_wp))
       call source%plan%apply(point, source%document)
       call update_model(source%model, source%document, is_new, error, source%available_memory, source%callbacks)
-      if (is_new .and. .not. allocated(error)) call check_layout(source%model%system, source%model%options, source%layout, error)
+      if (is_new .and. .not. allocated(error)) call check_dofs(source%model%system, source%model%options, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)
       if (allocated(error)) then
@@ -74,7 +73,7 @@ contains
    end subroutine run_point
 
    !> Rejects a point whose structure or laws have other degrees of freedom: a file has one list of them.
-   subroutine check_layout(system, options, layout, error)
+   subroutine check_dofs(system, options, layout, error)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       type(results_layout_t), intent(in) :: layout
@@ -92,7 +91,7 @@ contains
       end if
       if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
                                    "list the common ones in &output dofs, or run it by itself")
-   end subroutine check_layout
+   end subroutine check_dofs
 
    !> Maps all coefficients of a point to the harmonics of the file.
    subroutine spread_result(harmonics, layout, result)

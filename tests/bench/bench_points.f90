@@ -17,8 +17,8 @@ module bench_points
    use hb_outcome, only: is_solved
    use hb_point_source, only: point_source_t
    use hb_progress, only: new_progress, progress_t
-   use hb_results, only: create_results, results_layout_t, results_t
-   use hb_results_layout, only: rank_times_t
+   use hb_results, only: create_results, results_t
+   use hb_results_layout, only: rank_times_t, results_layout_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
    use hb_text, only: to_text

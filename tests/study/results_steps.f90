@@ -8,7 +8,8 @@ module results_steps
    use hb_mpi, only: barrier, comm_t, rank_of, size_of
    use hb_outcome, only: outcome
    use hb_result_columns, only: message_length
-   use hb_results, only: create_results, results_layout_t, results_t
+   use hb_results, only: create_results, results_t
+   use hb_results_layout, only: results_layout_t
    implicit none
    private
    public :: attribute_of, integers_of, numbered_point, numbers, read_reals, read_texts, remove, small_layout, write_file
