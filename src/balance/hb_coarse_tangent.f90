@@ -1,12 +1,13 @@
 !> The tangent restricted to a few harmonics of all degrees of freedom, factorised: the part of the preconditioner with the
 !> coupling of harmonics. Source: docs/why/theory.md, section 6.6.
-!> Unknowns are ordered degree of freedom by degree of freedom, so that a narrow structure gives a band.
+!> Unknowns are ordered degree of freedom by degree of freedom, so that a narrow structure gives a band. Factors are in single
+!> precision: iterations correct them, and time goes into reading them.
 module hb_coarse_tangent
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
-   use hb_kinds, only: wp
-   use hb_lapack, only: dgbtrf, dgbtrs, dgetrf, dgetrs
+   use hb_kinds, only: sp, wp
+   use hb_lapack, only: sgbtrf, sgbtrs, sgetrf, sgetrs
    implicit none
    private
    public :: coarse_tangent_t, factor_memory, factor_work, max_memory, new_coarse_tangent
@@ -19,8 +20,8 @@ module hb_coarse_tangent
       logical :: is_usable = .false.                                  !! factorised and not singular
       integer, private :: n = 0                                       ! unknowns
       integer, private :: half_bandwidth = 0                          ! of the band
-      logical, private :: is_banded = .false.
-      real(wp), allocatable, private :: matrix(:, :), rhs(:)
+      real(sp), private :: unit = 0.0_sp                              ! of the entries [N/m], set by the first ones
+      real(sp), allocatable, private :: matrix(:, :), rhs(:)
       integer, allocatable, private :: pivots(:)
       integer, allocatable, private :: positions(:)                   ! of its coefficients among those of the full set
    contains
@@ -46,8 +47,7 @@ contains
       self%positions = [full%indices_of(self%set, 1)]
       self%n = self%set%n_coefficients*n_dofs
       self%half_bandwidth = (half_bandwidth + 1)*self%set%n_coefficients - 1
-      self%is_banded = is_better_as_band(self%n, self%half_bandwidth)
-      if (self%is_banded) then
+      if (is_banded(self)) then
          allocate (self%matrix(3*self%half_bandwidth + 1, self%n))
       else
          allocate (self%matrix(self%n, self%n))
@@ -55,11 +55,11 @@ contains
       allocate (self%rhs(self%n), self%pivots(self%n))
    end subroutine new_coarse_tangent
 
-   pure logical function is_better_as_band(n, half_bandwidth)
-      integer, intent(in) :: n, half_bandwidth
+   pure logical function is_banded(self)
+      type(coarse_tangent_t), intent(in) :: self
 
-      is_better_as_band = 2*(3*half_bandwidth + 1) <= n
-   end function is_better_as_band
+      is_banded = 2*(3*self%half_bandwidth + 1) <= self%n
+   end function is_banded
 
    !> Multiplications and additions of the factorisation for `n_coefficients` of `n_dofs` degrees of freedom.
    pure real(wp) function factor_work(n_coefficients, n_dofs, half_bandwidth)
@@ -87,7 +87,8 @@ contains
    subroutine coarse_tangent_clear(self)
       class(coarse_tangent_t), intent(inout) :: self
 
-      self%matrix = 0.0_wp
+      self%matrix = 0.0_sp
+      self%unit = 0.0_sp
       self%is_usable = .false.
    end subroutine coarse_tangent_clear
 
@@ -96,14 +97,16 @@ contains
       class(coarse_tangent_t), intent(inout) :: self
       integer, intent(in) :: i, k
       real(wp), intent(in) :: block(:, :)                             !! (n_coefficients, n_coefficients) of `set`
+      real(wp), parameter :: smallest = 1.0e-30_wp                    ! of a unit in this precision [N/m]
       integer :: column, m, row
 
       m = self%set%n_coefficients
+      if (.not. self%unit > 0.0_sp) self%unit = real(min(max(maxval(abs(block)), smallest), 1.0_wp/smallest), sp)
       do column = 1, m
          row = (i - 1)*m
-         if (self%is_banded) row = row + 2*self%half_bandwidth + 1 - ((k - 1)*m + column)
+         if (is_banded(self)) row = row + 2*self%half_bandwidth + 1 - ((k - 1)*m + column)
          associate (entries => self%matrix(row + 1:row + m, (k - 1)*m + column))
-            entries = entries + block(:, column)
+            entries = entries + real(block(:, column)/self%unit, sp)
          end associate
       end do
    end subroutine coarse_tangent_add
@@ -114,10 +117,10 @@ contains
       integer :: info
 
       if (.not. all(ieee_is_finite(self%matrix))) return              ! NaN must not reach LAPACK if exceptions stop it
-      if (self%is_banded) then
-         call dgbtrf(self%n, self%n, self%half_bandwidth, self%half_bandwidth, self%matrix, size(self%matrix, 1), self%pivots, info)
+      if (is_banded(self)) then
+         call sgbtrf(self%n, self%n, self%half_bandwidth, self%half_bandwidth, self%matrix, size(self%matrix, 1), self%pivots, info)
       else
-         call dgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
+         call sgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
       end if
       self%is_usable = info == 0
    end subroutine coarse_tangent_factorise
@@ -134,18 +137,23 @@ contains
       class(coarse_tangent_t), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)                                 !! (n_coefficients of the full set, n_dofs)
       real(wp), intent(inout) :: step(:, :)                           !! as r; other harmonics are unchanged
-      integer :: i, info
+      integer :: i, info, m
+      real(wp) :: largest
 
-      self%rhs = [r(self%positions, :)]
-      if (self%is_banded) then
-         call dgbtrs("N", self%n, self%half_bandwidth, self%half_bandwidth, 1, self%matrix, size(self%matrix, 1), self%pivots, &
-            self%rhs, self%n, &
-                     info)
+      largest = maxval(abs(r(self%positions, :)))
+      if (.not. largest > 0.0_wp) largest = 1.0_wp
+      m = size(self%positions)
+      do i = 1, size(r, 2)
+         self%rhs((i - 1)*m + 1:i*m) = real(r(self%positions, i)/largest, sp)
+      end do
+      if (is_banded(self)) then
+         call sgbtrs("N", self%n, self%half_bandwidth, self%half_bandwidth, 1, self%matrix, size(self%matrix, 1), self%pivots, &
+                     self%rhs, self%n, info)
       else
-         call dgetrs("N", self%n, 1, self%matrix, self%n, self%pivots, self%rhs, self%n, info)
+         call sgetrs("N", self%n, 1, self%matrix, self%n, self%pivots, self%rhs, self%n, info)
       end if
       do i = 1, size(r, 2)
-         step(self%positions, i) = self%rhs((i - 1)*size(self%positions) + 1:i*size(self%positions))
+         step(self%positions, i) = (largest/self%unit)*self%rhs((i - 1)*m + 1:i*m)
       end do
    end subroutine coarse_tangent_solve
 end module hb_coarse_tangent

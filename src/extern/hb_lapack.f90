@@ -3,12 +3,12 @@
 !> Names and arguments are those of the reference (https://netlib.org/lapack); `info` < 0 is a wrong argument,
 !> `info` > 0 is described at each routine. Leading dimensions must be at least 1, also for empty matrices.
 module hb_lapack
-   use hb_kinds, only: wp
+   use hb_kinds, only: sp, wp
    implicit none
    private
-   public :: dgbtrf, dgbtrs, dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
-   public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
-   public :: zgemm, zgetrf, zgetrs
+   public :: dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
+   public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsygv, sgbtrf, sgbtrs, sgetrf, sgetrs
+   public :: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgetrf, zgetrs
 
    ! Linear equations, dense
    interface
@@ -31,6 +31,26 @@ module hb_lapack
          real(wp), intent(inout) :: b(ldb, *)
          integer, intent(out) :: info
       end subroutine dgetrs
+
+      !> `dgetrf` in single precision.
+      subroutine sgetrf(m, n, a, lda, ipiv, info)
+         import :: sp
+         integer, intent(in) :: m, n, lda
+         real(sp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine sgetrf
+
+      !> `dgetrs` in single precision.
+      subroutine sgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
+         import :: sp
+         character, intent(in) :: trans
+         integer, intent(in) :: n, nrhs, lda, ldb
+         real(sp), intent(in) :: a(lda, *)
+         integer, intent(in) :: ipiv(*)
+         real(sp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine sgetrs
 
       !> LU factors with row exchanges of a complex matrix; info = i > 0: pivot i is exactly zero.
       subroutine zgetrf(m, n, a, lda, ipiv, info)
@@ -110,25 +130,25 @@ module hb_lapack
          integer, intent(out) :: info
       end subroutine zgbcon
 
-      !> LU factors of a real band matrix, stored as for `zgbtrf`.
-      subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
-         import :: wp
+      !> LU factors of a real band matrix in single precision, stored as for `zgbtrf`.
+      subroutine sgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
+         import :: sp
          integer, intent(in) :: m, n, kl, ku, ldab
-         real(wp), intent(inout) :: ab(ldab, *)
+         real(sp), intent(inout) :: ab(ldab, *)
          integer, intent(out) :: ipiv(*)
          integer, intent(out) :: info
-      end subroutine dgbtrf
+      end subroutine sgbtrf
 
-      !> Solves with the factors of `dgbtrf`.
-      subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
-         import :: wp
+      !> Solves with the factors of `sgbtrf`.
+      subroutine sgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
+         import :: sp
          character, intent(in) :: trans
          integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb
-         real(wp), intent(in) :: ab(ldab, *)
+         real(sp), intent(in) :: ab(ldab, *)
          integer, intent(in) :: ipiv(*)
-         real(wp), intent(inout) :: b(ldb, *)
+         real(sp), intent(inout) :: b(ldb, *)
          integer, intent(out) :: info
-      end subroutine dgbtrs
+      end subroutine sgbtrs
 
       !> Solves with the factors of `zgbtrf`.
       subroutine zgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)

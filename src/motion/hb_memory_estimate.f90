@@ -251,7 +251,7 @@ contains
    end function from_products
 
    !> GMRES with the samples of its products, and the preconditioner: factors of each harmonic alone and of the partial
-   !> or strongest coupling; see hb_gmres, hb_tangent_product and hb_coarse_tangent.
+   !> or strongest coupling in single precision; see hb_gmres, hb_tangent_product and hb_coarse_tangent.
    pure real(wp) function products_bytes(s, is_strongest)
       type(sizes_t), intent(in) :: s
       logical, intent(in) :: is_strongest                             !! otherwise of the level that easy problems do not exceed
@@ -267,7 +267,7 @@ contains
       allocate (samples, source=s%samples)
       if (s%states <= 0.0_wp .and. all(s%samples >= 4*real(s%highest, wp) + 1)) &
          samples = min(s%samples, cheap_size(4*s%highest + 1, size(samples)))
-      products_bytes = real_bytes*(n*(s%solver%krylov_vectors + 15) + min(max_memory, factors) + &
+      products_bytes = real_bytes*(n*(s%solver%krylov_vectors + 15) + 0.5_wp*min(max_memory, factors) + &
                                    volume(samples)*((s%n_kinds + 4)*s%n_coordinates + s%n_kinds*s%n_pairs) + &
                                    6.5_wp*table_size(s%highest) + 5*s%n_coordinates**2) &
                        + complex_bytes*s%n_harmonics*s%n_coordinates*factor_rows(s%n_coordinates, s%bandwidth)
