@@ -90,8 +90,7 @@ contains
       if (.not. solves_by_products()) return
       allocate (self%krylov)
       wide%preconditioner_level = first_level(wide%n_unknowns)
-      call new_tangent_krylov(self%krylov, wide, vectors_of_steps, max_products)
-      self%krylov%patience = patience
+      wide%has_preconditioner = .false.
 
    contains
 
@@ -306,10 +305,14 @@ contains
 
       step = 0.0_wp
       is_found = all(ieee_is_finite(r))
-      if (is_found) call self%krylov%update(self%wide, reshape(motion, [size(motion)]), is_found)
+      if (.not. is_found) return
+      call new_tangent_krylov(self%krylov, self%wide, vectors_of_steps, max_products)
+      self%krylov%patience = patience
+      call self%krylov%update(self%wide, reshape(motion, [size(motion)]), is_found)
       if (.not. is_found) return
       call self%krylov%solve(self%wide, r, residual, step)
-      self%n_products = self%krylov%n_products
+      self%n_products = self%n_products + self%krylov%n_products
+      self%wide%has_preconditioner = .true.                           ! also of the next step, however many products it took
       is_found = all(ieee_is_finite(step)) .and. self%krylov%residual <= largest_residual
    end subroutine wide_problem_find_whole_step
 
