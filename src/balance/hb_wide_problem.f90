@@ -98,7 +98,7 @@ contains
       pure integer function first_level(n)
          integer, intent(in) :: n
 
-         first_level = 1 + count(n > [1000, 4000, 16000])
+         first_level = 1 + count(n > [1000, 4000, 6000])
       end function first_level
 
       !> Whether GMRES finds the steps with the preconditioner of the wide balance: each solution of the narrow problem
