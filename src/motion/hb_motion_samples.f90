@@ -5,6 +5,7 @@ module hb_motion_samples
    use hb_discretisation, only: discretisation_t
    use hb_kinds, only: two_pi, wp
    use hb_motion_result, only: motion_result_t
+   use hb_motion_series, only: motion_series_t, new_motion_series
    implicit none
    private
    public :: sample_motion
@@ -13,15 +14,16 @@ contains
 
    !> Finds phases, displacements and velocities at the degrees of freedom of laws, ascending (law_dofs_of); not allocated if the
    !> result has no motion.
-   pure subroutine sample_motion(discretisation, motion, n, phases, q, v)
+   subroutine sample_motion(discretisation, motion, n, phases, q, v)
       type(discretisation_t), intent(in) :: discretisation
       type(motion_result_t), intent(in) :: motion
       integer, intent(in) :: n                                        !! number of samples
       real(wp), allocatable, intent(out) :: phases(:, :)              !! [rad], (n_tones, n_samples)
       real(wp), allocatable, intent(out) :: q(:, :), v(:, :)          !! [m], [m/s], (n_samples, n_law_dofs)
       integer, allocatable :: tuples(:, :)
-      real(wp) :: base, cosine(n), phase(n), rate, sine(n)
-      integer :: d, h, k, s
+      type(motion_series_t) :: series
+      real(wp) :: base
+      integer :: k, s
 
       if (.not. (allocated(motion%corrected_coefficients) .and. allocated(motion%frequency))) return
       tuples = discretisation%harmonics%tuples
@@ -34,20 +36,11 @@ contains
             phases(k, s) = two_pi*modulo(s/base**k, 1.0_wp)
          end do
       end do
-      allocate (q(n, size(motion%corrected_coefficients, 3)), source=0.0_wp)
-      v = q
-      do h = 1, size(tuples, 2)
-         phase = matmul(real(tuples(:, h), wp), phases)
-         cosine = cos(phase)
-         sine = sin(phase)
-         rate = dot_product(real(tuples(:, h), wp), motion%frequency)
-         do d = 1, size(q, 2)
-            associate (c => motion%corrected_coefficients(1, h, d), s => motion%corrected_coefficients(2, h, d))
-               q(:, d) = q(:, d) + c*cosine + s*sine
-               v(:, d) = v(:, d) + rate*(s*cosine - c*sine)
-            end associate
-         end do
-      end do
+      associate (c => motion%corrected_coefficients)
+         call new_motion_series(series, tuples, motion%frequency, transpose(cmplx(c(1, :, :), -c(2, :, :), wp)))
+         allocate (q(n, size(c, 3)), v(n, size(c, 3)))
+      end associate
+      call series%at(phases, q, v)
    end subroutine sample_motion
 
    !> The root g > 1 of g**(d + 1) = g + 1.
