@@ -279,7 +279,7 @@ contains
          associate (n => self%n_coordinates)
             allocate (piece%by_displacement(n, n, 1), piece%by_rate(n, n, 1), piece%by_state(n, self%n_states, 1))
          end associate
-         call self%find_slopes(piece, self%motion%phases([0.5_wp*(piece%start + piece%finish)]), piece%by_displacement, &
+         call self%find_slopes(piece, [0.5_wp*(piece%start + piece%finish)], piece%by_displacement, &
                                piece%by_rate, piece%by_state)
       end if
       call self%matrix_at(piece, 1, a)
@@ -350,10 +350,10 @@ contains
          by_displacement(:, :, ::2) = piece%by_displacement
          by_rate(:, :, ::2) = piece%by_rate
          by_state(:, :, ::2) = piece%by_state
-         call self%find_slopes(piece, self%motion%phases(times(1::2)), by_displacement(:, :, 1::2), by_rate(:, :, 1::2), &
+         call self%find_slopes(piece, times(1::2), by_displacement(:, :, 1::2), by_rate(:, :, 1::2), &
                           by_state(:, :, 1::2))
       else
-         call self%find_slopes(piece, self%motion%phases(times), by_displacement, by_rate, by_state)
+         call self%find_slopes(piece, times, by_displacement, by_rate, by_state)
       end if
       call move_alloc(by_displacement, piece%by_displacement)
       call move_alloc(by_rate, piece%by_rate)
@@ -370,7 +370,7 @@ contains
       integer :: i, k
 
       if (all(piece%slip == 0)) return
-      call self%motion%at(self%motion%phases([piece%finish]), z, v)
+      call self%find_motion([piece%finish], z, v)
       do i = 1, size(self%laws)
          associate (span => self%spans(i))
             if (span%last_state < span%first_state) cycle

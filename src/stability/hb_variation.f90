@@ -13,6 +13,7 @@ module hb_variation
    use hb_massless, only: massless_t, new_massless
    use hb_matrix_exponential, only: count_exponential, work_of_product
    use hb_motion_series, only: motion_series_t, new_motion_series
+   use hb_motion_window, only: motion_window_t
    use hb_structure, only: max_dense, structure_t
    use hb_thresholds, only: difference_step, faint
    implicit none
@@ -53,7 +54,11 @@ module hb_variation
       real(wp) :: detection_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
       real(wp), allocatable :: extent(:)                              !! amplitude of the motion of each coordinate [m]
       logical, private :: has_turning = .false.
+      logical, private :: needs_rates = .false.                       ! switches, sliders or slopes of a law
+      type(motion_window_t), private :: window                        ! the motion in the present interval
    contains
+      procedure :: enter => variation_enter
+      procedure :: find_motion => variation_find_motion
       procedure :: matrix_at => variation_matrix_at
       procedure :: find_slopes => variation_find_slopes
       procedure :: find_bound_slopes => variation_find_bound_slopes
@@ -94,6 +99,7 @@ contains
             self%n_coordinates = self%n_coordinates + size(law%shape, 2)
             span%last = self%n_coordinates
             self%has_turning = self%has_turning .or. law%n_phases > 0
+            self%needs_rates = self%needs_rates .or. law%needs_velocity .or. law%n_states > 0
             if (law%needs_frequencies) call law%set_frequencies(omega)
             select type (law)
             class is (hysteretic_law_t)
@@ -191,6 +197,27 @@ contains
       self%norm = max(self%scale, maxval(sum(abs(self%constant), dim=1), mask=ieee_is_finite(sum(self%constant, dim=1))))
    end subroutine leave_out_massless
 
+   !> Prepares for many times of an interval.
+   subroutine variation_enter(self, start, finish)
+      class(variation_t), intent(inout) :: self
+      real(wp), intent(in) :: start, finish                           !! [s]
+
+      call self%window%cover(self%motion, start, finish, self%needs_rates)
+   end subroutine variation_enter
+
+   !> Coordinates at several times, and their rates if a law needs them, otherwise 0.
+   pure subroutine variation_find_motion(self, times, z, v)
+      class(variation_t), intent(in) :: self
+      real(wp), intent(in) :: times(:)                                !! [s]
+      real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
+
+      if (self%window%covers(times)) then
+         call self%window%at(times, z, v)
+      else
+         call self%motion%at(self%motion%phases(times), z, v, self%needs_rates)
+      end if
+   end subroutine variation_find_motion
+
    !> Whether no law has a memory or kinks.
    pure logical function variation_is_smooth(self) result(is_smooth)
       class(variation_t), intent(in) :: self
@@ -261,26 +288,26 @@ contains
       turned = matmul(shape, matmul(slopes, transpose(shape)))
    end function turned
 
-   !> Slopes of the forces of all laws at the coordinates of the motion, at several phases within a piece.
-   subroutine variation_find_slopes(self, piece, phases, by_displacement, by_rate, by_state)
+   !> Slopes of the forces of all laws at the coordinates of the motion, at several times within a piece.
+   subroutine variation_find_slopes(self, piece, times, by_displacement, by_rate, by_state)
       class(variation_t), intent(inout) :: self
       type(piece_t), intent(in) :: piece
-      real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_times)
+      real(wp), intent(in) :: times(:)                                !! [s]
       real(wp), intent(out) :: by_displacement(:, :, :), by_rate(:, :, :) !! (n_coordinates, n_coordinates, n_times)
       real(wp), intent(out) :: by_state(:, :, :)                      !! (n_coordinates, n_states, n_times), for sliders that stick
-      real(wp) :: v(size(phases, 2), self%n_coordinates), z(size(phases, 2), self%n_coordinates)
+      real(wp) :: v(size(times), self%n_coordinates), z(size(times), self%n_coordinates)
       real(wp), allocatable :: df_dp(:, :, :), df_dv(:, :, :), df_dz(:, :, :), f(:, :), nothing(:, :)
       integer :: c, d, i, n, n_times
 
-      n_times = size(phases, 2)
+      n_times = size(times)
       by_displacement = 0.0_wp
       by_rate = 0.0_wp
       by_state = 0.0_wp
-      call self%motion%at(phases, z, v)
+      call self%find_motion(times, z, v)
       do i = 1, size(self%laws)
          associate (law => self%laws(i)%law, span => self%spans(i))
             n = size(law%shape, 2)
-            if (law%n_phases > 0) call law%set_phases(phases)
+            if (law%n_phases > 0) call law%set_phases(self%motion%phases(times))
             select type (law)
             class is (hysteretic_law_t)
                call find_slopes_with_memory(self, law, span, piece, z(:, span%first:span%last), v(:, span%first:span%last), &

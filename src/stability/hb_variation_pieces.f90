@@ -7,7 +7,6 @@ module hb_variation_pieces
    use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_law, only: law_t
    use hb_thresholds, only: max_bisections, rounding
    use hb_variation, only: piece_t, variation_t
    implicit none
@@ -61,14 +60,14 @@ contains
       integer :: i
 
       allocate (events(0))
+      call self%enter(start, finish)
       call place_sliders(self, start)
       first_slip = self%slip
       first_held = self%held
       if (.not. self%is_smooth()) then
          times = [(start + (finish - start)*i/n_instants, i=0, n_instants)]
          allocate (z(size(times), self%n_coordinates), v(size(times), self%n_coordinates))
-         call self%motion%at(self%motion%phases(times), z, v, &
-                             any([(needs_rates(self%laws(i)%law), i=1, size(self%laws))]))
+         call self%find_motion(times, z, v)
          do i = 1, size(self%laws)
             if (self%laws(i)%law%n_switches > 0) then
                call find_switching(self, i, times, z, v, found)
@@ -83,13 +82,6 @@ contains
       end if
       call make_pieces(self, start, finish, first_slip, first_held, events, pieces)
    end subroutine cut_time
-
-   !> Whether switches or sliders of a law depend on rates.
-   pure logical function needs_rates(law)
-      class(law_t), intent(in) :: law
-
-      needs_rates = law%needs_velocity .or. law%n_states > 0
-   end function needs_rates
 
    !> Propagates sliders round a period until they are periodic.
    subroutine make_sliders_periodic(self, start, finish, n_instants)
@@ -151,7 +143,7 @@ contains
          real(wp) :: there(size(values, 1), size(wide))
 
          associate (middles => brackets(wide)%middle)
-            call self%motion%at(self%motion%phases(middles), z_there, v_there, needs_rates(self%laws(i)%law))
+            call self%find_motion(middles, z_there, v_there)
             call switches_at(self, i, middles, z_there, v_there, there)
          end associate
          do k = 1, size(wide)
@@ -219,7 +211,7 @@ contains
       integer :: i
 
       if (self%n_states == 0) return
-      call self%motion%at(self%motion%phases([time]), z, v)
+      call self%find_motion([time], z, v)
       do i = 1, size(self%laws)
          select type (law => self%laws(i)%law)
          class is (hysteretic_law_t)
@@ -404,8 +396,8 @@ contains
       real(wp), intent(in) :: time
       real(wp), dimension(1, search%variation%n_coordinates) :: v, z
 
-      associate (motion => search%variation%motion, span => search%variation%spans(search%i))
-         call motion%at(motion%phases([time]), z, v)
+      associate (span => search%variation%spans(search%i))
+         call search%variation%find_motion([time], z, v)
          call find_bounds(search, z(1, span%first:span%last), v(1, span%first:span%last))
       end associate
    end subroutine update_bounds
