@@ -8,6 +8,7 @@
 !> parts to record the largest growth.
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_beat, only: slowest_beat
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_exponents, only: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
@@ -27,10 +28,13 @@ module hb_floquet
    implicit none
    private
    public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, least_work, &
-      linear_propagation_t, new_linear_propagation, stability_of_map, work_on_demand
+      linear_propagation_t, new_linear_propagation, periods_of_beats, stability_of_map, work_on_demand
 
    real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
    integer, parameter :: turns_of_part = 4                            ! of the fastest tone
+   real(wp), parameter :: turns_of_slow_phase = 2*turns_of_part       ! of the slowest tone, in a slow beat
+   real(wp), parameter :: beats_of_record = 3.0_wp                    ! its halves then end at opposite phases of the beat
+   integer, parameter :: doublings_of_record = 4                      ! where its halves differ
 
    type, extends(propagation_t) :: linear_propagation_t
       type(variation_t), pointer :: variation => null()
@@ -39,6 +43,7 @@ module hb_floquet
       real(wp) :: tolerance = 0.0_wp                                  !! of a period, relative
       real(wp), private :: time = 0.0_wp                              ! [s]
       integer, private :: n_parts = 1                                 ! of a period
+      logical :: has_slow_phase = .false.                             !! a slow tone or beat: `surge` is recorded
       real(wp), private :: refine = 0.0_wp                            ! logarithm of the growth of the first disturbance since
                                                                       !! its last minimum
    contains
@@ -95,10 +100,13 @@ contains
       if (motion%tones%n_tones == 1) then
          work = work_of_monodromy(variation)
       else
-         associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)))
+         associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)), &
+                    necessary => periods_of_beats(motion%tuples, motion%tones%omega, motion%amplitudes))
+            how%min_periods = max(how%min_periods, necessary)
+            how%max_periods = max(how%max_periods, doublings_of_record*necessary)
             work = work_of_exponents(work_of_period, how%min_periods)
             if (work > limit .and. config%method == stability_method%auto) then
-               how%min_periods = min(how%min_periods, few_periods)
+               how%min_periods = min(how%min_periods, max(few_periods, necessary))
                work = work_of_exponents(work_of_period, how%min_periods)
             end if
          end associate
@@ -122,6 +130,16 @@ contains
                            min(limit, work_on_demand))
       end if
    end subroutine floquet_find
+
+   !> Periods of the slowest tone that an average has to last for: in a part of a slow beat disturbances may grow although they
+   !> decay on the whole, and the reverse.
+   pure integer function periods_of_beats(tuples, omega, amplitudes) result(n_periods)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
+
+      n_periods = ceiling(min(beats_of_record*minval(abs(omega))/slowest_beat(tuples, omega, amplitudes), 1.0e8_wp))
+   end function periods_of_beats
 
    !> Displacements on which no force depends, (n_dofs, any): motions that differ by them are equivalent.
    pure function free_motions(structure, laws) result(motions)
@@ -470,6 +488,10 @@ contains
       associate (ratio => maxval(variation%motion%omega)/minval(variation%motion%omega))
          self%n_parts = max(1, int(ratio/turns_of_part))
       end associate
+      associate (motion => variation%motion)
+         self%has_slow_phase = self%n_parts > 1 .or. turns_of_slow_phase*slowest_beat(motion%tuples, motion%omega, &
+                                                                                    motion%amplitudes) < minval(motion%omega)
+      end associate
       self%work = self%n_parts*work_of_transfer(variation, self%length/self%n_parts)
    end subroutine new_linear_propagation
 
@@ -509,7 +531,7 @@ contains
          self%time = self%time + length
          call remove_shifts(self, x)
          self%refine = max(0.0_wp, self%refine + log(max(norm2(x(:, 1)), tiny(1.0_wp))/max(before, tiny(1.0_wp))))
-         if (self%n_parts > 1) self%surge = max(self%surge, self%refine)
+         if (self%has_slow_phase) self%surge = max(self%surge, self%refine)
       end do
    end subroutine linear_propagation_propagate
 

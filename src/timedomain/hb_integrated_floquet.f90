@@ -3,7 +3,8 @@
 module hb_integrated_floquet
    use hb_error, only: error_t
    use hb_exponents, only: orthogonalise, propagation_t, work_of_exponents
-   use hb_floquet, only: assess_exponents, assess_matrix, deflate, floquet_t, has_to_be_integrated, work_on_demand
+   use hb_floquet, only: assess_exponents, assess_matrix, deflate, floquet_t, has_to_be_integrated, &
+      periods_of_beats, work_on_demand
    use hb_integration_system, only: integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
@@ -88,14 +89,18 @@ contains
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(integrated_propagation_t) :: propagation
       type(error_t), allocatable :: error
+      type(stability_config_t) :: how
 
+      how = config
+      how%min_periods = max(how%min_periods, periods_of_beats(motion%tuples, motion%omega, motion%amplitudes))
+      how%max_periods = max(how%max_periods, how%min_periods)
       call new_integrated_propagation(propagation, system, motion, restitution, config%tolerance, error)
       if (allocated(error)) return
-      self%is_too_costly = work_of_exponents(propagation%work, config%min_periods) > work_limit
+      self%is_too_costly = work_of_exponents(propagation%work, how%min_periods) > work_limit
       if (self%is_too_costly) return
       self%method = stability_method%integration
       call propagation%integration%allow(work_limit)
-      call assess_exponents(self, propagation, min(work_limit, work_on_demand), config)
+      call assess_exponents(self, propagation, min(work_limit, work_on_demand), how)
    end subroutine integration_periods
 
    !> By time integration over a period of one tone from the motion and from neighbouring states, for laws that

@@ -46,7 +46,8 @@ contains
       case (verdict%agrees); text = "agrees with time integration"
       case (verdict%unstable); text = "unstable: time integration diverges from the motion"
       case (verdict%differs); text = "differs from time integration by more than the estimated error allows"
-      case (verdict%undecided); text = "undecided: disturbances neither decayed nor grew in this time; try more --periods"
+      case (verdict%undecided)
+         text = "undecided: disturbances neither decayed nor grew, or a beat lasts longer; try more --periods"
       case default; text = "not verified"
       end select
    end function verdict_text

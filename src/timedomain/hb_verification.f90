@@ -8,6 +8,7 @@
 !> within a limit of work.
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_beat, only: slowest_beat
    use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -32,7 +33,6 @@ module hb_verification
 
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, until sliders are periodic
    integer, parameter :: min_periods = 20 ! of the slowest tone; with several tones twice that, and two beats
-   integer, parameter :: max_periods_of_beats = 100
    integer, parameter :: min_bound = 100, greatest_bound = 1000     ! periods at which a time integration ends without a
                                                                       !! decision, at first and finally
    integer, parameter :: longest_decay = 1000000                      ! periods; a slower decay counts as none
@@ -73,6 +73,8 @@ module hb_verification
       integer :: n_samples = 0                                        !! in a period
       integer :: fewest = 0, bound = 0                                !! periods
       integer :: most = 0                                             !! to which the bound is raised without a decision
+      integer :: longest = 0                                          !! that all limits permit
+      real(wp) :: beats = 0.0_wp                                      !! that two of the slowest beats last
       integer :: decay = 0 !! in which the transient of the linear structure decays; 0: it does not
    end type length_t
 
@@ -135,7 +137,7 @@ contains
          frequencies = matmul(omega, tuples)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
                                      discretisation%harmonics%frequencies(omega), omega)
-         call choose_length(self%length, system, options, omega, n_periods)
+         call choose_length(self%length, system, options, claim, n_periods)
          step = self%length%period/self%length%n_samples
          self%scale = sum(abs(amplitudes), dim=1)
          self%scale = [(maxval(self%scale, mask=system%structure%units == system%structure%units(i)), i=1, size(self%scale))]
@@ -236,6 +238,7 @@ contains
          result%coordinate = ""
          if (difference%n_periods == 0) return
          call find_worst(difference, self%system, self%length, self%expected, result)
+         if (result%kind == verdict%agrees .and. 2*difference%n_periods < self%length%beats) result%kind = verdict%undecided
          result%first_difference = maxval(difference%largest(:, 1), mask=difference%counts)
          ! the difference of a motion that agrees exceeds its limit in the transient alone
          result%growth = growth_of(merge(0.0_wp, self%ratio, result%kind == verdict%agrees), self%distance)/self%length%period
@@ -314,24 +317,22 @@ contains
 
    !> Length of the time integration from a motion: at least one that covers all of it, at most one in which the
    !> slowest mode of the linear structure decays, as far as the limit of work permits.
-   subroutine choose_length(self, system, options, omega, n_periods)
+   subroutine choose_length(self, system, options, claim, n_periods)
       type(length_t), intent(out) :: self
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      type(claim_t), intent(in) :: claim
       integer, intent(in) :: n_periods                                !! at most; 0: not given
-      real(wp) :: beat, rate
-      integer :: i, k
+      real(wp) :: rate
 
-      self%period = two_pi/minval(omega)
-      self%n_samples = ceiling(self%period/step_of(options%integration, omega)*(1.0_wp - 1.0e-9_wp))
-      beat = minval(omega)
-      do i = 1, size(omega)
-         do k = 1, i - 1
-            if (abs(omega(i) - omega(k)) > 0.0_wp) beat = min(beat, abs(omega(i) - omega(k)))
-         end do
-      end do
-      self%fewest = max(merge(2, 1, size(omega) > 1)*min_periods, min(max_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
+      associate (omega => claim%omega)
+         self%period = two_pi/minval(omega)
+         self%n_samples = ceiling(self%period/step_of(options%integration, omega)*(1.0_wp - 1.0e-9_wp))
+         self%longest = min(greatest_bound, max_samples/self%n_samples)
+         self%fewest = merge(2, 1, size(omega) > 1)*min_periods
+         self%beats = 2.0_wp*minval(omega)/slowest_beat(claim%tuples, omega, transpose(claim%amplitudes))
+         self%fewest = max(self%fewest, ceiling(min(self%beats, real(self%longest, wp))))
+      end associate
       rate = 0.0_wp
       if (.not. allocated(system%structure%sparse)) rate = slowest_decay(system%structure%mass, system%structure%damping, &
                               system%structure%stiffness)*self%period
@@ -340,7 +341,7 @@ contains
          self%decay = ceiling(min(max_decay/rate, real(longest_decay, wp)))
          self%bound = max(min_bound, ceiling(min(enough_decay/rate, real(greatest_bound, wp))))
       end if
-      self%most = max(self%fewest, min(greatest_bound, max_samples/self%n_samples))
+      self%most = max(self%fewest, self%longest)
       self%bound = max(self%fewest, min(self%bound, self%most))
       if (n_periods == 0) return
       self%bound = n_periods
