@@ -103,11 +103,13 @@ contains
    !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and the effect of an
    !> error of one unit in the motion on the forces of stiff laws. If frequencies change, the condensation has
    !> different rounding errors at each of them: units in the last place of the stiffness before the interior is
-   !> eliminated. Above `agreement` a point counts as failed, not as rounded.
+   !> eliminated, and of stiffness and inertia, which cancel at a resonance. Above `agreement` a point counts as failed, not as
+   !> rounded.
    real(wp) function rounding_level_of(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), parameter :: unit = 64.0_wp*epsilon(1.0_wp)            ! elimination amplifies errors slightly
+      real(wp), parameter :: few_units = 4.0_wp*epsilon(1.0_wp)        ! of K - w**2 M alone
       type(error_t), allocatable :: error
       real(wp) :: terms, total
       integer :: h, i, k
@@ -140,7 +142,7 @@ contains
                                                            /[(scale_of(i), i=1, self%n_dofs)])**2)
       end if
       rounding_level_of = min(agreement, unit*sqrt(total))
-      if (.not. self%has_moved .or. self%stiffness%n_dofs == self%n_dofs) return
+      if (.not. self%has_moved) return
       total = 0.0_wp
       associate (set => self%harmonics)
          do i = 1, self%n_dofs
@@ -149,7 +151,8 @@ contains
             end do
          end do
       end associate
-      rounding_level_of = min(agreement, rounding_level_of + unit*sqrt(total))
+      rounding_level_of = min(agreement, rounding_level_of + merge(few_units, unit, self%stiffness%n_dofs == self%n_dofs)* &
+                              sqrt(total))
 
    contains
 
