@@ -8,6 +8,7 @@
 !> Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter
 !> 5.
 module hb_accurate_motion
+   use, intrinsic :: iso_fortran_env, only: int64
    use hb_advice, only: rounded
    use hb_attempts, only: attempts_t, make_attempts
    use hb_cancellation, only: cancellation_t, note_level, verdict, work_is_over
@@ -31,7 +32,7 @@ module hb_accurate_motion
    use hb_system, only: system_t
    use hb_threads, only: use_threads
    use hb_thresholds, only: minor, reliable, well_solved
-   use hb_time_domain, only: primary_method
+   use hb_time_domain, only: evaluation_work, primary_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none
@@ -39,6 +40,7 @@ module hb_accurate_motion
    public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
 
    integer, parameter :: max_idle = 4                                ! consecutive levels without improvement
+   real(wp), parameter :: share_of_guess = 0.25_wp                    ! of the work of fallbacks, for each time integration
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: max_refinements = 2                         ! for a verdict on stability
@@ -148,6 +150,7 @@ contains
             applies = allocated(motion%start%unknowns)
          case (set_choice%given)
             applies = .not. allocated(motion%top%unknowns)
+            if (rule%start == starting_point%integrated) applies = applies .and. may_be_integrated(system, options, motion%result)
          case (set_choice%larger, set_choice%smaller)
             applies = options%accuracy%grows_set .and. size(system%laws) > 0 .and. .not. allocated(motion%top%unknowns) .and. &
                .not. any(motion%result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])
@@ -167,6 +170,18 @@ contains
          end select
       end associate
    end function point_attempts_applies
+
+   !> Whether a limit cycle that no mode leads to may be found from the end of a time integration: one tone, and equations in time.
+   logical function may_be_integrated(system, options, result) result(may)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(motion_result_t), intent(in) :: result
+
+      may = options%has_time_domain() .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
+         .not. (options%start%from_integration .or. allocated(system%structure%parts) .or. system%normal_mode%is_requested)
+      may = may .and. system%tones%n_tones == 1 .and. all(system%tones%is_unknown) .and. &
+         (is_lost(result%status) .or. result%status == outcome%no_motion)
+   end function may_be_integrated
 
    !> Whether a time integration is due: before any balance if it is requested or cheaper; from rest if no balance was found, or
    !> an integrated motion on the first set, whose averages do not determine its harmonics beyond that set; from the balance if
@@ -548,6 +563,10 @@ contains
             if (allocated(self%error)) return
             self%solver%level_options%may_integrate = options%may_integrate .and. &
                (options%start%from_integration .or. any(system%tones%is_unknown) .or. .not. options%accuracy%grows_set)
+            if (rule%start == starting_point%integrated) then
+               call find_from_integration(self, within)
+               return
+            end if
          end if
          call self%solver%solve(top, .true., result, failure)
          self%solver%level_options%may_integrate = .false.
@@ -560,6 +579,34 @@ contains
          result%n_samples = top%n_samples
       end associate
    end subroutine find_first
+
+   !> Searches for a limit cycle on the first set from the end of a time integration; the report of the searches before remains if
+   !> there is none.
+   subroutine find_from_integration(self, within)
+      type(refined_motion_t), intent(inout) :: self
+      type(attempt_t), allocatable, intent(inout) :: within(:)
+      type(error_t), allocatable :: failure
+      type(motion_result_t) :: found
+      real(wp) :: work
+      integer :: i
+
+      associate (system => self%system, options => self%options)
+         work = evaluation_work(system%structure%n_dofs, sum([(size(system%laws(i)%law%shape, 2), i=1, size(system%laws))]), &
+                                .false.)
+         work = share_of_guess*1.0e9_wp*options%solver%fallback_work/work
+         self%solver%level_options%integration%max_evaluations = int(min(work, 1.0e18_wp), int64)
+         self%solver%level_options%start%from_integration = .true.
+         call self%solver%solve(self%top, .true., found, failure)
+         self%solver%level_options%start%from_integration = .false.
+         self%solver%level_options%integration = options%integration
+         self%solver%level_options%may_integrate = .false.
+      end associate
+      if (allocated(found%attempts)) call move_alloc(found%attempts, within)
+      found%work_spent = self%solver%work_spent
+      self%result%work_spent = found%work_spent
+      if (.not. allocated(self%top%unknowns) .and. .not. has_ended(found)) return
+      self%result = found
+   end subroutine find_from_integration
 
    !> Residual at which the equations of a level are solved: far below the permitted error of its motion, unless a
    !> residual was requested.

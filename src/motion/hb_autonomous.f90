@@ -20,6 +20,7 @@ module hb_autonomous
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_self_excitation, only: search_from_modes
+   use hb_structure, only: structure_t
    use hb_system, only: system_t
    use hb_text, only: number_of, to_text
    use hb_torus, only: default_samples, new_torus, torus_t
@@ -73,7 +74,11 @@ contains
          end if
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
-            if (m > size(self%modes)) then
+            if (m > size(self%modes) .and. size(tones%omega) == 1 .and. options%has_time_domain() .and. &
+                .not. (allocated(system%structure%parts) .or. system%normal_mode%is_requested)) then
+               self%omega = typical_rate(system%structure)
+               exit
+            else if (m > size(self%modes)) then
                call fail(error, "the linear structure has "//to_text(self%base%n_linear)//" oscillatory modes, not "// &
                          "one for each unknown tone: give first guesses of their frequencies in &tones, and a &start")
                return
@@ -82,6 +87,23 @@ contains
          end do
       end associate
    end subroutine find_start
+
+   !> Rate of a structure without oscillatory modes [1/s], by which a time integration chooses its length.
+   pure real(wp) function typical_rate(structure) result(rate)
+      type(structure_t), intent(in) :: structure
+
+      rate = 1.0_wp
+      if (.not. allocated(structure%stiffness)) return
+      associate (k => norm2(structure%stiffness), d => norm2(structure%damping), m => norm2(structure%mass))
+         if (m > 0.0_wp .and. k > 0.0_wp) then
+            rate = sqrt(k/m)
+         else if (m > 0.0_wp .and. d > 0.0_wp) then
+            rate = d/m
+         else if (k > 0.0_wp .and. d > 0.0_wp) then
+            rate = k/d
+         end if
+      end associate
+   end function typical_rate
 
    !> The balance over the tuples without unknown tones, always with the mean. Fails if the interior is singular.
    subroutine new_base_balance(balance, system, discretisation, basis, coordinates, omega, error)
@@ -221,7 +243,7 @@ contains
       else
          u = start%base%u
          search%report%status = outcome%stalled
-         search%message = "not found from the &start, and the linear structure has fewer oscillatory modes than unknown tones"
+         search%message = "the linear structure has fewer oscillatory modes than unknown tones, and no &start leads to a motion"
       end if
    end subroutine find_motion
 

@@ -60,6 +60,8 @@ module hb_attempts
                      on_success="refinement"), &
       attempt_rule_t("smaller_first_set", stage=stage%point, discretisation=set_choice%smaller, &
                      on_success="refinement"), &
+      attempt_rule_t("integrated_guess", kind=fallback%integration, start=starting_point%integrated, &
+                     stage=stage%point, on_success="refinement"), &
       attempt_rule_t("lines", technique=technique%integration, start=starting_point%rest, &
                      stage=stage%point, discretisation=set_choice%lines, on_failure="end"), &
       attempt_rule_t("refinement", start=starting_point%motion, stage=stage%point, &

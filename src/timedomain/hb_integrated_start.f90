@@ -16,6 +16,7 @@ module hb_integrated_start
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
+   use hb_integrated_motion, only: fastest_of, has_bounds_of, lacks_mass
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
@@ -23,7 +24,7 @@ module hb_integrated_start
    use hb_record_tones, only: find_tones
    use hb_structure, only: max_dofs
    use hb_system, only: system_t
-   use hb_time_domain, only: highest_part, integration_config_t, locking_t, step_of
+   use hb_time_domain, only: highest_part, integration_config_t, integration_method, locking_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
@@ -33,6 +34,7 @@ module hb_integrated_start
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
    real(wp), parameter :: perturbations(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp] ! of the length of the laws
    real(wp), parameter :: first_perturbation = perturbations(1)
+   real(wp), parameter :: step_of_mode = 0.2_wp                       ! radians of the fastest mode, of fixed steps
    real(wp), parameter :: steady = 0.02_wp                            !! change of the power from one half to the other
    real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
    real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the perturbation
@@ -101,7 +103,7 @@ contains
       type(integration_config_t) :: config
       type(integration_state_t) :: state
       type(integration_system_t), target :: equations
-      real(wp) :: frequencies(discretisation%harmonics%n_harmonics), period
+      real(wp) :: frequencies(discretisation%harmonics%n_harmonics), period, step
       integer :: i
 
       frequencies = discretisation%harmonics%frequencies(omega)
@@ -126,8 +128,15 @@ contains
          config%transient = periods_of_transient*period
       end if
       if (any(system%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), equations%length)
-      call integrate_from(equations, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
-                      law_dofs, state, record, error)
+      step = min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies))))
+      if (config%method == integration_method%cvode .and. lacks_mass(system)) then
+         config%method = integration_method%generalized_alpha
+         config%spectral_radius = 0.0_wp                              ! what has no mass has no vibration of its own
+      else if (config%method == integration_method%cvode .and. .not. has_bounds_of(system)) then
+         config%method = integration_method%runge_kutta_4
+         config%substeps = ceiling(step*fastest_of(system)/step_of_mode)
+      end if
+      call integrate_from(equations, config, step, law_dofs, state, record, error)
    end subroutine integrate_once
 
    !> Typical length of the laws [m], 1 if they have none.
