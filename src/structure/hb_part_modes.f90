@@ -2,11 +2,12 @@
 !> sum of Z(lambda) a b^T) x = 0.
 !>
 !> Each mode without the parts is followed while they grow to their strength, by Newton's method for shape and lambda together.
-!> Other modes, of which delays have any number, are not found. Source: A. Ruhe, Algorithms for the nonlinear eigenvalue problem,
-!> SIAM J. Numer. Anal. 10 (1973) 674-689, section 2.
+!> Delays have any number of other modes: those that grow, or the first ones of equations of first order, which have none without
+!> them, are sought from the frequencies at which the delayed force is a quarter of a period behind. Source: A. Ruhe, Algorithms
+!> for the nonlinear eigenvalue problem, SIAM J. Numer. Anal. 10 (1973) 674-689, section 2.
 module hb_part_modes
-   use hb_frequency_part, only: frequency_part_t
-   use hb_kinds, only: wp
+   use hb_frequency_part, only: frequency_part_t, kind_of_part
+   use hb_kinds, only: two_pi, wp
    use hb_lapack, only: zgetrf, zgetrs
    use hb_modes, only: modes_t
    implicit none
@@ -14,9 +15,11 @@ module hb_part_modes
    public :: follow_parts
 
    integer, parameter :: max_modes = 40                               ! of the lowest frequencies: each takes some factorisations
+   integer, parameter :: n_of_delay = 4                               ! modes that are sought for each delay
    integer, parameter :: n_steps = 8                                  ! of the strength of the parts
    integer, parameter :: max_iterations = 30
    real(wp), parameter :: accuracy = 1.0e-10_wp                       ! of a last change, relative
+   real(wp), parameter :: pi = 0.5_wp*two_pi
    real(wp), parameter :: same = 1.0e-6_wp                            ! relative distance of equal modes
 
 contains
@@ -26,13 +29,13 @@ contains
       type(modes_t), intent(inout) :: modes                           !! in the order of their frequencies
       type(frequency_part_t), intent(in) :: parts(:)
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
-      complex(wp) :: lambda(min(max_modes, modes%n_modes)), shape(size(mass, 1), size(lambda))
+      complex(wp) :: lambda(min(max_modes, modes%n_modes) + n_of_delay*size(parts)), shape(size(mass, 1), size(lambda))
       real(wp) :: response(size(lambda))
-      integer :: i, k, m
+      integer :: i, k, m, n_others
       logical :: is_found
 
       k = 0
-      do m = 1, size(lambda)
+      do m = 1, min(max_modes, modes%n_modes)
          k = k + 1
          lambda(k) = cmplx(modes%growth(m), modes%frequency(m), wp)
          shape(:, k) = modes%shapes(:, m)
@@ -42,6 +45,19 @@ contains
          end do
          if (is_found) is_found = aimag(lambda(k)) > 0.0_wp .and. all(abs(lambda(:k - 1) - lambda(k)) > same*abs(lambda(k)))
          if (.not. is_found) k = k - 1
+      end do
+      n_others = k
+      do i = 1, size(parts)
+         if (parts(i)%kind /= kind_of_part%delay .or. .not. parts(i)%delay > 0.0_wp) cycle
+         do m = 1, n_of_delay
+            k = k + 1
+            lambda(k) = cmplx(0.0_wp, (m - 0.5_wp)*pi/parts(i)%delay, wp)
+            call shape_by_force(parts(i), lambda(k), shape(:, k), is_found)
+            if (is_found) call converge(1.0_wp, lambda(k), shape(:, k), response(k), is_found)
+            if (is_found) is_found = aimag(lambda(k)) > same*abs(lambda(k)) .and. &
+               all(abs(lambda(:k - 1) - lambda(k)) > same*abs(lambda(k))) .and. (n_others == 0 .or. real(lambda(k), wp) > 0.0_wp)
+            if (.not. is_found) k = k - 1
+         end do
       end do
       modes%n_modes = k
       modes%growth = real(lambda(:k), wp)
@@ -59,6 +75,22 @@ contains
       end do
 
    contains
+
+      !> The motion under the force of a part.
+      subroutine shape_by_force(part, eigenvalue, x, is_found)
+         type(frequency_part_t), intent(in) :: part
+         complex(wp), intent(in) :: eigenvalue
+         complex(wp), intent(out) :: x(:)
+         logical, intent(out) :: is_found
+         complex(wp), dimension(size(x), size(x)) :: a, slope
+         integer :: info, pivots(size(x))
+
+         call assemble(1.0_wp, eigenvalue, a, slope)
+         x = part%acts
+         call zgetrf(size(x), size(x), a, size(x), pivots, info)
+         is_found = info == 0
+         if (is_found) call zgetrs("N", size(x), 1, a, size(x), pivots, x, size(x), info)
+      end subroutine shape_by_force
 
       !> Newton's method at a strength of the parts: A dx + A' x dlambda = -A x, with the largest component of the shape given.
       subroutine converge(strength, eigenvalue, x, response, is_converged)
