@@ -6,7 +6,7 @@ module hb_model_reader
    use hb_error, only: annotate, error_t
    use hb_fe_model, only: fe_model_source_t
    use hb_floquet, only: floquet_t
-   use hb_frequency_part, only: frequency_part_t
+   use hb_frequency_part, only: frequency_part_t, kind_of_part
    use hb_frequency_part_input, only: read_frequency_part
    use hb_harmonics, only: new_harmonics
    use hb_kinds, only: wp
@@ -280,8 +280,20 @@ contains
          if (self%options%start%from_integration) call group%problem("first_guess", reason)
          if (self%options%primary_method == primary_method%integration) call group%problem("primary_method", reason)
          group => document%optional_group("stability")
-         if (self%options%stability%method == stability_method%integration) call group%problem("method", reason)
+         if (self%options%stability%method == stability_method%integration .and. .not. has_determinants()) &
+            call group%problem("method", reason)
       end subroutine refuse_integration
+
+      !> Whether the stability of a motion with these parts can be found without equations in time (hb_hill).
+      pure logical function has_determinants() result(has)
+         integer :: i
+
+         has = self%system%tones%n_tones == 1
+         if (.not. allocated(self%system%structure%parts)) return
+         do i = 1, size(self%system%structure%parts)
+            has = has .and. any(self%system%structure%parts(i)%kind == [kind_of_part%delay, kind_of_part%maxwell])
+         end do
+      end function has_determinants
 
       subroutine check_size()
          call check_memory(sizes_of(self%system, self%discretisation, self%options), self%options%memory_limit, error)

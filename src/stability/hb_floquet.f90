@@ -12,6 +12,7 @@ module hb_floquet
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_exponents, only: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
+   use hb_hill, only: assess_by_hill, has_determinant, work_of_hill
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgeev
@@ -91,6 +92,10 @@ contains
       limit = self%work_limit(config, work_allowed)
       stability%is_too_costly = min_work(structure%n_dofs) > limit  ! for any motion: the mass matrix is then not inverted
       if (stability%is_too_costly) return
+      if (allocated(structure%parts)) then
+         call assess_with_parts(stability, variation, motion, structure, laws, limit)
+         return
+      end if
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
@@ -130,6 +135,27 @@ contains
                            min(limit, work_on_demand))
       end if
    end subroutine floquet_find
+
+   !> Stability with parts whose stiffness depends on the frequency: of one tone, under laws without memory.
+   subroutine assess_with_parts(self, variation, motion, structure, laws, work_limit)
+      type(stability_t), intent(inout) :: self
+      type(variation_t), intent(inout) :: variation
+      type(harmonic_motion_t), intent(in) :: motion
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      type(structure_t) :: bare
+      type(error_t), allocatable :: error
+
+      if (motion%tones%n_tones > 1 .or. .not. has_determinant(structure%parts, motion%tones%omega(1))) return
+      bare = structure
+      deallocate (bare%parts)
+      call new_variation(variation, bare, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
+      if (allocated(error)) return
+      if (variation%n_states > 0) return
+      self%is_too_costly = work_of_hill(variation) > work_limit
+      if (.not. self%is_too_costly) call assess_by_hill(self, variation, structure, motion%tones%is_unknown(1))
+   end subroutine assess_with_parts
 
    !> Periods of the slowest tone that an average has to last for: in a part of a slow beat disturbances may grow although they
    !> decay on the whole, and the reverse.

@@ -144,6 +144,10 @@ contains
          end associate
          return
       end if
+      if (.not. (allocated(self%multipliers) .or. allocated(self%exponents))) then   ! counted by Hill's determinant
+         if (self%verdict /= better%verdict) self%verdict = verdict%unknown
+         return
+      end if
       if (.not. (allocated(self%multipliers) .and. allocated(better%multipliers))) then
          self%verdict = verdict%unknown
          return

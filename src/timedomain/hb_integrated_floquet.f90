@@ -61,7 +61,7 @@ contains
 
       if (.not. has_to_be_integrated(laws)) then
          call self%floquet_t%find(stability, config, motion, structure, laws, excitation, work_allowed)
-         if (stability%is_integrated .or. .not. config%is_integrated) return
+         if (stability%is_integrated .or. allocated(structure%parts) .or. .not. config%is_integrated) return
          stability = stability_t()
       end if
       if (config%method /= stability_method%off) then
