@@ -213,21 +213,7 @@ contains
       call refuse_unknown_tones(document, self%system%tones)
       if (has_tones) call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &
                                         self%options%callbacks%is_followed)
-      if (.not. has_tones) then
-         call refuse_harmonics(document)
-         call new_harmonics(self%discretisation%harmonics, reshape([integer ::], [0, 1]), error)
-      else if (self%options%accuracy%grows_set) then
-         call read_lowest_set(self%discretisation%harmonics, document, wanted_tuples(self%system, self%options, document), error, &
-                              self%discretisation%symmetry)
-         if (.not. allocated(error) .and. self%discretisation%harmonics%n_harmonics > self%options%accuracy%max_harmonics) then
-            group => document%optional_group("accuracy")
-            call group%problem("max_harmonics", "must be "//to_text(self%discretisation%harmonics%n_harmonics)// &
-                               " or more, the initial tuples")
-         end if
-      else
-         call read_harmonics(self%discretisation%harmonics, document, self%system%tones%n_tones, error, &
-                             self%discretisation%symmetry)
-      end if
+      call read_set(self, document, error)
       if (allocated(error)) return
       call read_laws(self, document, error)
       if (allocated(error)) return
@@ -300,6 +286,30 @@ contains
          call annotate(error, document%file_name)
       end subroutine check_size
    end subroutine read_parts
+
+   !> Reads the set of harmonics: with a tolerance the one to begin with; without tones there is none.
+   subroutine read_set(self, document, error)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(properties_t), pointer :: group
+
+      associate (harmonics => self%discretisation%harmonics, n_tones => self%system%tones%n_tones)
+         if (n_tones == 0) then
+            call refuse_harmonics(document)
+            call new_harmonics(harmonics, reshape([integer ::], [0, 1]), error)
+         else if (self%options%accuracy%grows_set) then
+            call read_lowest_set(harmonics, document, wanted_tuples(self%system, self%options, document), error, &
+                                 self%discretisation%symmetry)
+            if (.not. allocated(error) .and. harmonics%n_harmonics > self%options%accuracy%max_harmonics) then
+               group => document%optional_group("accuracy")
+               call group%problem("max_harmonics", "must be "//to_text(harmonics%n_harmonics)//" or more, the initial tuples")
+            end if
+         else
+            call read_harmonics(harmonics, document, n_tones, error, self%discretisation%symmetry)
+         end if
+      end associate
+   end subroutine read_set
 
    !> Rejects what is given about harmonics of tones that there are not.
    subroutine refuse_harmonics(document)
