@@ -7,6 +7,7 @@ module model_warnings
    use hb_document, only: document_t, parameter_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
+   use hb_frequency_part, only: kind_of_part
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
    use hb_linear_part, only: linear_part_t, new_linear_part
@@ -130,12 +131,18 @@ contains
       type(document_t), intent(inout) :: document                     !! from which the model was made
       character(:), allocatable :: text
       real(wp) :: highest
+      integer :: i
 
       text = ""
       highest = maxval([0.0_wp, abs(model%discretisation%harmonics%frequencies(model%system%tones%omega))])
       associate (structure => model%system%structure)
-         if (allocated(structure%parts)) text = "a &dynamic_stiffness has no equations in time: stability is not known, and "// &
-                                                "time integration neither finds nor checks motions"
+         if (allocated(structure%parts)) then
+            text = "a &dynamic_stiffness has no equations in time: "
+            if (model%system%tones%n_tones > 1 .or. &
+                any([(all(structure%parts(i)%kind /= [kind_of_part%delay, kind_of_part%maxwell]), i=1, size(structure%parts))])) &
+               text = text//"stability is not known, and "
+            text = text//"time integration neither finds nor checks motions"
+         end if
          if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then
             text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
                    to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"

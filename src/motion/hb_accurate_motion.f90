@@ -27,7 +27,7 @@ module hb_accurate_motion
    use hb_outcome, only: is_answer => is_solved, outcome, reason
    use hb_refinement, only: refinable_t, refine
    use hb_solve_level, only: solve_level
-   use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, starting_point, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
    use hb_threads, only: use_threads
@@ -606,6 +606,7 @@ contains
       self%result%work_spent = found%work_spent
       if (.not. allocated(self%top%unknowns) .and. .not. has_ended(found)) return
       self%result = found
+      self%result%fallback = fallback%integration
    end subroutine find_from_integration
 
    !> Residual at which the equations of a level are solved: far below the permitted error of its motion, unless a
