@@ -3,7 +3,7 @@ module hb_tones
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
-   use hb_text, only: to_text
+   use hb_text, only: rounded, to_text
    implicit none
    private
    public :: max_tones, new_tones, tones_t
@@ -56,12 +56,9 @@ contains
    elemental real(wp) function tones_in_unit(self, omega) result(frequency)
       class(tones_t), intent(in) :: self
       real(wp), intent(in) :: omega                                   !! [rad/s]
-      character(24) :: digits
 
       frequency = omega
-      if (.not. self%is_in_hertz) return
-      write (digits, "(es22.14)") omega/two_pi
-      read (digits, *) frequency
+      if (self%is_in_hertz) frequency = rounded(omega/two_pi, 15)
    end function tones_in_unit
 
    !> The unit of the input.

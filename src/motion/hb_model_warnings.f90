@@ -7,9 +7,9 @@ module hb_model_warnings
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
-   use hb_sign_warnings, only: describe_signs, significant
+   use hb_sign_warnings, only: describe_signs
    use hb_system, only: system_t
-   use hb_text, only: join, string_t, to_text
+   use hb_text, only: join, rounded, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
@@ -19,6 +19,7 @@ module hb_model_warnings
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
    real(wp), parameter :: max_tone_ratio = 50.0_wp ! of a tone to the highest natural frequency, or of the lowest to it
    real(wp), parameter :: max_length = 100.0_wp                       ! of a gap [m]
+   integer, parameter :: n_known = 12                                 ! digits of a frequency, without rounding errors
    integer, parameter :: max_dofs = 100                               ! of a structure whose natural frequencies take milliseconds
    character(*), parameter :: lengths(3) = [character(9) :: "clearance", "gap", "gaps"]
    character(*), parameter :: no_load_text = "no load acts and no tone is unknown: only laws can cause a motion"
@@ -76,13 +77,13 @@ contains
          if (.not. (fastest > 0.0_wp .and. highest > rounding*fastest)) return
          unit = " "//trim(tones%unit())
          if (fastest > max_tone_ratio*highest .and. .not. system%structure%up_to > 0.0_wp) then
-            line = "a tone of "//to_text(rounded(tones%in_unit(fastest)))//unit//" is more than "// &
+            line = "a tone of "//to_text(rounded(tones%in_unit(fastest), n_known))//unit//" is more than "// &
                    to_text(nint(max_tone_ratio))//" times the highest natural frequency, "// &
-                   to_text(significant(tones%in_unit(highest)))//unit
+                   to_text(rounded(tones%in_unit(highest), 4))//unit
          else if (fastest < lowest/max_tone_ratio .and. .not. any(tones%is_unknown)) then
             line = "the motion is nearly static: the lowest natural frequency, "// &
-                   to_text(significant(tones%in_unit(lowest)))//unit//", is more than "//to_text(nint(max_tone_ratio))// &
-                   " times the tone of "//to_text(rounded(tones%in_unit(fastest)))//unit
+                   to_text(rounded(tones%in_unit(lowest), 4))//unit//", is more than "//to_text(nint(max_tone_ratio))// &
+                   " times the tone of "//to_text(rounded(tones%in_unit(fastest), n_known))//unit
          else
             return
          end if
@@ -181,7 +182,8 @@ contains
       m = findloc(abs(k(in_it)), 1, dim=1, back=.true.)
       if (size(in_it) == 2) then
          associate (a => in_it(1), b => in_it(2))
-            text = "use one tone of "//to_text(rounded(tones%in_unit(tones%omega(a)/abs(k(b)))))//" "//trim(tones%unit())// &
+            text = "use one tone of "//to_text(rounded(tones%in_unit(tones%omega(a)/abs(k(b))), n_known))//" "// &
+                   trim(tones%unit())// &
                " instead of both, with tuple "//to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "// &
                to_text(abs(k(a)))//" for those of tone "//to_text(b)
          end associate
@@ -193,15 +195,6 @@ contains
          text = "fewer tones, of which these are integer combinations, give the same motion"
       end if
    end function model_of_fewer
-
-   !> A number without the rounding errors of its last digits.
-   real(wp) function rounded(number)
-      real(wp), intent(in) :: number
-      character(24) :: digits
-
-      write (digits, "(es19.11)") number
-      read (digits, *) rounded
-   end function rounded
 
    pure integer function common_divisor(k)
       integer, intent(in) :: k(:)

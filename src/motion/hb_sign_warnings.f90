@@ -7,12 +7,13 @@ module hb_sign_warnings
    use hb_numbers, only: number_t
    use hb_structure, only: structure_t
    use hb_system, only: system_t
-   use hb_text, only: add_string, string_t, to_text
+   use hb_text, only: add_string, rounded, string_t, to_text
    implicit none
    private
-   public :: describe_signs, significant
+   public :: describe_signs
 
    real(wp), parameter :: rounding = 1.0e-9_wp                        ! of an eigenvalue, relative to the largest entry
+   integer, parameter :: n_shown = 4                                  ! digits of a number
    integer, parameter :: max_dofs = 100                               ! of a structure whose eigenvalues take milliseconds
    character(*), parameter :: feeding = "energy is fed into vibrations; unless the motion is to be self-excited, "
    character(*), parameter :: remedy = "make it positive"
@@ -79,7 +80,7 @@ contains
       if (info /= 0) return
       if (values(1) >= -rounding*maxval(abs(values))) return
       at = maxloc(abs(a(:, 1)), dim=1)
-      call add_string(lines, "the "//name//" matrix has a negative eigenvalue, "//to_text(significant(values(1)))// &
+      call add_string(lines, "the "//name//" matrix has a negative eigenvalue, "//to_text(rounded(values(1), n_shown))// &
                       ", whose vector is largest at '"// &
                       trim(structure%labels(at))//"': "//meaning//"make it positive semi-definite")
    end subroutine describe_matrix
@@ -94,15 +95,6 @@ contains
       if (name == "damping") unit = "N s/m"
       if (name == "damping" .and. coordinate == "rad") unit = "N m s/rad"
    end function unit_of
-
-   !> A number with four digits.
-   real(wp) function significant(number)
-      real(wp), intent(in) :: number
-      character(16) :: digits
-
-      write (digits, "(es10.3)") number
-      read (digits, *) significant
-   end function significant
 
    !> Adds a line on a law that damps with negative coefficients alone.
    subroutine describe_law(given, lines)

@@ -11,7 +11,7 @@ module hb_sweep_plan
    use hb_kinds, only: int64, wp
    use hb_model_number, only: moving_groups
    use hb_properties, only: properties_t
-   use hb_text, only: lower, number_of, quote, shown, string_t, to_text
+   use hb_text, only: lower, number_of, quote, rounded, shown, string_t, to_text
    implicit none
    private
    public :: read_sweep_plan, sweep_plan_t
@@ -619,17 +619,14 @@ contains
 
    !> A value with enough digits to distinguish it from its neighbours: the error is below a hundredth of the
    !> distance.
-   real(wp) function distinguished(value, before, after) result(rounded)
+   real(wp) function distinguished(value, before, after) result(found)
       real(wp), intent(in) :: value
       real(wp), intent(in) :: before, after                           !! at an end equal, and the value itself if it is the only one
-      character(40) :: buffer, form
       integer :: n_digits
 
       do n_digits = 3, 17
-         write (form, "(a, i0, a)") "(es40.", n_digits - 1, "e4)"
-         write (buffer, form) value
-         read (buffer, *) rounded
-         if (100.0_wp*abs(rounded - value) <= min(abs(value - before), abs(value - after))) return
+         found = rounded(value, n_digits)
+         if (100.0_wp*abs(found - value) <= min(abs(value - before), abs(value - after))) return
       end do
    end function distinguished
 end module hb_sweep_plan
