@@ -3,9 +3,9 @@
 module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
-   use hb_curve_course, only: has_images, image_of, nearest_phases
    use hb_curve_events, only: branch_event_t, fold_event_t, grazing_event_t, value_event_t
    use hb_curve_request, only: located_response_t
+   use hb_curve_return, only: has_images, image_of, nearest_phases
    use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: transferred

@@ -8,6 +8,7 @@ module hb_followed_motion
    use hb_basis, only: basis_t, whole_basis
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
+   use hb_curve_course, only: curve_course_t
    use hb_curve_events, only: find_extremes, find_motion, find_stability
    use hb_curve_request, only: curve_request_t, located_response_t
    use hb_discretisation, only: discretisation_t
@@ -101,6 +102,7 @@ module hb_followed_motion
       type(origin_t) :: branch_start                                  !! start of this branch
       type(origin_t) :: start                                         !! the same on the present set
       real(wp) :: length = 0.0_wp                                     !! arc length of this branch so far
+      type(curve_course_t) :: course                                  !! of this branch
       type(reported_extreme_t), allocatable :: reported(:)            !! on this branch
       real(wp) :: roughness = 0.0_wp !! of the residual as a function of frequencies, at the start of this branch
       logical :: is_rough = .false.                                   !! above the tolerance

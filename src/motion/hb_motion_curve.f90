@@ -8,40 +8,36 @@
 module hb_motion_curve
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_course, only: curve_course_t, has_images, image_of, nearest_phases
+   use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, put_end_at_fold, returns_to_fold
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_request, only: curve_request_t, find_direction, find_null_vector
+   use hb_curve_return, only: note_course, restore_course
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
    use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
    use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
-   use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, estimate_of_motion, join, level_of, level_t, margin, transferred
+   use hb_level, only: estimate_of, join, level_of, level_t, margin
    use hb_level_stability, only: allow_for_departure
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
-   use hb_options, only: accuracy_t, options_t
+   use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, stability_t
    use hb_system, only: system_t
-   use hb_text, only: to_text
    use hb_threads, only: use_threads
-   use hb_thresholds, only: clearly, faint, nearby_steps, next_to_none, reliable
+   use hb_thresholds, only: faint, nearby_steps, reliable
    implicit none
    private
-   public :: is_unreliable, motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
+   public :: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
 
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
-   integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
-   integer, parameter :: max_exhausted = 10                           ! consecutive steps that use up the work of a point
-   real(wp), parameter :: far_above = 10.0_wp                         ! or in units of the tolerance: too large to go on
    integer, parameter :: max_halvings = 12                            ! of the distance from an origin
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
@@ -52,13 +48,7 @@ module hb_motion_curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
-      integer :: n_unreliable = 0                                     !! the last steps of this branch whose errors are not known
-      integer :: n_exhausted = 0                                      !! the last steps of this branch that took the work of a point
       logical :: ends_here = .false.                                  !! this branch ends at the last of the waiting points, a graze
-      type(curve_course_t) :: course                                  !! of this branch, if its motions have images
-      logical :: is_retraced = .false.                                !! this branch has come back to one of its folds
-      integer, allocatable :: locked(:)                               !! combination of tones that vanishes ahead, if any
-      real(wp) :: locked_at = 0.0_wp                                  !! value where it does
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
@@ -375,10 +365,6 @@ contains
          direction(size(direction)) = self%first_sense*self%sense()
       end if
       self%has_collapsed = .false.
-      self%n_unreliable = 0
-      self%n_exhausted = 0
-      self%is_retraced = .false.
-      if (allocated(self%locked)) deallocate (self%locked)
       call self%course%begin()
       self%length = 0.0_wp
       self%reported = [reported_extreme_t ::]
@@ -497,36 +483,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: before
       real(wp) :: started
-      logical :: is_end
+      logical :: has_ended, is_end
 
       started = wall_clock()
       before = self%curve%report
       if (self%first_waiting > size(self%waiting)) then
-         if (max(self%n_unreliable - max_unreliable, self%n_exhausted - max_exhausted) >= 0) then
-            self%curve%status = outcome%out_of_budget
-         else if (allocated(self%locked)) then
-            self%curve%status = outcome%locked
-         else
-            call self%make_step(error)
-         end if
+         call end_if_doubtful(self, has_ended)
+         if (.not. has_ended) call self%make_step(error)
          if (allocated(error)) return
       end if
       if (verdict_on_work() == verdict%interrupted) then             ! the events on the step may be incomplete
          result%status = outcome%interrupted
          return
       else if (self%curve%status /= outcome%pending) then
-         result%status = self%curve%status
-         result%reason = reason%lost_curve
-         if (is_refused(self)) then
-            result%status = outcome%failed
-            result%reason = reason%error
-         else if (self%has_collapsed) then
-            result%status = outcome%collapsed
-            result%reason = reason%none
-         else if (result%status == outcome%locked) then
-            result%reason = reason%none
-         end if
-         result%message = trim(lost_text(self))
+         call describe_end(self, result)
          call count_work(self%curve%report, before, result)
          call leave(self, error)
       else
@@ -539,10 +509,9 @@ contains
          is_end = self%ends_here .and. self%first_waiting == size(self%waiting)
          if (is_end .and. is_solved(result%status)) result%reason = reason%grazing
          is_end = is_end .or. self%waiting(self%first_waiting)%kind == curve_kind%end
-         if (is_end .and. self%is_retraced .and. .not. allocated(result%message)) &
-            result%message = "the curve returns to this fold: it would pass over its points again"
+         if (is_end .and. self%course%is_retraced .and. .not. allocated(result%message)) result%message = returns_to_fold
          self%first_waiting = self%first_waiting + 1
-         if (self%is_retraced .and. .not. is_end) call put_retraced_end(self)
+         if (self%course%is_retraced .and. .not. is_end) call put_end_at_fold(self)
          if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if
       result%solver_seconds = wall_clock() - started - result%error_estimate_seconds
@@ -588,93 +557,6 @@ contains
       if (allocated(error) .or. self%curve%status /= outcome%pending .or. work_is_over()) return
       call drop_doubtful(self, error)
    end subroutine make_step
-
-   !> Makes the end of a branch that has come back to a fold, reported last, the only waiting point.
-   subroutine put_retraced_end(self)
-      class(motion_curve_t), intent(inout) :: self
-      type(waiting_t) :: point
-
-      point%kind = curve_kind%end
-      associate (fold => self%waiting(self%first_waiting - 1))
-         point%position = fold%position
-         point%x = fold%x
-      end associate
-      point%is_crossing = .true.                                      ! there the value alone does not select a motion
-      self%waiting = [point]
-      self%first_waiting = 1
-   end subroutine put_retraced_end
-
-   !> Stores a fold or the end of a step of a branch whose motions have images, and finds whether the branch has come back to
-   !> one of its folds, or its tones lock ahead.
-   subroutine note_course(self, kind, x, length)
-      class(motion_curve_t), intent(inout), target :: self
-      integer, intent(in) :: kind
-      real(wp), intent(in) :: x(:)
-      real(wp), intent(in) :: length                                  !! of the arc up to there
-      integer, allocatable :: combination(:)
-      real(wp) :: value
-      integer :: i
-      logical :: is_possible, locks
-
-      if (.not. has_images(self)) return
-      select case (kind)
-      case (curve_kind%fold)
-         do i = 1, size(self%course%folds)
-            if (is_same_fold(self, self%course%folds(i), x, length - self%course%lengths(i))) self%is_retraced = .true.
-         end do
-         call self%course%add_fold(x, self%level, length)
-      case (curve_kind%regular)
-         call self%problem%move_to_point(x, is_possible)
-         if (.not. is_possible) return
-         if (size(self%free_phases()) == 0) return
-         associate (tones => self%model%system%tones)
-            call self%course%add_step(x(size(x)), self%problem%omega(:tones%n_tones))
-            if (tones%n_tones < 2) return
-            call self%course%locks(tones, self%model%options%error_estimate%commensurability, locks, combination, value)
-         end associate
-         if (.not. locks) return
-         self%locked = combination
-         self%locked_at = value
-      end select
-   end subroutine note_course
-
-   !> Whether two folds of a branch are the same motion, apart from its phases, although the branch has been
-   !> elsewhere in between.
-   logical function is_same_fold(self, before, x, length)
-      class(motion_curve_t), intent(inout) :: self
-      type(origin_t), intent(in) :: before
-      real(wp), intent(in) :: x(:)
-      real(wp), intent(in) :: length                                  !! of the arc between them
-      real(wp) :: near, there(size(x))
-
-      near = faint
-      associate (accuracy => self%model%options%accuracy)
-         if (accuracy%is_on) near = max(near, accuracy%tolerance)
-         is_same_fold = length > clearly*near
-         if (.not. is_same_fold) return
-         there = transferred(before%level%set, self%level%set, before%x, size(self%problem%which))
-         there = image_of(self, there, nearest_phases(self, x, there))
-         is_same_fold = norm2((there - x)/self%units_at(x)) <= near
-      end associate
-   end function is_same_fold
-
-   !> Stores the course of a branch up to its last stored point.
-   subroutine restore_course(self, stored, discretisation)
-      class(motion_curve_t), intent(inout), target :: self
-      type(curve_position_t), intent(in) :: stored(:)                 !! points of this branch, with those before it of other sign
-      type(discretisation_t), intent(in) :: discretisation            !! of the model
-      type(level_t) :: level
-      real(wp), allocatable :: x(:)
-      integer :: i
-
-      if (.not. has_images(self)) return
-      do i = 1, size(stored)
-         if (stored(i)%length*stored(size(stored))%length < 0.0_wp) cycle
-         level = level_of(discretisation, stored(i))
-         x = transferred(level%set, self%level%set, stored(i)%unknowns, size(self%problem%which))
-         call note_course(self, stored(i)%kind, x, abs(stored(i)%length))
-      end do
-   end subroutine restore_course
 
    !> Computes the result of one of the waiting points.
    subroutine report(self, i, result, error)
@@ -723,12 +605,7 @@ contains
       type(point_kind_t) :: kind
 
       call store_met_motion(self, point%x, self%level)
-      if (point%kind == curve_kind%regular) &
-         self%n_unreliable = merge(self%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result), &
-                                                                               self%model%options%accuracy))
-      if (point%kind == curve_kind%regular) &
-         self%n_exhausted = merge(self%n_exhausted + 1, 0, &
-                                  self%is_out_of_work .and. estimate_of(result) > self%model%options%accuracy%tolerance)
+      if (point%kind == curve_kind%regular) call count_doubtful_steps(self, result)
       call note_course(self, point%kind, point%x, self%length + point%position)
       position%kind = point%kind
       position%parameter = point%x(size(point%x))
@@ -777,16 +654,6 @@ contains
       end do
    end subroutine note_traced
 
-   !> Whether an estimated error has no meaning, except that it is large: at a given order. By a tolerance, whether it is far above
-   !> that.
-   pure logical function is_unreliable(estimate, accuracy)
-      real(wp), intent(in) :: estimate
-      type(accuracy_t), intent(in) :: accuracy
-
-      is_unreliable = estimate >= reliable
-      if (accuracy%is_on .and. accuracy%grows_set) is_unreliable = estimate >= min(far_above*accuracy%tolerance, reliable)
-   end function is_unreliable
-
    !> The numbers that store unknowns or a direction of the curve: themselves.
    pure function motion_curve_pack(self, x) result(packed)
       class(motion_curve_t), intent(in) :: self
@@ -804,55 +671,6 @@ contains
       result%iterations = report%iterations - before%iterations
       result%evaluations = report%evaluations - before%evaluations
    end subroutine count_work
-
-   !> Where and why the curve cannot be followed.
-   function lost_text(self) result(text)
-      class(motion_curve_t), intent(in) :: self
-      character(500) :: text
-
-      associate (value => self%curve%x(size(self%curve%x)), accuracy => self%model%options%accuracy)
-         if (is_refused(self)) then
-            text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
-         else if (self%has_collapsed) then
-            text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
-         else if (self%curve%status == outcome%locked) then
-            text = "the tones lock near the value "//to_text(few_digits(self%locked_at))//", where "//tuple_text(self%locked)// &
-                   " vanishes: beyond it the motion is periodic"
-         else if (self%n_exhausted >= max_exhausted) then
-            text = "the curve is given up at the value "//to_text(value)//": each of the last "//to_text(max_exhausted)// &
-                   " steps has used up the work of a point, &accuracy max_work and &solver fallback_work"
-         else if (self%n_unreliable >= max_unreliable) then
-            text = "the curve is lost at the value "//to_text(value)//": the estimated errors of the last "// &
-                   to_text(max_unreliable)//" points are "
-            if (accuracy%is_on .and. accuracy%grows_set) then
-               text = trim(text)//" more than ten times the tolerance"
-            else
-               text = trim(text)//" too large to be meaningful"
-            end if
-         else
-            text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
-         end if
-      end associate
-   end function lost_text
-
-   !> An extrapolated value as far as it is known.
-   real(wp) function few_digits(value)
-      real(wp), intent(in) :: value
-      character(13) :: digits
-
-      write (digits, "(es13.5e3)") value
-      read (digits, *) few_digits
-   end function few_digits
-
-   !> Whether the values ahead are not possible.
-   pure logical function is_refused(self)
-      class(motion_curve_t), intent(in) :: self
-
-      is_refused = allocated(self%problem%refusal%text)
-      associate (n => size(self%curve%x))
-         if (is_refused) is_refused = abs(self%problem%refusal%value - self%curve%x(n)) <= next_to_none*self%curve%units(n)
-      end associate
-   end function is_refused
 
    !> The first response of the request at the point reported last.
    real(wp) function motion_curve_measure(self, x) result(measure)

@@ -70,7 +70,7 @@ contains
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) &
          call move_start(self, stored(1)%parameter, error)
       if (.not. allocated(error)) call self%curve%continue_from(self%model, self%request, stored, error)
-      self%curve%n_unreliable = n_unreliable
+      self%curve%course%n_unreliable = n_unreliable
       self%is_done = self%curve%is_done .or. allocated(error)
       self%has_begun = .true.
    end subroutine curve_runner_continue_from

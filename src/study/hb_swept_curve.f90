@@ -4,6 +4,7 @@ module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
+   use hb_curve_end, only: is_unreliable
    use hb_curve_runner, only: curve_runner_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -11,7 +12,6 @@ module hb_swept_curve
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
    use hb_model_reader, only: update_model
-   use hb_motion_curve, only: is_unreliable
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: accuracy_t
    use hb_outcome, only: is_solved, outcome
