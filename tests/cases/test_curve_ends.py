@@ -7,7 +7,7 @@ import pytest
 from nhbm_post.reader import Results
 
 from curve_models import DUFFING
-from program import NOT_ALL_CONVERGED, run, solve
+from program import NOT_ALL_CONVERGED, coefficients_by_tuple, run, solve
 
 def values_at(results: Results, kind: str) -> np.ndarray:
     """Values along the curve at its points of a kind."""
@@ -219,6 +219,29 @@ def test_closed_curves_of_several_periods_are_traced_once(tmp_path):
     with Results(solve(text, tmp_path)) as results:
         assert values_at(results, "fold") == pytest.approx([1.002760326, 0.9858923797], rel=1e-7)
         assert values_at(results, "end") == pytest.approx([0.995])
+
+
+def test_curves_that_turn_back_end_at_their_first_fold(tmp_path):
+    """Motions of two periods of the load: their branch passes a fold, meets the motions of one period, and would return along the
+    same motions, a period later."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, damping=0.1, stiffness=1.0 /
+&tones frequency=1.05 /
+&harmonics order=9 /
+&load dof='x1', tuple=2, cos=1.0 /
+&law type='polynomial', dof='x1', stiffness=0.0, 0.5, 1.0 /
+&start dof='x1', tuple=1, cos=0.4, sin=0.4 /
+&curve parameter='tones%frequency', start=1.05, from=1.05, to=2.0 /
+"""
+    with Results(solve(text, tmp_path)) as results:
+        folds, last = results.select({"curve_kind": "fold"}), results.used[-1]
+        first, middle, again = values_at(results, "fold")
+        assert again == pytest.approx(first, rel=1e-8) and middle < first
+        assert values_at(results, "end") == pytest.approx([first], rel=1e-8)
+        assert "returns to this fold" in results.message(last)
+        one, shifted = (coefficients_by_tuple(results.path, point) for point in (folds[0], folds[-1]))
+        for tuple_, pair in one.items():
+            assert shifted[tuple_] == pytest.approx([(-1) ** tuple_[0] * value for value in pair], abs=1e-6)
 
 
 def test_curves_whose_steps_use_up_their_work_end(tmp_path):
