@@ -14,8 +14,8 @@
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
 !> A parameter is a handle to one value: its path is looked up once, and setting it is a store. The document records
-!> the numbers that have changed since `accept_changes`, and the groups of which anything else has. A tie makes one value
-!> follow another; `follow_ties` updates all of them.
+!> the numbers that have changed since `accept_changes`, and the groups of which anything else has. Values that follow others
+!> (`&tie`) may not be set on their own.
 !>
 !> The variable that contains a document needs the attribute `target`. Pointers to its groups are valid until an
 !> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are valid for the copy as
@@ -32,7 +32,7 @@ module hb_document
    use hb_text, only: is_name, join, lower, max_name, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: document_t, new_document, parameter_t, tie_t
+   public :: document_t, new_document, parameter_t, tied_t
 
    integer, parameter :: max_lines = 200                    !! of a message
    integer, parameter :: max_changes = 64                   !! numbers; for more the groups are marked
@@ -47,19 +47,17 @@ module hb_document
       procedure :: hides => parameter_hides
    end type parameter_t
 
-   !> A value that follows another one: offset + factor times the other.
-   type :: tie_t
+   !> A value that follows another one.
+   type :: tied_t
       type(parameter_t) :: parameter                        !! the one that follows
       type(parameter_t) :: to                               !! the one that is followed
-      real(wp) :: factor = 1.0_wp
-      real(wp) :: offset = 0.0_wp
-   end type tie_t
+   end type tied_t
 
    !> The groups and their permitted names.
    type :: document_t
       character(:), allocatable :: file_name                !! for messages; empty if not from a file
       type(groups_t) :: groups
-      type(tie_t), allocatable :: ties(:)                   !! in their order, if there are any
+      type(tied_t), allocatable :: ties(:)                  !! in their order, if there are any
       type(string_t), allocatable, private :: known(:)      !! names that may occur
       type(parameter_t), allocatable, private :: changes(:) !! numbers that have changed, (max_changes)
       integer, private :: n_changes = 0
@@ -73,7 +71,6 @@ module hb_document
       procedure :: expect_groups => document_expect_groups
       procedure :: drives => document_drives
       procedure :: finish => document_finish
-      procedure :: follow_ties => document_follow_ties
       procedure :: group => document_group
       procedure :: has_changed => document_has_changed
       procedure :: is_real => document_is_real
@@ -335,22 +332,6 @@ contains
          if (is_found) number = key%values(k)%number
       end associate
    end subroutine document_number_at
-
-   !> Updates the values that follow others.
-   pure subroutine document_follow_ties(self)
-      class(document_t), intent(inout) :: self
-      real(wp) :: number
-      logical :: is_found
-      integer :: i
-
-      if (.not. allocated(self%ties)) return
-      do i = 1, size(self%ties)
-         associate (tie => self%ties(i))
-            call self%number_at(tie%to, number, is_found)
-            if (is_found) call self%set(tie%parameter, tie%offset + tie%factor*number)
-         end associate
-      end do
-   end subroutine document_follow_ties
 
    !> Whether another value follows one of the key of a parameter.
    pure logical function document_drives(self, parameter) result(drives)

@@ -2,7 +2,7 @@
 !> document that change are set in the model (hb_model_numbers).
 module hb_model_reader
    use hb_bearing_reader, only: read_bearing
-   use hb_document, only: document_t, parameter_t, tie_t
+   use hb_document, only: document_t, parameter_t, tied_t
    use hb_error, only: annotate, error_t
    use hb_fe_model, only: fe_model_source_t
    use hb_floquet, only: floquet_t
@@ -14,7 +14,8 @@ module hb_model_reader
    use hb_model, only: model_t
    use hb_model_laws, only: read_laws
    use hb_model_loads, only: loaded_tuples, read_initial, read_loads, read_starts
-   use hb_model_number, only: has_number, model_number_t, model_tie_t, moving_groups, numbered_groups
+   use hb_model_number, only: follower_t, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
+      relation_t, tie_t, values_at
    use hb_model_numbers, only: find_model_number, set_model_numbers
    use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
@@ -55,12 +56,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
       type(callbacks_t), intent(in), optional :: callbacks
+      type(relation_t), allocatable :: relations(:)
 
       if (present(available)) self%options%memory_limit = available
       if (present(callbacks)) self%options%callbacks = callbacks
       call document%begin()
-      call read_ties(document)
-      call read_parts(self, document, error)
+      call read_ties(document, relations)
+      call read_parts(self, document, relations, error)
       if (.not. allocated(error)) call document%finish(error)
       self%is_read = .not. allocated(error)
       if (self%is_read) call document%accept_changes()
@@ -78,7 +80,6 @@ contains
       type(callbacks_t) :: same
       logical :: is_done
 
-      call document%follow_ties()
       is_done = self%is_read
       if (is_done) call set_changes(self, document, is_done)
       is_new = .not. is_done
@@ -88,13 +89,15 @@ contains
       call read_model(self, document, error, available, same)
    end subroutine update_model
 
-   !> Sets the numbers of a document that have changed. `is_done` is false if something else has changed, or if a reader
-   !> must decide: whether a number is possible, or changes more than numbers of the model.
+   !> Sets the numbers of a document that have changed, and those that follow them, in the model and in the document. `is_done` is
+   !> false if something else has changed, or if a reader must decide: whether a number is possible, or changes more than numbers
+   !> of the model.
    subroutine set_changes(self, document, is_done)
       type(model_t), intent(inout) :: self                            !! as it was read from the document
       type(document_t), intent(inout) :: document
       logical, intent(out) :: is_done
       type(error_t), allocatable :: error
+      type(follower_t), allocatable :: moving(:)
       type(model_number_t), allocatable :: numbers(:)
       type(parameter_t), allocatable :: changes(:)
       real(wp), allocatable :: values(:)
@@ -111,15 +114,30 @@ contains
          if (is_done) call document%number_at(changes(i), values(i), is_done)
          if (.not. is_done) return
       end do
-      call set_model_numbers(self, numbers, values, error, is_alike=is_done)
+      moving = followers_of_changes(self%system%ties, numbers, values)
+      values = values_at(moving, 0.0_wp)
+      call set_model_numbers(self, moving%number, values, error, is_alike=is_done)
       is_done = is_done .and. .not. allocated(error)
       if (.not. is_done) return
-      do i = 1, size(changes)
-         associate (group => document%groups%holders(changes(i)%i_group)%group)
-            call group%note_number(trim(changes(i)%key), changes(i)%element, values(i))
-         end associate
+      do i = 1, size(moving)
+         if (moving(i)%tie == 0) call note_number(document, changes(i), values(i))
+         if (moving(i)%tie == 0) cycle
+         call document%set(document%ties(moving(i)%tie)%parameter, values(i))
+         call note_number(document, document%ties(moving(i)%tie)%parameter, values(i))
       end do
+      call document%accept_changes()
    end subroutine set_changes
+
+   !> Stores the number that the model has for a parameter of a document.
+   pure subroutine note_number(document, parameter, value)
+      type(document_t), intent(inout) :: document
+      type(parameter_t), intent(in) :: parameter
+      real(wp), intent(in) :: value
+
+      associate (group => document%groups%holders(parameter%i_group)%group)
+         call group%note_number(trim(parameter%key), parameter%element, value)
+      end associate
+   end subroutine note_number
 
    !> The number of a model that a parameter of a document, from which the model was read, is; without an object if it is
    !> none, such as a word or an integer.
@@ -192,9 +210,10 @@ contains
    end function wanted_tuples
 
    !> Reads the groups in order; `error` stops the reading, problems of single keys are collected in the document.
-   subroutine read_parts(self, document, error)
+   subroutine read_parts(self, document, relations, error)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
+      type(relation_t), intent(in) :: relations(:)                    !! of its ties
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
       logical :: has_tones                                            ! otherwise there is nothing but a time integration
@@ -243,7 +262,7 @@ contains
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_integration(self%options%integration, document%optional_group("integration"))
       call read_initial(self, document)
-      call put_ties(self, document)
+      call put_ties(self, document, relations)
       call read_gradient(self, document)
       if (.not. self%options%may_integrate) call refuse_integration()
       self%options%integration%work_limit = work_of_method*self%options%solver%fallback_work
@@ -367,12 +386,13 @@ contains
       if (any(system%tones%is_unknown)) call group%problem("improvement_steps", "requires given tones; leave it out")
    end subroutine check_improvement
 
-   !> Reads the ties of a document, which stores them, and sets the values that follow. Invalid paths are reported as
-   !> problems of their groups.
-   subroutine read_ties(document)
+   !> Reads the ties of a document, which stores what follows what, and sets the values that follow, which are then read as any
+   !> others. Invalid paths are reported as problems of their groups.
+   subroutine read_ties(document, relations)
       type(document_t), intent(inout), target :: document
+      type(relation_t), allocatable, intent(out) :: relations(:)
       type(properties_t), pointer :: group
-      type(tie_t), allocatable :: ties(:)
+      type(tied_t), allocatable :: ties(:)
       character(:), allocatable :: path
       real(wp) :: number
       logical :: is_given
@@ -380,6 +400,7 @@ contains
 
       if (allocated(document%ties)) deallocate (document%ties)
       n = document%count("tie")
+      allocate (relations(n))
       if (n == 0) return
       allocate (ties(n))
       do i = 1, n
@@ -390,8 +411,8 @@ contains
          path = ""
          call group%get("to", path)
          call find_value(document, group, "to", path, ties(i)%to)
-         call group%get("factor", ties(i)%factor)
-         call group%get("offset", ties(i)%offset)
+         call group%get("factor", relations(i)%factor)
+         call group%get("offset", relations(i)%offset)
          if (ties(i)%parameter%i_group == 0 .or. ties(i)%to%i_group == 0) then
             deallocate (ties)
             return
@@ -406,25 +427,25 @@ contains
          end if
       end do
       call move_alloc(ties, document%ties)
-      call document%follow_ties()
+      do i = 1, n
+         call document%number_at(document%ties(i)%to, number, is_given)
+         if (is_given) call document%set(document%ties(i)%parameter, relations(i)%at(number))
+      end do
    end subroutine read_ties
 
-   !> Stores ties between numbers of the model in it; the others concern settings, which do not move.
-   subroutine put_ties(self, document)
+   !> Stores the ties in the model, which follows them from now on.
+   subroutine put_ties(self, document, relations)
       type(model_t), intent(inout) :: self
       type(document_t), intent(in) :: document
-      type(model_tie_t) :: tie
+      type(relation_t), intent(in) :: relations(:)
       integer :: i
 
       allocate (self%system%ties(0))
-      if (.not. allocated(document%ties)) return
-      do i = 1, size(document%ties)
-         call find_number(document, document%ties(i)%to, tie%to)
-         if (tie%to%object == has_number%none) cycle
-         call find_number(document, document%ties(i)%parameter, tie%number)
-         tie%factor = document%ties(i)%factor
-         tie%offset = document%ties(i)%offset
-         self%system%ties = [self%system%ties, tie]
+      if (.not. allocated(document%ties)) return                      ! or they are wrong, which has been reported
+      self%system%ties = [(tie_t(relation=relations(i)), i=1, size(relations))]
+      do i = 1, size(relations)
+         call find_number(document, document%ties(i)%to, self%system%ties(i)%to)
+         call find_number(document, document%ties(i)%parameter, self%system%ties(i)%number)
       end do
    end subroutine put_ties
 

@@ -7,7 +7,8 @@ module hb_model_number
    use hb_text, only: to_text
    implicit none
    private
-   public :: follower_t, followers_of, has_number, model_number_t, model_tie_t, moving_groups, numbered_groups, values_at
+   public :: follower_t, followers_of, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
+      relation_t, tie_t, values_at
 
    !> The objects of a model that have numbers.
    type :: has_number_t
@@ -52,23 +53,39 @@ module hb_model_number
       procedure :: is_of_structure => model_number_is_of_structure
    end type model_number_t
 
-   !> A number that follows another one: offset + factor times the other.
-   type :: model_tie_t
-      type(model_number_t) :: number                                  !! the one that follows
-      type(model_number_t) :: to                                      !! the one that is followed
+   !> How a number follows another one: offset + factor times the other.
+   type :: relation_t
       real(wp) :: factor = 1.0_wp
       real(wp) :: offset = 0.0_wp
-   end type model_tie_t
+   contains
+      procedure :: at => relation_at
+   end type relation_t
+
+   !> A number that follows another one.
+   type :: tie_t
+      type(model_number_t) :: number                                  !! the one that follows; without an object: a setting
+      type(model_number_t) :: to                                      !! the one that is followed, likewise
+      type(relation_t) :: relation
+   end type tie_t
 
    !> One of the numbers that move with a value.
    type :: follower_t
       type(model_number_t) :: number
-      integer :: source = 0                                           !! index of the follower that it follows; 0: the value
-      real(wp) :: factor = 1.0_wp, offset = 0.0_wp                    !! as those of a tie
+      type(relation_t) :: relation
       real(wp) :: slope = 1.0_wp                                      !! derivative by the value
+      integer :: source = 0                                           !! index of the follower that it follows; 0: the value
+      integer :: tie = 0                                              !! number of the tie by which it does
    end type follower_t
 
 contains
+
+   !> The number that follows.
+   elemental real(wp) function relation_at(self, value)
+      class(relation_t), intent(in) :: self
+      real(wp), intent(in) :: value                                   !! of the one that is followed
+
+      relation_at = self%offset + self%factor*value
+   end function relation_at
 
    !> Why a value is outside of the range; empty if it is inside.
    pure function model_number_range_problem(self, value) result(text)
@@ -104,13 +121,14 @@ contains
       type(model_number_t), intent(in) :: other
 
       includes = self%object == other%object .and. self%i == other%i .and. self%key == other%key
+      if (self%object == has_number%none) includes = .false.
       if (includes) includes = all(self%element == 0) .or. all(self%element == other%element) .or. &
                                (all(other%element == 0) .and. all(self%element == [1, 0]))
    end function model_number_includes
 
    !> The numbers that move with the first ones by ties, after these.
    pure function followers_of(ties, first) result(followers)
-      type(model_tie_t), intent(in) :: ties(:)                        !! in their order
+      type(tie_t), intent(in) :: ties(:)                              !! in their order
       type(follower_t), intent(in) :: first(:)                        !! the value itself, and others that it moves
       type(follower_t), allocatable :: followers(:)
       integer :: i, k
@@ -119,12 +137,23 @@ contains
       do i = 1, size(ties)
          do k = 1, size(followers)
             if (.not. followers(k)%number%includes(ties(i)%to)) cycle
-            followers = [followers, follower_t(ties(i)%number, k, ties(i)%factor, ties(i)%offset, &
-                                               ties(i)%factor*followers(k)%slope)]
+            followers = [followers, follower_t(ties(i)%number, ties(i)%relation, ties(i)%relation%factor*followers(k)%slope, &
+                                               source=k, tie=i)]
             exit
          end do
       end do
    end function followers_of
+
+   !> Numbers that have changed, and those that follow them, whatever the value.
+   pure function followers_of_changes(ties, numbers, values) result(followers)
+      type(tie_t), intent(in) :: ties(:)                              !! in their order
+      type(model_number_t), intent(in) :: numbers(:)                  !! with an object
+      real(wp), intent(in) :: values(:)                               !! of these numbers
+      type(follower_t), allocatable :: followers(:)
+      integer :: i
+
+      followers = followers_of(ties, [(follower_t(numbers(i), relation_t(0.0_wp, values(i)), 0.0_wp), i=1, size(numbers))])
+   end function followers_of_changes
 
    !> The numbers at a value.
    pure function values_at(followers, value) result(values)
@@ -135,9 +164,9 @@ contains
 
       do i = 1, size(followers)
          if (followers(i)%source > 0) then
-            values(i) = followers(i)%offset + followers(i)%factor*values(followers(i)%source)
+            values(i) = followers(i)%relation%at(values(followers(i)%source))
          else
-            values(i) = followers(i)%factor*value
+            values(i) = followers(i)%relation%at(value)
          end if
       end do
    end function values_at

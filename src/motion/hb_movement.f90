@@ -4,7 +4,7 @@ module hb_movement
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
-   use hb_model_number, only: follower_t, followers_of, has_number, model_number_t, values_at
+   use hb_model_number, only: follower_t, followers_of, has_number, model_number_t, relation_t, values_at
    use hb_model_numbers, only: find_model_number, set_model_numbers
    use hb_system, only: system_t
    use hb_tones, only: tones_t
@@ -53,7 +53,7 @@ contains
             if (i == max(1, number%element(1))) cycle
             tone%element(1) = i
             ratio = model%system%tones%omega(i)/model%system%tones%omega(max(1, number%element(1)))
-            first = [first, follower_t(tone, factor=ratio, slope=ratio)]
+            first = [first, follower_t(tone, relation_t(ratio), slope=ratio)]
          end do
       end if
       call make_movement(self, model%system, first)
@@ -77,7 +77,7 @@ contains
       number%key = trim(merge("hertz    ", "frequency", system%tones%is_in_hertz))
       number%element(1) = tone
       unit = system%tones%subharmonic/merge(two_pi, 1.0_wp, system%tones%is_in_hertz)
-      call make_movement(self, system, [follower_t(number, factor=unit, slope=unit)])
+      call make_movement(self, system, [follower_t(number, relation_t(unit), slope=unit)])
       self%tones = .false.                                            ! no given one can follow it
       self%first = 2
    end function movement_with_tone

@@ -5,7 +5,7 @@ module hb_system
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
    use hb_load, only: load_t
-   use hb_model_number, only: model_tie_t
+   use hb_model_number, only: tie_t
    use hb_normal_mode, only: normal_mode_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
@@ -34,7 +34,7 @@ module hb_system
       integer, allocatable :: phase_dofs(:)                           !! of the sines that are zero, by unknown tone; size 0:
                                                                       !! integral phase conditions
       type(normal_mode_t) :: normal_mode
-      type(model_tie_t), allocatable :: ties(:)                       !! by which numbers follow others, in their order
+      type(tie_t), allocatable :: ties(:)                             !! by which numbers follow others, in their order
    contains
       procedure :: has_restitution => system_has_restitution
       procedure :: check_balance => system_check_balance
