@@ -101,86 +101,98 @@ contains
       self%extent(n_tones) = grid(n_tones)
       allocate (self%stages(n_tones))
       do m = 1, n_tones
-         if (.not. allocated(error)) call plan_stage(self%stages(m), m)
+         if (.not. allocated(error)) call plan_stage(self, grid, m, error)
       end do
-      if (torus%is_half) call find_twist()
+      if (torus%is_half) call find_twist(self, torus, grid)
       lane = 1
       if (present(n_lanes)) lane = n_lanes
       allocate (self%lanes(lane))
       do lane = 1, size(self%lanes)
-         if (.not. allocated(error)) call make_lane(self%lanes(lane))
+         if (.not. allocated(error)) call make_lane(self, grid, directions, self%lanes(lane), error)
       end do
+   end subroutine new_packed_fft
 
-   contains
+   !> Plans the transforms along tone m.
+   subroutine plan_stage(self, grid, m, error)
+      type(packed_fft_t), intent(inout) :: self
+      integer, intent(in) :: grid(:)                                  !! complex numbers, (n_tones)
+      integer, intent(in) :: m
+      type(error_t), allocatable, intent(out) :: error
+      integer :: before, n_inner, next, next_grid
 
-      subroutine make_lane(lane)
-         type(lane_t), intent(inout) :: lane
-         integer :: m
-
-         allocate (lane%spectra(n_tones))
-         do m = 1, n_tones
-            if (directions /= direction%to_spectrum .and. .not. allocated(error)) &
-               call new_complex_block(lane%spectra(m), product(self%extent(:m - 1))*product(grid(m:)), 1, error)
-         end do
-         if ((self%n_together == 1 .or. (torus%is_half .and. n_tones == 1)) .and. .not. allocated(error)) &
-            call new_complex_block(lane%loose, product(grid), 1, error)
-         if (directions == direction%to_samples) return
-         if (.not. allocated(error)) call new_complex_block(lane%work(1), product(grid), 1, error)
-         if (.not. allocated(error) .and. n_tones > 1) &
-            call new_complex_block(lane%work(2), self%extent(1)*product(grid(2:)), 1, error)
-      end subroutine make_lane
-
-      !> Determines the twisted columns: those in which the sum of the lower entries requires an odd last entry.
-      subroutine find_twist()
-         integer :: b, i, k, lower, quotient, total
-         real(wp) :: step
-
-         allocate (self%twisted(0))
-         self%n_columns = product(self%extent(:n_tones - 2))
-         if (n_tones > 1) self%n_columns = self%n_columns*grid(n_tones - 1)
-         do i = 1, self%n_columns
-            quotient = i - 1
-            total = 0
-            do k = 1, n_tones - 2
-               total = total + modulo(quotient, self%extent(k))       ! an even extent: negative entries keep their parity
-               quotient = quotient/self%extent(k)
-            end do
-            if (n_tones > 1) then
-               lower = self%extent(n_tones - 1)/2                     ! entries from 0 on come first
-               b = quotient
-               if (self%extent(n_tones - 1) < grid(n_tones - 1) .and. quotient >= lower) b = quotient - grid(n_tones - 1)
-               if (b < -lower) cycle                                  ! beyond the highest: zero, or not needed
-               total = total + b
-            end if
-            if (modulo(parity - total, 2) == 1) self%twisted = [self%twisted, i]
-         end do
-         step = two_pi/torus%n_samples(n_tones)                       ! phase between two stored samples
-         if (n_tones == 1) step = step*self%n_together
-         self%twist = [(cmplx(cos(step*k), sin(step*k), wp), k=0, merge(grid(n_tones), 0, size(self%twisted) > 0) - 1)]
-      end subroutine find_twist
-
-      subroutine plan_stage(stage, m)
-         type(stage_t), intent(inout) :: stage
-         integer, intent(in) :: m
-         integer :: before, n_inner, next, next_grid
-
-         before = product(self%extent(:m - 2))
-         next = 1
-         next_grid = 1
-         if (m > 1) then
-            next = self%extent(m - 1)
-            next_grid = grid(m - 1)
-         end if
-         n_inner = before*next
+      before = product(self%extent(:m - 2))
+      next = 1
+      next_grid = 1
+      if (m > 1) then
+         next = self%extent(m - 1)
+         next_grid = grid(m - 1)
+      end if
+      n_inner = before*next
+      associate (stage => self%stages(m))
          if (next < next_grid) then                                   ! j = 0 .. highest, then -highest - 1 .. -1
             n_inner = n_inner/2
             stage%high_spectrum = n_inner
             stage%high_samples = before*next_grid - n_inner
          end if
-         call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, &
-                            error)
-      end subroutine plan_stage
-   end subroutine new_packed_fft
+         call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, error)
+      end associate
+   end subroutine plan_stage
+
+   !> Finds the twisted columns, those in which the sum of the lower entries requires an odd last entry, and the twist.
+   subroutine find_twist(self, torus, grid)
+      type(packed_fft_t), intent(inout) :: self
+      type(torus_t), intent(in) :: torus
+      integer, intent(in) :: grid(:)                                  !! complex numbers, (n_tones)
+      integer :: b, i, k, lower, n_tones, quotient, total
+      real(wp) :: step
+
+      n_tones = size(grid)
+      allocate (self%twisted(0))
+      self%n_columns = product(self%extent(:n_tones - 2))
+      if (n_tones > 1) self%n_columns = self%n_columns*grid(n_tones - 1)
+      do i = 1, self%n_columns
+         quotient = i - 1
+         total = 0
+         do k = 1, n_tones - 2
+            total = total + modulo(quotient, self%extent(k))          ! an even extent: negative entries keep their parity
+            quotient = quotient/self%extent(k)
+         end do
+         if (n_tones > 1) then
+            lower = self%extent(n_tones - 1)/2                        ! entries from 0 on come first
+            b = quotient
+            if (self%extent(n_tones - 1) < grid(n_tones - 1) .and. quotient >= lower) b = quotient - grid(n_tones - 1)
+            if (b < -lower) cycle                                     ! beyond the highest: zero, or not needed
+            total = total + b
+         end if
+         if (modulo(self%parity - total, 2) == 1) self%twisted = [self%twisted, i]
+      end do
+      step = two_pi/torus%n_samples(n_tones)                          ! phase between two stored samples
+      if (n_tones == 1) step = step*self%n_together
+      self%twist = [(cmplx(cos(step*k), sin(step*k), wp), k=0, merge(grid(n_tones), 0, size(self%twisted) > 0) - 1)]
+   end subroutine find_twist
+
+   !> Allocates the arrays of one thread.
+   subroutine make_lane(self, grid, directions, lane, error)
+      type(packed_fft_t), intent(in) :: self
+      integer, intent(in) :: grid(:)                                  !! complex numbers, (n_tones)
+      integer, intent(in) :: directions                               !! one of `direction`
+      type(lane_t), intent(inout) :: lane
+      type(error_t), allocatable, intent(out) :: error
+      integer :: m, n_tones
+
+      n_tones = size(grid)
+      allocate (lane%spectra(n_tones))
+      do m = 1, n_tones
+         if (directions /= direction%to_spectrum .and. .not. allocated(error)) &
+            call new_complex_block(lane%spectra(m), product(self%extent(:m - 1))*product(grid(m:)), 1, error)
+      end do
+      if ((self%n_together == 1 .or. (self%is_half .and. n_tones == 1)) .and. .not. allocated(error)) &
+         call new_complex_block(lane%loose, product(grid), 1, error)
+      if (directions == direction%to_samples) return
+      if (.not. allocated(error)) call new_complex_block(lane%work(1), product(grid), 1, error)
+      if (.not. allocated(error) .and. n_tones > 1) &
+         call new_complex_block(lane%work(2), self%extent(1)*product(grid(2:)), 1, error)
+   end subroutine make_lane
 
    !> Position of tuple j in the spectrum. On half a grid its sum has the parity of the plan; other tuples get the
    !> position of a neighbour.

@@ -44,7 +44,7 @@ module hb_model_reader
                                                                       ! of the solver's fallbacks; two methods share
                                                                       ! the rest
    real(wp), parameter :: work_if_requested = 19.0e9_wp               ! of a method, if time integration is no fallback
-   real(wp), parameter :: least_work = 0.5e9_wp                       ! of a method, at each point of a sweep
+   real(wp), parameter :: min_work = 0.5e9_wp                         ! of a method, at each point of a sweep
 
 contains
 
@@ -265,14 +265,7 @@ contains
       call put_ties(self, document, relations)
       call read_gradient(self, document)
       if (.not. self%options%may_integrate) call refuse_integration()
-      self%options%integration%work_limit = work_of_method*self%options%solver%fallback_work
-      if (.not. self%options%solver%has_fallback_work) then
-         if (self%options%primary_method == primary_method%integration .or. (self%system%tones%n_tones > 1 .and. &
-             self%system%has_restitution(self%options%integration%restitution))) &  ! of one tone the period map finds it
-            self%options%integration%work_limit = work_if_requested
-         self%options%integration%work_limit = max(self%options%callbacks%share_of_integration* &
-                                                   self%options%integration%work_limit, least_work)
-      end if
+      self%options%integration%work_limit = work_of_integration(self%system, self%options)
 
    contains
 
@@ -306,29 +299,40 @@ contains
       end subroutine check_size
    end subroutine read_parts
 
-   !> Reads the set of harmonics: with a tolerance the one to begin with; without tones there is none.
+   !> Reads the set of harmonics: that of the input, or the first one of those that are chosen for a tolerance; none without tones.
    subroutine read_set(self, document, error)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
 
-      associate (harmonics => self%discretisation%harmonics, n_tones => self%system%tones%n_tones)
-         if (n_tones == 0) then
+      associate (set => self%discretisation%harmonics, symmetry => self%discretisation%symmetry, accuracy => self%options%accuracy)
+         if (self%system%tones%n_tones == 0) then
             call refuse_harmonics(document)
-            call new_harmonics(harmonics, reshape([integer ::], [0, 1]), error)
-         else if (self%options%accuracy%grows_set) then
-            call read_lowest_set(harmonics, document, wanted_tuples(self%system, self%options, document), error, &
-                                 self%discretisation%symmetry)
-            if (.not. allocated(error) .and. harmonics%n_harmonics > self%options%accuracy%max_harmonics) then
-               group => document%optional_group("accuracy")
-               call group%problem("max_harmonics", "must be "//to_text(harmonics%n_harmonics)//" or more, the initial tuples")
-            end if
+            call new_harmonics(set, reshape([integer ::], [0, 1]), error)
+         else if (accuracy%grows_set) then
+            call read_lowest_set(set, document, wanted_tuples(self%system, self%options, document), error, symmetry)
+            if (allocated(error) .or. set%n_harmonics <= accuracy%max_harmonics) return
+            group => document%optional_group("accuracy")
+            call group%problem("max_harmonics", "must be "//to_text(set%n_harmonics)//" or more, the initial tuples")
          else
-            call read_harmonics(harmonics, document, n_tones, error, self%discretisation%symmetry)
+            call read_harmonics(set, document, self%system%tones%n_tones, error, symmetry)
          end if
       end associate
    end subroutine read_set
+
+   !> Largest work of one method of time integration.
+   real(wp) function work_of_integration(system, options) result(work)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+
+      work = work_of_method*options%solver%fallback_work
+      if (options%solver%has_fallback_work) return
+      if (options%primary_method == primary_method%integration .or. (system%tones%n_tones > 1 .and. &
+                                                                     system%has_restitution(options%integration%restitution))) &
+         work = work_if_requested                                     ! of one tone the period map finds a motion with impacts
+      work = max(options%callbacks%share_of_integration*work, min_work)
+   end function work_of_integration
 
    !> Rejects what is given about harmonics of tones that there are not.
    subroutine refuse_harmonics(document)

@@ -300,7 +300,6 @@ contains
       type(bordered_problem_t), target :: with_frequencies
       class(problem_t), pointer :: problem
       type(tangent_solver_t) :: tangent
-      real(wp), allocatable :: by_value(:), slope(:)
       complex(wp), allocatable :: c(:, :)
       logical :: is_done(size(known%model%options%gradient%by)), is_found, is_lost
       integer :: k, strongest
@@ -308,7 +307,7 @@ contains
       associate (by => known%model%options%gradient%by, n => known%n)
          gradient = zero_gradient(known%model%system, known%model%options, known%model%discretisation%harmonics)
          allocate (here, moved)
-         call put_on(here, by(1), 1.0_wp)
+         call put_on(known, here, by(1), 1.0_wp, error)
          if (allocated(error)) return
          problem => here
          if (size(known%tones) > 0) then
@@ -317,7 +316,6 @@ contains
             end associate
             problem => with_frequencies
          end if
-         allocate (by_value(n), slope(size(known%x)))
          if (.not. allocated(known%residual)) allocate (known%residual(n))
          if (present(corrects)) then
             if (corrects) call correct(known, problem)
@@ -332,63 +330,72 @@ contains
          strongest = 0
          if (.not. is_lost) call differentiate_in_reverse(known, here, problem, tangent, gradient, is_done, strongest)
          if (strongest > 0 .and. degree_of(known%model%system) == 0) then   ! its defect is that of all, if there may be one
-            call differentiate_by(strongest)
+            call differentiate_by(known, moved, problem, tangent, strongest, gradient, is_lost, error)
             gradient%defect = merge(gradient%defect(strongest), gradient%defect, is_done)
          end if
          do k = 1, size(by)
             if (is_lost .or. allocated(error) .or. work_is_over()) exit
-            if (.not. is_done(k)) call differentiate_by(k)
+            if (.not. is_done(k)) call differentiate_by(known, moved, problem, tangent, k, gradient, is_lost, error)
          end do
       end associate
       is_lost = is_lost .or. allocated(error) .or. work_is_over()
       if (is_lost) gradient = gradient_t()
       call here%destroy()
       call moved%destroy()
-
-   contains
-
-      !> By one value, with a solution of its own.
-      subroutine differentiate_by(k)
-         integer, intent(in) :: k
-         real(wp) :: typical, value
-         integer :: attempt
-
-         associate (by => known%model%options%gradient%by, n => known%n)
-            call find_model_number(known%model, by(k), value, is_found)
-            typical = abs(value)
-            if (.not. typical > 0.0_wp) typical = 1.0_wp
-            do attempt = 1, 2
-               call put_on(moved, by(k), typical)
-               if (allocated(error)) return
-               call moved%set_parameters(known%which, known%x(n + 1:), is_found)
-               call moved%parameter_derivative(known%x(:n), moved%own, by_value)
-               slope = 0.0_wp
-               slope(:n) = -by_value
-               call tangent%solve(problem, slope, is_lost)
-               if (is_lost .or. abs(value) > 0.0_wp .or. .not. norm2(slope(:n)) > 0.0_wp) exit
-               typical = norm2(known%x(:n))/norm2(slope(:n))          ! of a value of zero: the change with a comparable effect
-            end do
-            if (is_lost) return
-            call take_steps(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
-            if (all(ieee_is_finite(gradient%frequency(:, k)))) return
-            if (.not. allocated(moved%refusal%text)) moved%refusal%text = "it is rejected on both sides of its value"
-            call fail(error, trim(by(k)%name)//" cannot change by itself: "//moved%refusal%text)
-         end associate
-      end subroutine differentiate_by
-
-      subroutine put_on(problem, number, typical)
-         type(model_problem_t), intent(inout) :: problem
-         type(model_number_t), intent(in) :: number
-         real(wp), intent(in) :: typical
-         real(wp) :: at
-         logical :: is_done
-
-         call find_model_number(known%model, number, at, is_found)
-         call problem%choose_number(moving_value_t(number, typical), at, is_done)
-         if (.not. is_done) call new_model_problem(problem, known%model%system, known%model%discretisation, known%model%options, &
-                                                   moving_value_t(number, typical), at, error)
-      end subroutine put_on
    end subroutine differentiate
+
+   !> Differentiates by one value, with a solution of its own.
+   subroutine differentiate_by(known, moved, problem, tangent, k, gradient, is_lost, error)
+      type(known_t), intent(inout) :: known                           !! unchanged
+      type(model_problem_t), intent(inout) :: moved                   !! the balance as a function of the value, created or adapted
+      class(problem_t), intent(inout) :: problem                      !! at the motion, with unknown frequencies
+      type(tangent_solver_t), intent(inout) :: tangent                !! of this problem
+      integer, intent(in) :: k                                        !! number of the value
+      type(gradient_t), intent(inout) :: gradient
+      logical, intent(inout) :: is_lost                               !! becomes true if the tangent is singular
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: by_value(known%n), slope(size(known%x)), typical, value
+      integer :: attempt
+      logical :: is_found
+
+      associate (number => known%model%options%gradient%by(k), n => known%n)
+         call find_model_number(known%model, number, value, is_found)
+         typical = abs(value)
+         if (.not. typical > 0.0_wp) typical = 1.0_wp
+         do attempt = 1, 2
+            call put_on(known, moved, number, typical, error)
+            if (allocated(error)) return
+            call moved%set_parameters(known%which, known%x(n + 1:), is_found)
+            call moved%parameter_derivative(known%x(:n), moved%own, by_value)
+            slope = 0.0_wp
+            slope(:n) = -by_value
+            call tangent%solve(problem, slope, is_lost)
+            if (is_lost .or. abs(value) > 0.0_wp .or. .not. norm2(slope(:n)) > 0.0_wp) exit
+            typical = norm2(known%x(:n))/norm2(slope(:n))             ! of a value of zero: the change with a comparable effect
+         end do
+         if (is_lost) return
+         call take_steps(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
+         if (all(ieee_is_finite(gradient%frequency(:, k)))) return
+         if (.not. allocated(moved%refusal%text)) moved%refusal%text = "it is rejected on both sides of its value"
+         call fail(error, trim(number%name)//" cannot change by itself: "//moved%refusal%text)
+      end associate
+   end subroutine differentiate_by
+
+   !> Makes a problem the balance as a function of a number.
+   subroutine put_on(known, problem, number, typical, error)
+      type(known_t), intent(inout) :: known                           !! unchanged
+      type(model_problem_t), intent(inout) :: problem
+      type(model_number_t), intent(in) :: number
+      real(wp), intent(in) :: typical                                 !! value
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: at
+      logical :: is_done, is_found
+
+      call find_model_number(known%model, number, at, is_found)
+      call problem%choose_number(moving_value_t(number, typical), at, is_done)
+      if (.not. is_done) call new_model_problem(problem, known%model%system, known%model%discretisation, known%model%options, &
+                                                moving_value_t(number, typical), at, error)
+   end subroutine put_on
 
    !> Corrects the motion by a step of Newton's method, unless the step increases the residual.
    subroutine correct(known, problem)
