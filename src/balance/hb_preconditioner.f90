@@ -113,16 +113,10 @@ contains
          call new_block_factors(self%alone, self%pattern, size(frequencies))
       end if
       n = n_threads(size(frequencies)*self%pattern%n_rows*laws%n_dofs)
-      if (n == 1) then
-         do h = 1, size(frequencies)
-            call update_harmonic(h)
-         end do
-      else
-         !$omp parallel do num_threads(n) schedule(dynamic)
-         do h = 1, size(frequencies)
-            call update_harmonic(h)
-         end do
-      end if
+      !$omp parallel do num_threads(n) schedule(dynamic) if (n > 1)
+      do h = 1, size(frequencies)
+         call update_harmonic(h)
+      end do
       call choose_coupled(self, laws%transform%harmonics, level, coupling, is_strongest)
       if (allocated(self%coupled)) call fill_coupled(self, linear, laws, frequencies)
 

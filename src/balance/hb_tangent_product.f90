@@ -162,16 +162,10 @@ contains
       type(projected_laws_t), intent(in) :: laws
       integer :: i
 
-      if (size(self%columns) == 1) then
-         do i = 1, laws%jacobian%n_pairs
-            call self%bring(laws%jacobian, i, 1)
-         end do
-      else
-         !$omp parallel do num_threads(size(self%columns))
-         do i = 1, laws%jacobian%n_pairs
-            call self%bring(laws%jacobian, i, this_thread())
-         end do
-      end if
+      !$omp parallel do num_threads(size(self%columns)) if (size(self%columns) > 1)
+      do i = 1, laws%jacobian%n_pairs
+         call self%bring(laws%jacobian, i, this_thread())
+      end do
    end subroutine thin_grid_update
 
    !> Transforms the slopes of pair i to the coarse grid.
