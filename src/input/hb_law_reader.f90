@@ -44,7 +44,7 @@ contains
       end select
       problems%group => group
       call box%law%check(problems)
-      call take_memory(box)
+      if (box%law%n_states > 0) call take_memory(box)
    end subroutine read_law
 
    !> Reads a law that declares all that an input gives.

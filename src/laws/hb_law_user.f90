@@ -179,14 +179,13 @@ contains
       if (any(codes /= 0)) slope = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine user_law_frequency_slope
 
-   !> Converts a user law with states, as it was read, to a law with memory; others are unchanged.
+   !> Converts a law with states, as it was read, to a law with memory if it is a user's; others are unchanged.
    subroutine take_memory(box)
       type(law_box_t), intent(inout) :: box
       type(user_memory_t), allocatable :: memory
 
       select type (law => box%law)
       type is (user_t)
-         if (law%n_states == 0) return
          allocate (memory)
          memory%own = law
          memory%label = law%label

@@ -48,7 +48,8 @@ contains
       integer, allocatable :: n_samples(:)
       type(error_t), allocatable :: error
 
-      if (.not. may_change_base(system, options) .or. product(real(level%n_samples, wp)) < smallest_grid) return
+      if (product(real(level%n_samples, wp)) < smallest_grid) return
+      if (.not. may_change_base(system, options)) return
       call reduced_base(level%set%tuples, self%matrix, self%inverse)
       call make_positive(self, system%tones%omega, omega)
       if (minval(omega) < slowest*maxval(omega)) return

@@ -42,6 +42,7 @@ contains
       integer :: i
 
       call solve_once(model, result, error, level, below, guess, cached)
+      if (.not. any(model%system%tones%is_unknown)) return
       allocate (tones, source=tied_tones(model%system))
       if (size(tones) == 0) return
       model%is_read = .false.                                         ! its values are no longer those of the input

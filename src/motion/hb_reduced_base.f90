@@ -21,7 +21,8 @@ contains
       integer, allocatable :: matrix(:, :), inverse(:, :)
 
       share = 1.0_wp
-      if (.not. may_change_base(system, options) .or. product(real(n_samples, wp)) < smallest_grid) return
+      if (product(real(n_samples, wp)) < smallest_grid) return
+      if (.not. may_change_base(system, options)) return
       call reduced_base(tuples, matrix, inverse)
       share = product((2.0_wp*maxval(abs(matmul(matrix, tuples)), dim=2) + 1.0_wp)/(2.0_wp*maxval(abs(tuples), dim=2) + 1.0_wp))
       if (share > worth_it) share = 1.0_wp

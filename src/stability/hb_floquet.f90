@@ -120,8 +120,8 @@ contains
       if (stability%is_too_costly) return
       stability%method = stability_method%integration
       is_orbit_sought = .false.
-      if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
-         is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, max_work_of_orbit)
+      if (motion%tones%n_tones == 1 .and. .not. any(motion%tones%is_unknown)) is_orbit_sought = has_piecewise_orbit(variation)
+      if (is_orbit_sought) is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, max_work_of_orbit)
       if (is_orbit_sought) then
          call assess_orbit(stability, variation, structure, motion, excitation, free_motions(structure, laws))
          return

@@ -16,8 +16,8 @@ module hb_branch_numbers
 
 contains
 
-   !> Numbers the branches along each line of the sweep and writes the numbers; collective, and an error is the same
-   !> on all ranks. No effect if the fastest parameter has no order.
+   !> Numbers the branches along each line of a sweep whose fastest parameter is ordered, and writes the numbers; collective, and
+   !> an error is the same on all ranks.
    subroutine number_branches(results, plan, chain, comm, n_jumps, first_jump, error)
       type(results_t), intent(inout) :: results
       type(sweep_plan_t), intent(in) :: plan
@@ -31,7 +31,6 @@ contains
 
       n_jumps = 0
       first_jump = 0
-      if (.not. plan%is_ordered()) return
       call results%share(size_of(comm), error)
       call share_error(comm, error)
       if (allocated(error)) return

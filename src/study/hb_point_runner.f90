@@ -33,7 +33,7 @@ contains
          call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
       end if
       call solve_point(model, result, error, level, below, start, cached)
-      if (.not. allocated(error)) &
+      if (.not. allocated(error) .and. size(model%options%gradient%by) > 0) &
          call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)
       if (allocated(error)) call result%set_failure(error)
    end subroutine run_model

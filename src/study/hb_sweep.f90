@@ -114,7 +114,7 @@ contains
          call run%ending%leave()
          call end_crash_detection()
          call share_error(comm, error)
-         if (summary%n_left == 0 .and. .not. allocated(error)) &
+         if (summary%n_left == 0 .and. self%plan%is_ordered() .and. .not. allocated(error)) &
             call number_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
       end if
       if (allocated(error)) then
