@@ -85,7 +85,7 @@ contains
          case (outcome%truncated, outcome%penetrating)
             if (any(why == [reason%growth, reason%departure])) then
                text = integrate_from_rest(run)
-            else if (why == reason%fallback_work) then
+            else if (why == reason%max_fallback_work) then
                text = raised(run, trim(reason_names(why)))
             else
                text = with_more_harmonics(run)
@@ -154,7 +154,7 @@ contains
          else
             text = with_finer_equations(run)
          end if
-      case (reason%fallback_work, reason%time_limit)
+      case (reason%max_fallback_work, reason%time_limit)
          text = raised(run, trim(reason_names(limit)))
       case default
          if (.not. fallbacks .and. limit == reason%max_iterations) then

@@ -536,7 +536,7 @@ contains
       x_half = x
       where (is_held) x_half(:n) = 0.0_wp
       config%max_iterations = nearby_steps
-      config%fallback_work = 0.0_wp
+      config%max_fallback_work = 0.0_wp
       select type (problem)
       class is (bordered_problem_t)
          problem%is_held = is_held

@@ -70,15 +70,15 @@ module hb_cancellation
 contains
 
    !> Begins a point with a limit of `time_limit`.
-   subroutine cancellation_begin(self, time_limit, work_limit)
+   subroutine cancellation_begin(self, time_limit, max_work)
       class(cancellation_t), intent(inout) :: self
       real(wp), intent(in) :: time_limit                              !! processor time [s], huge() for no limit
-      real(wp), intent(in), optional :: work_limit                    !! of the work that is spent; default none
+      real(wp), intent(in), optional :: max_work                    !! of the work that is spent; default none
       real(wp) :: now
 
       if (self%verdict /= verdict%interrupted) self%verdict = verdict%go_on
       self%budget = budget_t()
-      if (present(work_limit)) self%budget%limit = work_limit
+      if (present(max_work)) self%budget%limit = max_work
       self%cpu_end = huge(1.0_wp)
       if (time_limit >= huge(1.0_wp)) return
       call cpu_time(now)
@@ -87,13 +87,13 @@ contains
 
    !> Makes this the cancellation of the thread. If it was not entered yet, a point begins; otherwise its clock
    !> continues.
-   subroutine cancellation_enter(self, time_limit, work_limit)
+   subroutine cancellation_enter(self, time_limit, max_work)
       class(cancellation_t), intent(inout), target :: self            !! must not move until it is left
       real(wp), intent(in) :: time_limit                              !! as that of `begin`
-      real(wp), intent(in), optional :: work_limit                    !! likewise
+      real(wp), intent(in), optional :: max_work                    !! likewise
 
       if (self%n_entered == 0) then
-         call self%begin(time_limit, work_limit)
+         call self%begin(time_limit, max_work)
          self%slot%cancellation => self
          self%outer = hb_current_cancellation()
          call hb_set_current_cancellation(c_loc(self%slot))

@@ -265,7 +265,7 @@ contains
       call put_ties(self, document, relations)
       call read_gradient(self, document)
       if (.not. self%options%may_integrate) call refuse_integration()
-      self%options%integration%work_limit = work_of_integration(self%system, self%options)
+      self%options%integration%max_work = work_of_integration(self%system, self%options)
 
    contains
 
@@ -326,8 +326,8 @@ contains
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
 
-      work = work_of_method*options%solver%fallback_work
-      if (options%solver%has_fallback_work) return
+      work = work_of_method*options%solver%max_fallback_work
+      if (options%solver%has_max_fallback_work) return
       if (options%primary_method == primary_method%integration .or. (system%tones%n_tones > 1 .and. &
                                                                      system%has_restitution(options%integration%restitution))) &
          work = work_if_requested                                     ! of one tone the period map finds a motion with impacts

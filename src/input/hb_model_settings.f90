@@ -57,9 +57,9 @@ contains
             call group%problem("threads", "this program was built without threads (HB_THREADS=OFF); 1 is permitted")
          call group%get("time_limit", limit)
          if (limit > 0.0_wp) solver%time_limit = limit
-         solver%has_fallback_work = group%given("fallback_work")
-         call group%get("fallback_work", limit)
-         solver%fallback_work = share_of_solver*limit*unit_of_work
+         solver%has_max_fallback_work = group%given("max_fallback_work")
+         call group%get("max_fallback_work", limit)
+         solver%max_fallback_work = share_of_solver*limit*unit_of_work
          solver%start_with_tangent = first_jacobian == 2
          self%options%chain%is_auto = first_guess == "auto"
          self%options%chain%is_on = first_guess == "neighbour"

@@ -294,7 +294,7 @@ contains
             sharper%accuracy%max_work = min(motion%options%accuracy%max_work, max(min_work_of_verdict, share*motion%solver%work))
             if (sharper%stability%method == stability_method%auto) then
                sharper%accuracy%max_work = max(min_work_of_verdict, share_of_stability*motion%solver%work_spent)
-               sharper%solver%fallback_work = 0.0_wp                  ! a level in progress ends at the limit
+               sharper%solver%max_fallback_work = 0.0_wp                  ! a level in progress ends at the limit
             end if
             finer%motion%start = motion%top
             call solve_by_levels(finer, motion%system, motion%discretisation, sharper)
@@ -681,8 +681,8 @@ contains
       associate (options => self%options, solver => self%level_options%solver)
          solver%fallback = options%solver%fallback .and. with_fallback
          solver%patience = merge(0, patience, with_fallback)
-         solver%fallback_work = min(options%solver%fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
-         if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
+         solver%max_fallback_work = min(options%solver%max_fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
+         if (self%n_levels > 0) solver%max_fallback_work = share_of_fallback*solver%max_fallback_work
          call limit%enter(huge(1.0_wp), max(options%max_work() - self%work_spent, &
                                             merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
          call solve_level(self%system, self%whole, self%level_options, level, first_guess, result, error, found)
@@ -707,7 +707,7 @@ contains
 
       if (allocated(error)) deallocate (error)                        ! of the partial results
       result%status = merge(outcome%truncated, outcome%out_of_budget, has_motion)
-      if (.not. has_motion) result%reason = reason%fallback_work
+      if (.not. has_motion) result%reason = reason%max_fallback_work
       result%error_estimate%truncation = 1.0_wp
    end subroutine end_level
 

@@ -119,7 +119,7 @@ contains
             call add(text, "start a sweep with first_guess = 'neighbour' from smaller loads")
          if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) &
             call add(text, "set &solver fallback = .true. to try other methods")
-         if (is_out_of_work(report)) call add(text, "a fallback exhausted its budget: raise &solver fallback_work")
+         if (is_out_of_work(report)) call add(text, "a fallback exhausted its budget: raise &solver max_fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
             call add(text, "try another first guess: "//trim(guesses(c)))
       end associate
@@ -142,7 +142,7 @@ contains
       type(report_t), intent(in) :: report
 
       limit = reason%none
-      if (is_out_of_work(report)) limit = reason%fallback_work
+      if (is_out_of_work(report)) limit = reason%max_fallback_work
       if (was_falling(report)) limit = reason%max_iterations
       if (report%status == outcome%timed_out) limit = reason%time_limit
    end function limit_of

@@ -113,7 +113,7 @@ contains
       call integration(system, discretisation, options, steady, integrated, found)
       is_done = work_is_over() .or. steady%status /= outcome%pending
       if (.not. is_done) then
-         if (steady%is_out_of_work) result%reason = reason%fallback_work
+         if (steady%is_out_of_work) result%reason = reason%max_fallback_work
          if (allocated(steady%message) .and. allocated(result%message)) result%message = steady%message//"; "//result%message
          return
       end if
@@ -154,7 +154,7 @@ contains
       is_struck = options%lacks_impacts_of(system, result%status)
       if (steady%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(steady%message)) result%message = steady%message
-         if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%fallback_work
+         if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%max_fallback_work
          if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
          if (steady%status == outcome%subharmonic .or. &
              (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
@@ -254,7 +254,7 @@ contains
       record%coordinates = coordinates_of(system)
       record%capacity = share_of_integrated*options%accuracy%max_harmonics
       record%order = first_order(system, options, candidates_of_retained*record%capacity)
-      associate (of_methods => 2.0_wp*options%integration%work_limit) ! two may need as much
+      associate (of_methods => 2.0_wp*options%integration%max_work) ! two may need as much
          record%budget%limit = min(of_methods - result%integration_work, max(of_methods, options%max_work()) - result%work_spent)
       end associate
       record%max_failures = huge(1)
@@ -281,7 +281,7 @@ contains
 
       is_solved = .false.
       call put_on_set(self%here, self%whole, self%candidates)
-      self%options%integration%work_limit = 0.5_wp*self%budget%left()
+      self%options%integration%max_work = 0.5_wp*self%budget%left()
       call self%options%callbacks%time_domain_solver%find_steady_motion(self%system, self%here, self%options, &
                                                                         self%coordinates%dofs, steady, self%error)
       call self%budget%spend(steady%work)
@@ -356,7 +356,7 @@ contains
       steady%is_out_of_work = .true.
       steady%message = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone: a series of "// &
                         to_text(n_candidates)//" harmonics has the relative residual "//rounded(steady%spread)// &
-                        " (worst quarter of the record), and no work is left for a longer one; raise &solver fallback_work"
+                        " (worst quarter of the record), and no work is left for a longer one; raise &solver max_fallback_work"
    end subroutine leave_open
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance it has fewer candidates than

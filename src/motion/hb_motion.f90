@@ -262,7 +262,7 @@ contains
          else if (steady%status == outcome%pending) then
             if (allocated(result%message)) steady%message = steady%message//"; "//result%message
             result%message = steady%message
-            if (steady%is_out_of_work) result%reason = reason%fallback_work
+            if (steady%is_out_of_work) result%reason = reason%max_fallback_work
             if (self%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
          else
             call forget_motion(result)

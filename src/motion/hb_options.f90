@@ -159,12 +159,12 @@ contains
 
    !> Difference between a motion and a short integration that starts on it, root mean square at the degrees of freedom of
    !> the laws, relative; negative if it is not known, as always here.
-   subroutine leave_departure_unknown(system, discretisation, options, motion, work_limit, departure)
+   subroutine leave_departure_unknown(system, discretisation, options, motion, max_work, departure)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       real(wp), intent(out) :: departure
 
       departure = -1.0_wp
@@ -192,6 +192,6 @@ contains
    pure real(wp) function options_max_work(self) result(work)
       class(options_t), intent(in) :: self
 
-      work = self%accuracy%max_work + self%solver%fallback_work/share_of_solver
+      work = self%accuracy%max_work + self%solver%max_fallback_work/share_of_solver
    end function options_max_work
 end module hb_options

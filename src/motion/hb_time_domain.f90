@@ -49,7 +49,7 @@ module hb_time_domain
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
       real(wp) :: largest = huge(1.0_wp)                              !! displacement at which the integration ends [m], no key
       integer(int64) :: max_evaluations = huge(1_int64)              !! at the motion, after which to give up, no key
-      real(wp) :: work_limit = huge(1.0_wp)                           !! of one method, no key
+      real(wp) :: max_work = huge(1.0_wp)                           !! of one method, no key
       integer :: substeps = 1                                         !! of the method, from one step to the next, no key
       real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, with many
                                                                       !! candidate tuples; 0: the requested set is used. No key

@@ -221,7 +221,7 @@ contains
       real(wp), allocatable :: y(:)
 
       limited = self%corrector
-      limited%work_limit = self%corrector%work_limit - self%report%work
+      limited%max_work = self%corrector%max_work - self%report%work
       call self%put_plane(self%last_x, self%last_direction, step)
       x = self%last_x + step*self%last_direction
       if (allocated(self%part)) then
@@ -237,7 +237,7 @@ contains
       self%last_iterations = report%iterations
       is_on_curve = report%status == outcome%converged
       if (any(report%status == [outcome%timed_out, outcome%interrupted])) self%status = report%status
-      self%report%is_out_of_work = self%report%work >= self%corrector%work_limit
+      self%report%is_out_of_work = self%report%work >= self%corrector%max_work
       if (self%report%is_out_of_work) self%status = outcome%out_of_budget
    end subroutine curve_point_at
 

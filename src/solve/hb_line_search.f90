@@ -135,9 +135,9 @@ contains
          report%status = outcome%not_finite
       else if (report%residual <= config%tolerance) then
          report%status = outcome%converged
-      else if (report%iterations >= config%max_iterations .or. report%work >= config%work_limit) then
+      else if (report%iterations >= config%max_iterations .or. report%work >= config%max_work) then
          report%status = outcome%out_of_budget
-         report%is_out_of_work = report%work >= config%work_limit
+         report%is_out_of_work = report%work >= config%max_work
       else if (report%gains_nothing(config%patience)) then
          report%status = outcome%stalled
       else

@@ -39,7 +39,7 @@ module hb_outcome
    type :: reason_t
       integer :: none = 0
       integer :: max_iterations = 1
-      integer :: fallback_work = 2
+      integer :: max_fallback_work = 2
       integer :: time_limit = 3
       integer :: overflow = 4                          !! of loads or motion: wrong units
       integer :: growth = 5                            !! of disturbances within a period: a larger set does not help
@@ -50,7 +50,7 @@ module hb_outcome
       integer :: departure = 10                        !! of a time integration from the motion: a larger set does not help
    end type reason_t
    type(reason_t), parameter :: reason = reason_t()
-   character(*), parameter :: reason_names(0:10) = [character(14) :: "none", "max_iterations", "fallback_work", "time_limit", &
+   character(*), parameter :: reason_names(0:10) = [character(17) :: "none", "max_iterations", "max_fallback_work", "time_limit", &
       "overflow", "growth", "lost_curve", "error", "points", "grazing", "departure"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.

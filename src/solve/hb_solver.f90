@@ -103,8 +103,8 @@ contains
       limited = self%config
       if (self%config%fallback) limited%patience = rule%max_stagnant_iterations
       if (rule%has_budget()) then
-         limited%work_limit = rule%share*self%budget%left()
-         self%is_ended = limited%work_limit < self%problem%residual_work
+         limited%max_work = rule%share*self%budget%left()
+         self%is_ended = limited%max_work < self%problem%residual_work
          if (self%is_ended) return
       end if
       allocate (trial, source=start_of(rule, self%first_guess, self%linear_solution))
@@ -116,7 +116,7 @@ contains
       if (rule%has_budget()) then
          step%fallback = rule%kind
       else
-         self%budget = budget_t(max(self%config%fallback_work, self%config%fallback_share*self%report%work))
+         self%budget = budget_t(max(self%config%max_fallback_work, self%config%fallback_share*self%report%work))
       end if
       if (step%status == outcome%converged .or. is_first_direct(rule)) then
          call self%report%adopt_outcome(step)
@@ -224,8 +224,8 @@ contains
       if (size(shares) == 0) return
       all_methods = config
       all_methods%continues_in_order = .false.
-      all_methods%fallback_work = min(config%fallback_work, 0.5_wp*config%work_limit)
-      all_methods%work_limit = huge(1.0_wp)                           ! each method has its own budget
+      all_methods%max_fallback_work = min(config%max_fallback_work, 0.5_wp*config%max_work)
+      all_methods%max_work = huge(1.0_wp)                           ! each method has its own budget
       limited = config
       limited%continues_in_order = .false.
       limited%fallback = .false.
@@ -266,7 +266,7 @@ contains
          logical, intent(out) :: is_there
          real(wp) :: before(size(x))
 
-         config_of_level%work_limit = config%work_limit - report%work
+         config_of_level%max_work = config%max_work - report%work
          if (problem_level < 1.0_wp) then
             call problem%coarse_guess(problem_level, config_of_level, x, step, is_there)
             if (is_there) report%levels = report%levels + 1
@@ -327,7 +327,7 @@ contains
       ratio = first_ratio
       loss = largest_loss
       do
-         limited%work_limit = config%work_limit - report%work
+         limited%max_work = config%max_work - report%work
          limited%tolerance = config%tolerance
          if (loss > 0.0_wp) limited%tolerance = max(limited%tolerance, loose_tolerance)
          trial = x
@@ -343,7 +343,7 @@ contains
             ratio = sqrt(ratio)
             if (has_ended(step) .or. reached <= 0.0_wp .or. ratio > largest_ratio) exit
          end if
-         if (report%work >= config%work_limit) exit
+         if (report%work >= config%max_work) exit
          loss = ratio*reached
          if (loss < min_loss) loss = 0.0_wp
       end do
@@ -392,7 +392,7 @@ contains
       integer :: n, n_steps
       logical :: is_possible
 
-      if (problem%tangent_work >= config%work_limit) then
+      if (problem%tangent_work >= config%max_work) then
          report%status = outcome%out_of_budget
          report%is_out_of_work = .true.
          return

@@ -118,7 +118,7 @@ module hb_solver_types
       integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       logical :: has_tolerance = .false.                              !! it was requested, whatever else is
-      logical :: has_fallback_work = .false.                          !! likewise
+      logical :: has_max_fallback_work = .false.                          !! likewise
       integer :: max_iterations = 100
       integer :: patience = 0                                         !! iterations that may gain nothing; 0: all
       logical :: continues_in_order = .true.                          !! from fewer harmonics first, where that pays
@@ -133,9 +133,9 @@ module hb_solver_types
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: preconditioner_level = 0                             !! that solutions from products begin with
       integer :: homotopy_iterations = 500                            !! of all corrections together
-      real(wp) :: fallback_work = 1.5e9_wp                            !! of all fallbacks, as `work` of a report
+      real(wp) :: max_fallback_work = 1.5e9_wp                            !! of all fallbacks, as `work` of a report
       real(wp) :: fallback_share = 4.0_wp                             !! at least so many times that of the direct attempt
-      real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
+      real(wp) :: max_work = huge(1.0_wp)                           !! of the attempt that gets these settings
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
       integer :: n_threads = 1                                        !! that share the work of a large point
    end type solver_config_t

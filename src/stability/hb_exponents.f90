@@ -67,10 +67,10 @@ contains
 
    !> Propagates disturbances until the largest exponent exceeds its spread in magnitude and is resolved, or the work is used up.
    !> Of disturbances that beat with each other the first one may not have the largest exponent yet.
-   subroutine find_exponents(self, propagation, work_limit, min_periods, max_periods)
+   subroutine find_exponents(self, propagation, max_work, min_periods, max_periods)
       type(exponents_t), intent(out) :: self
       class(propagation_t), intent(inout) :: propagation
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       integer, intent(in) :: min_periods                           !! of an average
       integer, intent(in) :: max_periods                             !! doubled up to this number, while the spread is too large
       type(exponents_t) :: found
@@ -78,7 +78,7 @@ contains
       integer :: forgotten, i, k, n_all
       logical :: is_done
 
-      propagation%work_left = 4.0_wp*work_limit                       ! balls of a bearing need 3.5 times the expected work
+      propagation%work_left = 4.0_wp*max_work                       ! balls of a bearing need 3.5 times the expected work
       call propagation%reach_steady_state(n_forgotten_of(min_periods), is_done)
       if (.not. is_done .or. propagation%n_followed < 1) return
       allocate (x(propagation%size, propagation%n_followed), source=0.0_wp)
@@ -108,7 +108,7 @@ contains
          found%is_resolved = is_resolved(found%rate, found%n_periods*propagation%length)
          if (found%is_resolved .and. &
              abs(maxval(found%rate)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
-         found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
+         found%is_cut_short = 2.0_wp*n_all*propagation%work > max_work
          if (found%is_cut_short .or. 2*found%n_periods > merge(1, longer_beat, found%is_resolved)*max_periods) exit
          found%n_periods = 2*found%n_periods
       end do

@@ -66,7 +66,7 @@ module hb_floquet
       real(wp) :: work_in_any_case = least_work                       !! [ns] that `auto` may always use for a motion
    contains
       procedure :: find => floquet_find
-      procedure :: work_limit => floquet_work_limit
+      procedure :: max_work => floquet_max_work
    end type floquet_t
 
 contains
@@ -89,7 +89,7 @@ contains
 
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       how = config
-      limit = self%work_limit(config, work_allowed)
+      limit = self%max_work(config, work_allowed)
       stability%is_too_costly = min_work(structure%n_dofs) > limit  ! for any motion: the mass matrix is then not inverted
       if (stability%is_too_costly) return
       if (allocated(structure%parts)) then
@@ -210,7 +210,7 @@ contains
 
    !> Permitted work in about a nanosecond; unlimited if requested explicitly. A verdict may take it twice: a second time
    !> for the motion of the error estimate.
-   pure real(wp) function floquet_work_limit(self, config, work_allowed) result(limit)
+   pure real(wp) function floquet_max_work(self, config, work_allowed) result(limit)
       class(floquet_t), intent(in) :: self
       type(stability_config_t), intent(in) :: config
       real(wp), intent(in) :: work_allowed                            !! as for a typical point
@@ -218,7 +218,7 @@ contains
       limit = huge(1.0_wp)
       if (config%method == stability_method%auto) &
          limit = max(config%patience*work_allowed, share_of_stability*config%work_spent, self%work_in_any_case)
-   end function floquet_work_limit
+   end function floquet_max_work
 
    !> Disturbances by shifts of the phases of unknown tones and by free motions, as series, (size of the state, n_harmonics, any).
    pure function shifts_of(variation, amplitudes, is_unknown, free) result(shifts)
@@ -250,28 +250,28 @@ contains
    end function shifts_of
 
    !> Exponents of a motion of several tones.
-   subroutine assess_torus(self, config, variation, shifts, work_limit)
+   subroutine assess_torus(self, config, variation, shifts, max_work)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout), target :: variation
       complex(wp), intent(in) :: shifts(:, :, :)                      !! that do not count
-      real(wp), intent(in) :: work_limit
+      real(wp), intent(in) :: max_work
       type(linear_propagation_t) :: propagation
 
       call new_linear_propagation(propagation, variation, shifts, config%tolerance)
-      call assess_exponents(self, propagation, work_limit, config)
+      call assess_exponents(self, propagation, max_work, config)
    end subroutine assess_torus
 
    !> Propagates disturbances period by period, and derives the verdict from their growth.
-   subroutine assess_exponents(self, propagation, work_limit, config)
+   subroutine assess_exponents(self, propagation, max_work, config)
       type(stability_t), intent(inout) :: self
       class(propagation_t), intent(inout) :: propagation
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       type(stability_config_t), intent(in) :: config
       type(exponents_t) :: found
       real(wp) :: margin
 
-      call find_exponents(found, propagation, work_limit, config%min_periods, config%max_periods)
+      call find_exponents(found, propagation, max_work, config%min_periods, config%max_periods)
       self%is_too_costly = found%is_cut_short .and. .not. allocated(found%rate)
       if (.not. allocated(found%rate)) return
       self%exponents = found%rate(:min(size(found%rate), max_multipliers))

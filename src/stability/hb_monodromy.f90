@@ -43,28 +43,28 @@ module hb_monodromy
 contains
 
    !> Computes the monodromy matrix of a periodic motion from a given time; sliders that never slip are omitted.
-   subroutine find_monodromy(self, variation, start, tolerance, work_limit)
+   subroutine find_monodromy(self, variation, start, tolerance, max_work)
       type(monodromy_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
       real(wp), intent(in) :: start                                   !! [s]
       real(wp), intent(in) :: tolerance
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
 
       associate (finish => start + two_pi/variation%motion%omega(1))
          call make_sliders_periodic(variation, start, finish, n_instants_of(variation, finish - start))
-         call find_transfer(self, variation, start, finish, tolerance, work_limit)
+         call find_transfer(self, variation, start, finish, tolerance, max_work)
       end associate
       if (variation%n_states > 0) call drop_stuck(self, variation)
    end subroutine find_monodromy
 
    !> Computes the map of disturbances over an interval of time; doubles the steps until the estimate is below the
    !> tolerance, no longer falls fast, or the work exceeds its limit.
-   subroutine find_transfer(self, variation, start, finish, tolerance, work_limit)
+   subroutine find_transfer(self, variation, start, finish, tolerance, max_work)
       type(monodromy_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
       real(wp), intent(in) :: start, finish                           !! [s]
       real(wp), intent(in) :: tolerance
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       type(piece_t), allocatable :: pieces(:)
       type(matrix_t) :: row(0:max_doublings)                         ! of the table of extrapolations
       real(wp), allocatable :: before(:, :), last(:, :)
@@ -97,7 +97,7 @@ contains
          if (doubling == 0) cycle
          estimate_before = self%estimate
          self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
-         if (self%estimate <= tolerance .or. 2.0_wp*self%work > work_limit) exit
+         if (self%estimate <= tolerance .or. 2.0_wp*self%work > max_work) exit
          if (self%estimate <= agreement .and. self%estimate > minor*estimate_before) exit
       end do
       call move_alloc(last, self%matrix)

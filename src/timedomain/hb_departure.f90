@@ -37,12 +37,12 @@ contains
 
    !> Difference between integration and motion at the degrees of freedom of the laws, root mean square, relative; negative
    !> if it is not known.
-   subroutine find_departure(system, discretisation, options, motion, work_limit, departure)
+   subroutine find_departure(system, discretisation, options, motion, max_work, departure)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       real(wp), intent(out) :: departure
       type(error_t), allocatable :: error
       type(integration_config_t) :: config
@@ -83,7 +83,7 @@ contains
       config%decimation = huge(1)
       config%transient = n_transient*period
       config%duration = period
-      config%max_evaluations = int(min(work_limit/evaluation_work(equations%n_dofs, equations%laws%n_coordinates, .false.), &
+      config%max_evaluations = int(min(max_work/evaluation_work(equations%n_dofs, equations%laws%n_coordinates, .false.), &
                                        1.0e18_wp), int64)             ! of both
       step = two_pi/(samples_of_tone*maxval(abs(motion%tones%omega)))
       step = period/ceiling(period/step)

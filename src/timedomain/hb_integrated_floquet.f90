@@ -70,7 +70,7 @@ contains
          call new_integration_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
          call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)
          stability%is_integrated = .true.
-         limit = self%work_limit(config, work_allowed)
+         limit = self%max_work(config, work_allowed)
          if (motion%tones%n_tones == 1) then
             call integration_period(stability, config, system, series, motion%tones%is_unknown(1), excitation%restitution, limit)
          else if (.not. any(motion%tones%is_unknown)) then            ! with unknown tones it would drift along the motion
@@ -80,13 +80,13 @@ contains
    end subroutine integrated_floquet_find
 
    !> By time integration from a torus and from neighbouring states, period by period.
-   subroutine integration_periods(self, config, system, motion, restitution, work_limit)
+   subroutine integration_periods(self, config, system, motion, restitution, max_work)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(integration_system_t), intent(inout), target :: system
       type(motion_series_t), intent(in) :: motion
       real(wp), intent(in) :: restitution                             !! of rigid walls
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       type(integrated_propagation_t) :: propagation
       type(error_t), allocatable :: error
       type(stability_config_t) :: how
@@ -96,31 +96,31 @@ contains
       how%max_periods = max(how%max_periods, how%min_periods)
       call new_integrated_propagation(propagation, system, motion, restitution, config%tolerance, error)
       if (allocated(error)) return
-      self%is_too_costly = work_of_exponents(propagation%work, how%min_periods) > work_limit
+      self%is_too_costly = work_of_exponents(propagation%work, how%min_periods) > max_work
       if (self%is_too_costly) return
       self%method = stability_method%integration
-      call propagation%integration%allow(work_limit)
-      call assess_exponents(self, propagation, min(work_limit, work_on_demand), how)
+      call propagation%integration%allow(max_work)
+      call assess_exponents(self, propagation, min(max_work, work_on_demand), how)
    end subroutine integration_periods
 
    !> By time integration over a period of one tone from the motion and from neighbouring states, for laws that
    !> require it: multipliers are those of the periodic motion there, and the estimate is at least their change from
    !> the given motion.
-   subroutine integration_period(self, config, system, series, is_free, restitution, work_limit)
+   subroutine integration_period(self, config, system, series, is_free, restitution, max_work)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(integration_system_t), intent(inout), target :: system
       type(motion_series_t), intent(in) :: series                     !! of the motion
       logical, intent(in) :: is_free                                  !! the tone is unknown
       real(wp), intent(in) :: restitution                             !! of rigid walls
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       type(error_t), allocatable :: error
       type(period_map_t) :: map
       type(stability_t) :: before
 
       call new_period_map(map, system, series, restitution, config%tolerance, error)
       if (allocated(error)) return
-      self%is_too_costly = work_of_period_map(map) > work_limit
+      self%is_too_costly = work_of_period_map(map) > max_work
       if (self%is_too_costly) return
       self%method = stability_method%integration
       call find_period_map(map, is_free, work_on_demand)

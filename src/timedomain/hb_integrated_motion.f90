@@ -66,7 +66,7 @@ module hb_integrated_motion
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the previous one
    real(wp), parameter :: perturbation = 1.0e-6_wp                    ! of the length of the system, at the start
-   character(*), parameter :: more_work = ", raise &solver fallback_work"
+   character(*), parameter :: more_work = ", raise &solver max_fallback_work"
    character(*), parameter :: ended = "time integration was ended before its time"
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
 
@@ -95,14 +95,14 @@ contains
       if (is_fast) is_fast = .not. has_bounds_of(system) .or. lacks_mass(system) .or. &
          work_of_mode*fastest_of(system)*periods_of_first(system, discretisation, options)* &
                              two_pi/minval(system%tones%omega)*evaluation_work(system%structure%n_dofs, size(law_dofs), .false.) > &
-                             options%integration%work_limit
+                             options%integration%max_work
       if (.not. is_fast) then
          call integrate_to_steady(system, discretisation, options, law_dofs, steady, last, error, start)
          if (options%integration%method /= integration_method%cvode) return
          if (.not. steady%is_out_of_work .or. steady%status /= outcome%pending) return
          if (by_cvode_alone) return
       end if
-      call follow_in_steps(system, discretisation, options, law_dofs, 2.0_wp*options%integration%work_limit - steady%work, again, &
+      call follow_in_steps(system, discretisation, options, law_dofs, 2.0_wp*options%integration%max_work - steady%work, again, &
                            failure, start)
       again%work = again%work + steady%work
       steady%work = again%work
@@ -175,7 +175,7 @@ contains
          if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%integrated)) exit
          coarse = steady
          stepped%integration%substeps = 2*stepped%integration%substeps
-         stepped%integration%work_limit = max(0.0_wp, budget - coarse%work)
+         stepped%integration%max_work = max(0.0_wp, budget - coarse%work)
          now = last
          call integrate_to_steady(system, discretisation, stepped, law_dofs, steady, last, error, now)
          steady%work = steady%work + coarse%work
@@ -306,7 +306,7 @@ contains
             if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
                                                importance_of(discretisation), error)
             if (allocated(error)) return
-            fit%work_limit = options%integration%work_limit - steady%work
+            fit%max_work = options%integration%max_work - steady%work
             now = averages_of(system, discretisation, options, z, record, fit)
             steady%work = steady%work + merge(fit%work, work_of_averages(discretisation, size(z, 1), size(z, 2)), finds_lines)
             work_of_window = work_of_window + steady%work
@@ -339,7 +339,7 @@ contains
          if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(n_first)// &
             " periods has too many samples"
          if (steady%status == outcome%integrated) then
-            fit%work_limit = huge(1.0_wp)
+            fit%max_work = huge(1.0_wp)
             steady%amplitudes = transpose(averages_of(system, discretisation, options, record%every_displacement, record, fit))
             if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
                call polish(system, discretisation, options, coordinates, state, steady)
@@ -389,7 +389,7 @@ contains
       real(wp), intent(in) :: work_of_next
       type(steady_motion_t), intent(inout) :: steady
 
-      steady%is_out_of_work = steady%work + work_of_next > options%integration%work_limit
+      steady%is_out_of_work = steady%work + work_of_next > options%integration%max_work
       if (steady%is_out_of_work) call end_without_work(steady)
    end subroutine check_work
 
@@ -421,7 +421,7 @@ contains
 
       cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
       n_before = system%laws%n_evaluations
-      config%max_evaluations = n_before + int(min((options%integration%work_limit - steady%work)/cost, 1.0e18_wp), int64)
+      config%max_evaluations = n_before + int(min((options%integration%max_work - steady%work)/cost, 1.0e18_wp), int64)
       call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
       steady%is_out_of_work = next%is_out_of_work
       if (next%is_out_of_work .and. allocated(steady%message)) then

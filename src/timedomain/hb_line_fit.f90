@@ -23,7 +23,7 @@ module hb_line_fit
 
    type :: line_fit_t
       real(wp) :: work = 0.0_wp                                       !! of all fits so far [ns]
-      real(wp) :: work_limit = huge(1.0_wp)                           !! beyond which no product is begun [ns]
+      real(wp) :: max_work = huge(1.0_wp)                           !! beyond which no product is begun [ns]
       real(wp), private, allocatable :: importance(:)                 ! (n_lines)
       real(wp), private, allocatable :: window(:), shape(:)           ! (n_samples); effect of the kernel on the samples
       integer, private, allocatable :: first(:)                       ! position of a line, (n_lines)
@@ -53,7 +53,7 @@ contains
 
       call self%destroy()
       self%work = 0.0_wp
-      self%work_limit = huge(1.0_wp)
+      self%max_work = huge(1.0_wp)
       n = cheap_size(2*n_samples, 1)
       middle = n_samples/2
       beta = 0.5_wp*two_pi*width*(1.0_wp - 0.5_wp*n_samples/n)
@@ -93,7 +93,7 @@ contains
       before = square(left)
       enough = goal**2*sum(self%window*x**2)
       do i = 1, max_products
-         if (before <= 0.0_wp .or. self%work > self%work_limit .or. work_is_over()) exit
+         if (before <= 0.0_wp .or. self%work > self%max_work .or. work_is_over()) exit
          image = self%importance*averages(self, self%window*self%series(self%importance*direction))
          self%work = self%work + work_of_position*size(self%samples%values, 1)
          length = before/sum(real(conjg(direction)*image, wp))

@@ -116,16 +116,16 @@ contains
    end function work_of_period_map
 
    !> Finds the periodic state and the matrix there; `is_found` states whether it is close to the motion.
-   subroutine find_period_map(self, is_free, work_limit)
+   subroutine find_period_map(self, is_free, max_work)
       type(period_map_t), intent(inout) :: self
       logical, intent(in) :: is_free                                  !! the tone is unknown
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       type(limit_t) :: limit
       real(wp), allocatable :: there(:, :)
       integer :: level
       logical :: is_done
 
-      call self%integration%allow(work_limit)
+      call self%integration%allow(max_work)
       call make_sliders_periodic(self, is_done)
       if (is_done) call shoot(self, is_free, is_done)
       if (.not. is_done) return

@@ -252,7 +252,7 @@ def test_curves_whose_steps_use_up_their_work_end(tmp_path):
 &load dof='x1', tuple=1, cos=1.0 /
 &law type='elastic_stop', dof='x1', stiffness=50.0, gap=0.5 /
 &accuracy tolerance=1e-6, max_work=1e-3 /
-&solver fallback_work=1e-3 /
+&solver max_fallback_work=1e-3 /
 &curve parameter='tones%frequency', from=0.4, to=3.0, start=3.0 /
 """
     path = solve(text, tmp_path, status=NOT_ALL_CONVERGED)

@@ -110,7 +110,7 @@ def test_orbits_have_their_closed_form(w, tmp_path, monkeypatch):
     nodes, weights = leggauss(400)
     t = t0 + (nodes + 1) * np.pi / w
     x = flight(t0, 0.0, -E * v, t)[0]
-    more = "&harmonics order=12 /\n&integration steps_per_period=20000 /\n&solver fallback_work=40 /\n"
+    more = "&harmonics order=12 /\n&integration steps_per_period=20000 /\n&solver max_fallback_work=40 /\n"
     found, real, imaginary = (
         a[0] for a in read(solve(tmp_path, f", restitution={E}", more, w), "coefficients", "multiplier_real", "multiplier_imag")
     )

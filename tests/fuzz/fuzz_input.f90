@@ -139,8 +139,8 @@ contains
       end do
       study%model%options%solver%max_iterations = min(study%model%options%solver%max_iterations, 2)
       study%model%options%solver%homotopy_iterations = min(study%model%options%solver%homotopy_iterations, 2)
-      study%model%options%solver%fallback_work = share_of_work*study%model%options%solver%fallback_work
-      study%model%options%integration%work_limit = share_of_work*study%model%options%integration%work_limit
+      study%model%options%solver%max_fallback_work = share_of_work*study%model%options%solver%max_fallback_work
+      study%model%options%integration%max_work = share_of_work*study%model%options%integration%max_work
       study%model%options%accuracy%max_work = share_of_work*study%model%options%accuracy%max_work
       call solve_motion(study%model, result, error)
    end subroutine try

@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 
-NO_BALANCE = "&solver max_iterations=0 homotopy_iterations=0 fallback_work=1e6 /\n"
+NO_BALANCE = "&solver max_iterations=0 homotopy_iterations=0 max_fallback_work=1e6 /\n"
 TWO_TONES = "&tones frequency=1.3, 1.9003 /\n&load dof='x1', tuple=1,0, cos=0.5 /\n&load dof='x1', tuple=0,1, cos=0.5 /\n"
 STOP = "&law type='elastic_stop', dof='x1', stiffness=100.0, gap=0.2 /\n"
 
