@@ -593,7 +593,7 @@ contains
       associate (system => self%system, options => self%options)
          work = evaluation_work(system%structure%n_dofs, sum([(size(system%laws(i)%law%shape, 2), i=1, size(system%laws))]), &
                                 .false.)
-         work = share_of_guess*1.0e9_wp*options%solver%fallback_work/work
+         work = share_of_guess*options%solver%max_fallback_work/work
          self%solver%level_options%integration%max_evaluations = int(min(work, 1.0e18_wp), int64)
          self%solver%level_options%start%from_integration = .true.
          call self%solver%solve(self%top, .true., found, failure)

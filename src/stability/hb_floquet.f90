@@ -137,13 +137,13 @@ contains
    end subroutine floquet_find
 
    !> Stability with parts whose stiffness depends on the frequency: of one tone, under laws without memory.
-   subroutine assess_with_parts(self, variation, motion, structure, laws, work_limit)
+   subroutine assess_with_parts(self, variation, motion, structure, laws, max_work)
       type(stability_t), intent(inout) :: self
       type(variation_t), intent(inout) :: variation
       type(harmonic_motion_t), intent(in) :: motion
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
-      real(wp), intent(in) :: work_limit                              !! in about a nanosecond
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
       type(structure_t) :: bare
       type(error_t), allocatable :: error
 
@@ -153,7 +153,7 @@ contains
       call new_variation(variation, bare, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       if (variation%n_states > 0) return
-      self%is_too_costly = work_of_hill(variation) > work_limit
+      self%is_too_costly = work_of_hill(variation) > max_work
       if (.not. self%is_too_costly) call assess_by_hill(self, variation, structure, motion%tones%is_unknown(1))
    end subroutine assess_with_parts
 
