@@ -51,7 +51,7 @@ contains
    subroutine find_map(by_start, characteristic, map)
       real(wp), intent(in) :: by_start(:, :, :, :)
       type(characteristic_t), intent(in) :: characteristic
-      real(wp), intent(out) :: map(characteristic%n_slice, size(by_start, 2), *)
+      real(wp), intent(out) :: map(characteristic%n_slice, size(by_start, 2), characteristic%n_slice*size(by_start, 2))
       real(wp), parameter :: per_value = 2.0_wp, per_neighbour = 0.3_wp, per_product = 0.5_wp ! see hb_solver_types%unit_of_work
       real(wp), allocatable :: start(:, :, :)
       integer :: c, i, k, n, n_slice, n_states, now, old_state
@@ -61,7 +61,7 @@ contains
       n = n_slice*n_states
       call spend_work(characteristic%work_of_round(n_states*n, per_value, per_neighbour) + per_product*real(n, wp)**3)
       allocate (start(n_slice, n_states, n))
-      map(:, :, :n) = 0.0_wp
+      map = 0.0_wp
       do c = 1, n
          map(1 + modulo(c - 1, n_slice), 1 + (c - 1)/n_slice, c) = 1.0_wp
       end do
