@@ -111,7 +111,7 @@ contains
       type(structure_t), intent(in) :: structure
       type(piece_t) :: piece
       complex(wp) :: factor
-      real(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :), by_state(:, :, :), phases(:, :)
+      real(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :), by_state(:, :, :), phases(:)
       integer :: i, k, n, n_samples
 
       n = variation%n_dofs
@@ -131,13 +131,13 @@ contains
       allocate (by_displacement(variation%n_coordinates, variation%n_coordinates, n_samples))
       allocate (by_rate, mold=by_displacement)
       allocate (by_state(variation%n_coordinates, variation%n_states, n_samples))
-      phases = reshape([(two_pi*i/n_samples, i=0, n_samples - 1)], [1, n_samples])
-      call variation%find_slopes(piece, phases, by_displacement, by_rate, by_state)
+      phases = [(two_pi*i/n_samples, i=0, n_samples - 1)]
+      call variation%find_slopes(piece, phases/self%omega, by_displacement, by_rate, by_state)
       allocate (self%by_displacement(n, n, -2*self%order:2*self%order), self%by_rate(n, n, -2*self%order:2*self%order), &
                 source=(0.0_wp, 0.0_wp))
       do k = -2*self%order, 2*self%order
          do i = 1, n_samples
-            factor = exp(cmplx(0.0_wp, -k*phases(1, i), wp))/n_samples
+            factor = exp(cmplx(0.0_wp, -k*phases(i), wp))/n_samples
             self%by_displacement(:, :, k) = self%by_displacement(:, :, k) + factor*at_dofs(by_displacement(:, :, i))
             self%by_rate(:, :, k) = self%by_rate(:, :, k) + factor*at_dofs(by_rate(:, :, i))
          end do

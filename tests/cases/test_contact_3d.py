@@ -126,7 +126,8 @@ def two_contacts():
                           ("x3", (0, 0), 0.2, 0.0), ("x6", (0, 0), 0.3, 0.0)]:  # fmt: skip
         model.load(dof, at, cos=c, sin=s)
     model.law("jenkins_2d", ["x1", "x4"], weights=[1, -1], second_dofs=["x2", "x5"], second_weights=[1, -1],
-              normal_dofs=["x3", "x6"], normal_weights=[1, -1], stiffness=5.0, friction_coefficient=0.35, normal_stiffness=8.0, preload=0.6)  # fmt: skip
+              normal_dofs=["x3", "x6"], normal_weights=[1, -1], stiffness=5.0, friction_coefficient=0.35,
+              normal_stiffness=8.0, preload=0.6)  # fmt: skip
     model.law("jenkins_2d", "x4", second_dofs="x5", normal_dofs="x6", stiffness=3.0, friction_coefficient=0.5, normal_stiffness=4.0,
               preload=0.8)  # fmt: skip
     return model
