@@ -455,7 +455,7 @@ def test_values_are_read_by_path():
         "spring.gap": "there is no such value; known keys: type, label",
         "stop.gap": "there is no such value; known groups: structure, tones",
         "law.stiffness": "there are several groups &law",
-        "tones[3]": "frequency has 1 values",
+        "tones[3]": "frequency has 1 value$",
     }.items():
         with pytest.raises(ModelError, match=message):
             model[path]
