@@ -100,6 +100,7 @@ contains
       real(wp), parameter :: smallest = 1.0e-30_wp                    ! of a unit in this precision [N/m]
       integer :: column, m, row
 
+      if (.not. any(abs(block) > 0.0_wp)) return                      ! no unit
       m = self%set%n_coefficients
       if (.not. self%unit > 0.0_sp) self%unit = real(min(max(maxval(abs(block)), smallest), 1.0_wp/smallest), sp)
       do column = 1, m
