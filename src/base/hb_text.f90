@@ -9,7 +9,7 @@ module hb_text
    implicit none
    private
    public :: add_string, is_name, join, length_of, letters, lower, max_name, number_of, parse_integer, parse_real, quote, &
-      rounded, shortened, shown, split, string_t, text_builder_t, texts_t, to_text
+      rounded_to, shortened, shown, split, string_t, text_builder_t, texts_t, to_text
 
    character(*), parameter :: digits = "0123456789"
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
@@ -121,15 +121,15 @@ contains
 
    !> A number with `n_digits` significant decimal digits: without the rounding errors, or the digits that are not known, after
    !> them.
-   elemental real(wp) function rounded(value, n_digits)
+   elemental real(wp) function rounded_to(value, n_digits)
       real(wp), intent(in) :: value                         !! finite
       integer, intent(in) :: n_digits
       character(40) :: buffer, form
 
       write (form, "(a, i0, a)") "(es40.", n_digits - 1, "e4)"
       write (buffer, form) value
-      read (buffer, *) rounded
-   end function rounded
+      read (buffer, *) rounded_to
+   end function rounded_to
 
    !> Tries fifteen digits first, which find every form of at most 15 digits (except for subnormal numbers, which
    !> begin with one digit). Plain form from 0.01 to below 1e6.

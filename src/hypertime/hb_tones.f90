@@ -3,7 +3,7 @@ module hb_tones
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
-   use hb_text, only: rounded, to_text
+   use hb_text, only: rounded_to, to_text
    implicit none
    private
    public :: max_tones, new_tones, tones_t
@@ -58,7 +58,7 @@ contains
       real(wp), intent(in) :: omega                                   !! [rad/s]
 
       frequency = omega
-      if (self%is_in_hertz) frequency = rounded(omega/two_pi, 15)
+      if (self%is_in_hertz) frequency = rounded_to(omega/two_pi, 15)
    end function tones_in_unit
 
    !> The unit of the input.

@@ -9,7 +9,7 @@ module hb_curve_end
    use hb_options, only: accuracy_t
    use hb_outcome, only: outcome, reason
    use hb_point_kinds, only: curve_kind
-   use hb_text, only: rounded, to_text
+   use hb_text, only: rounded_to, to_text
    use hb_thresholds, only: next_to_none, reliable
    implicit none
    private
@@ -82,7 +82,7 @@ contains
          else if (self%has_collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
          else if (self%curve%status == outcome%locked) then
-            text = "the tones lock near the value "//to_text(rounded(course%locked_at, n_digits_of_lock))//", where "// &
+            text = "the tones lock near the value "//to_text(rounded_to(course%locked_at, n_digits_of_lock))//", where "// &
                    tuple_text(course%locked)//" vanishes: beyond it the motion is periodic"
          else if (course%n_exhausted >= max_exhausted) then
             text = "the curve is given up at the value "//to_text(value)//": each of the last "//to_text(max_exhausted)// &

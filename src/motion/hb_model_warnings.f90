@@ -9,7 +9,7 @@ module hb_model_warnings
    use hb_options, only: options_t
    use hb_sign_warnings, only: describe_signs
    use hb_system, only: system_t
-   use hb_text, only: join, rounded, string_t, to_text
+   use hb_text, only: join, rounded_to, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
@@ -77,13 +77,13 @@ contains
          if (.not. (fastest > 0.0_wp .and. highest > rounding*fastest)) return
          unit = " "//trim(tones%unit())
          if (fastest > max_tone_ratio*highest .and. .not. system%structure%up_to > 0.0_wp) then
-            line = "a tone of "//to_text(rounded(tones%in_unit(fastest), n_known))//unit//" is more than "// &
+            line = "a tone of "//to_text(rounded_to(tones%in_unit(fastest), n_known))//unit//" is more than "// &
                    to_text(nint(max_tone_ratio))//" times the highest natural frequency, "// &
-                   to_text(rounded(tones%in_unit(highest), 4))//unit
+                   to_text(rounded_to(tones%in_unit(highest), 4))//unit
          else if (fastest < lowest/max_tone_ratio .and. .not. any(tones%is_unknown)) then
             line = "the motion is nearly static: the lowest natural frequency, "// &
-                   to_text(rounded(tones%in_unit(lowest), 4))//unit//", is more than "//to_text(nint(max_tone_ratio))// &
-                   " times the tone of "//to_text(rounded(tones%in_unit(fastest), n_known))//unit
+                   to_text(rounded_to(tones%in_unit(lowest), 4))//unit//", is more than "//to_text(nint(max_tone_ratio))// &
+                   " times the tone of "//to_text(rounded_to(tones%in_unit(fastest), n_known))//unit
          else
             return
          end if
@@ -182,7 +182,7 @@ contains
       m = findloc(abs(k(in_it)), 1, dim=1, back=.true.)
       if (size(in_it) == 2) then
          associate (a => in_it(1), b => in_it(2))
-            text = "use one tone of "//to_text(rounded(tones%in_unit(tones%omega(a)/abs(k(b))), n_known))//" "// &
+            text = "use one tone of "//to_text(rounded_to(tones%in_unit(tones%omega(a)/abs(k(b))), n_known))//" "// &
                    trim(tones%unit())// &
                " instead of both, with tuple "//to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "// &
                to_text(abs(k(a)))//" for those of tone "//to_text(b)

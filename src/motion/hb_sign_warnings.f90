@@ -7,7 +7,7 @@ module hb_sign_warnings
    use hb_numbers, only: number_t
    use hb_structure, only: structure_t
    use hb_system, only: system_t
-   use hb_text, only: add_string, rounded, string_t, to_text
+   use hb_text, only: add_string, rounded_to, string_t, to_text
    implicit none
    private
    public :: describe_signs
@@ -80,7 +80,7 @@ contains
       if (info /= 0) return
       if (values(1) >= -rounding*maxval(abs(values))) return
       at = maxloc(abs(a(:, 1)), dim=1)
-      call add_string(lines, "the "//name//" matrix has a negative eigenvalue, "//to_text(rounded(values(1), n_shown))// &
+      call add_string(lines, "the "//name//" matrix has a negative eigenvalue, "//to_text(rounded_to(values(1), n_shown))// &
                       ", whose vector is largest at '"// &
                       trim(structure%labels(at))//"': "//meaning//"make it positive semi-definite")
    end subroutine describe_matrix

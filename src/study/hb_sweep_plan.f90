@@ -11,7 +11,7 @@ module hb_sweep_plan
    use hb_kinds, only: int64, wp
    use hb_model_number, only: moving_groups
    use hb_properties, only: properties_t
-   use hb_text, only: lower, number_of, quote, rounded, shown, string_t, to_text
+   use hb_text, only: lower, number_of, quote, rounded_to, shown, string_t, to_text
    implicit none
    private
    public :: read_sweep_plan, sweep_plan_t
@@ -625,7 +625,7 @@ contains
       integer :: n_digits
 
       do n_digits = 3, 17
-         found = rounded(value, n_digits)
+         found = rounded_to(value, n_digits)
          if (100.0_wp*abs(found - value) <= min(abs(value - before), abs(value - after))) return
       end do
    end function distinguished
