@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Translate a pFUnit test file (.pf) into Fortran for the in-tree test runner.
 
-    pf_to_fortran.py test_thing.pf test_thing.F90
+    pf_to_fortran.py test_thing.pf test_thing.F90 [--main RUNNER SUITE...]
 
 The output is the module with its directives rewritten, followed by one external subroutine `test_thing_suite`
-that runs the tests in the order of the file. It has to be compiled with the C preprocessor, because `#line` keeps
-compiler messages and debuggers at the .pf file.
+that runs the tests in the order of the file and, with --main, by the main program that runs these suites by the
+module RUNNER. It has to be compiled with the C preprocessor, because `#line` keeps compiler messages and debuggers
+at the .pf file.
 """
 
 import sys
@@ -84,6 +85,15 @@ def suite_lines(file):
     return [*head, "   implicit none", *body, f"end subroutine {file.module}_suite"]
 
 
+def main_lines(runner, suites):
+    """The main program that runs some suites."""
+    interfaces = [line for suite in suites for line in (f"      subroutine {suite}()", f"      end subroutine {suite}")]
+    calls = [f"   call {suite}()" for suite in suites]
+    return ["program runner_main", f"   use {runner}, only: finish_run, start_run", "   implicit none", "   interface",
+            *interfaces, "   end interface", "", "   call start_run()", *calls, "   call finish_run()",
+            "end program runner_main"]
+
+
 def guarded(test, lines):
     """The lines, inside the #ifdef of the test if it has one."""
     options = test.directive.options
@@ -140,9 +150,9 @@ def case_calls(file, test, is_mpi):
 
 
 def main(arguments):
-    if len(arguments) != 2:
-        sys.exit("usage: pf_to_fortran.py <test.pf> <test.F90>")
-    source, target = map(Path, arguments)
+    if len(arguments) != 2 and not (len(arguments) > 4 and arguments[2] == "--main"):
+        sys.exit("usage: pf_to_fortran.py <test.pf> <test.F90> [--main <runner> <suite>...]")
+    source, target = map(Path, arguments[:2])
     try:
         file = TestFile(source)
     except Refused as refused:
@@ -150,6 +160,8 @@ def main(arguments):
         sys.exit(f"{source}:{refused.line_number}: error: {refused.reason}")
     # from here on the compiler is to speak of the generated file
     lines = [*file.lines, f'#line {len(file.lines) + 2} "{target}"', *suite_lines(file)]
+    if len(arguments) > 2:
+        lines += main_lines(arguments[3], arguments[4:])
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
