@@ -305,7 +305,7 @@ contains
       real(wp), intent(in) :: free(:, :)                              !! motions that do not count, (n_dofs, any)
       type(piecewise_orbit_t) :: orbit
 
-      call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation)
+      call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation, free)
       self%estimate = 1.0_wp                                          ! the series is too far from any periodic motion
       if (.not. orbit%is_found) return
       self%is_integrated = .true.

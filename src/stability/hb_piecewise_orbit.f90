@@ -77,13 +77,15 @@ contains
                           + (n_events + 1)*count_exponential(variation%size, period*variation%norm/(n_events + 1)))
    end function work_of_piecewise_orbit
 
-   !> Finds the periodic motion by shooting from the state of a given one far from its events.
-   subroutine find_piecewise_orbit(self, variation, structure, amplitudes, excitation)
+   !> Finds the periodic motion by shooting from the state of a given one far from its events. Where no force depends on a
+   !> displacement, the one that the given motion has of it is retained.
+   subroutine find_piecewise_orbit(self, variation, structure, amplitudes, excitation, free)
       type(piecewise_orbit_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation                   !! along the given motion
       type(structure_t), intent(in) :: structure
       complex(wp), intent(in) :: amplitudes(:, :)                     !! of the given motion, cos - i sin, (n_dofs, n_harmonics)
       type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: free(:, :)                              !! displacements on which no force depends, (n_dofs, any)
       type(flow_t) :: flow
       real(wp), dimension(2*variation%n_dofs) :: after, begun, left, left_before, step, units, x
       complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
@@ -122,7 +124,7 @@ contains
             x = x - step
             cycle
          end if
-         call solve_step(self%matrix, after - x, step, sense)
+         call solve_step(self%matrix, free, after - x, step, sense)
          if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: the motion is ambiguous
          sense_before = sense
          if (max(maxval(abs(left)), maxval(abs(step/units))) <= rounding) exit
@@ -148,9 +150,10 @@ contains
       end associate
    end function quiet_time
 
-   !> Newton's step: (matrix - 1) step = -left, with the sign of the determinant.
-   subroutine solve_step(matrix, left, step, sense)
-      real(wp), intent(in) :: matrix(:, :), left(:)
+   !> Newton's step: (matrix - 1) step = -left, with the sign of the determinant. Free displacements, which the matrix leaves
+   !> as they are, do not change: a term of rank one for each makes the equations regular.
+   subroutine solve_step(matrix, free, left, step, sense)
+      real(wp), intent(in) :: matrix(:, :), free(:, :), left(:)
       real(wp), intent(out) :: step(:)
       real(wp), intent(out) :: sense
       real(wp) :: a(size(left), size(left))
@@ -160,6 +163,9 @@ contains
       do i = 1, size(left)
          a(i, i) = a(i, i) - 1.0_wp
       end do
+      associate (n => size(free, 1))
+         a(:n, :n) = a(:n, :n) + matmul(free, transpose(free))
+      end associate
       call dgetrf(size(left), size(left), a, size(left), pivots, info)
       step = huge(1.0_wp)
       sense = 0.0_wp
