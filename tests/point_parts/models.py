@@ -119,9 +119,9 @@ class Model:
         return f"{len(self.mass)} dofs, {len(self.omega)} tones, order {self.order}, {laws}"
 
 
-def random_model(seed: int, number: int, is_wide: bool = False, kinds: tuple[str, ...] = ()) -> Model:
+def random_model(seed: int, number: int, is_wide: bool = False, kinds: tuple[str, ...] = (), is_apart: bool = False) -> Model:
     """The model of a number; the same on every machine. Wide ones have up to three tones and more kinds of laws; of `kinds`,
-    some of LATER, the models have one after the other."""
+    some of LATER, the models have one after the other. Those apart have two tones with a ratio of 20 to 100."""
     draw = np.random.default_rng([seed, number])
     later = kinds[number % len(kinds)] if kinds else ""
     least = MIN_DOFS.get(later, 1)
@@ -135,6 +135,8 @@ def random_model(seed: int, number: int, is_wide: bool = False, kinds: tuple[str
         model.omega = np.append(model.omega, model.omega[0] * ratio * (1 + 1e-3 * np.sqrt(2)))
     if is_wide and len(model.omega) > 1 and draw.random() < 0.4:
         model.omega = np.append(model.omega, model.omega[0] * draw.uniform(0.3, 2.6) * (1 + 1e-3 * np.sqrt(3)))
+    if is_apart:
+        model.omega = model.omega[0] * np.array([1.0, 1.0 / draw.uniform(20.0, 100.0)])
     model.order = int(draw.integers(*((5, 26), (3, 8), (2, 5))[len(model.omega) - 1]))
     _load(model, draw)
     if later == "base":
