@@ -185,6 +185,15 @@ def test_a_fold_beside_a_graze_has_its_jump():
     assert found == [(3.0, 6.0, 0.75), (2.0, 2.1, 4.0)]
 
 
+def test_no_jump_leads_to_the_graze_at_its_fold():
+    """Both at the same place up to rounding, and the stability of both known: the jump leads to the other branch."""
+    x = np.array([1.0, 2.0, 3.0, 2.5, 2.0, 2.0 - 1e-13, 2.5, 3.5])
+    y = np.array([3.0, 4.0, 6.0, 4.0, 2.1, 2.1, 1.0, 0.5])
+    kind = np.array(["start", "regular", "fold", "regular", "fold", "grazing", "regular", "end"])
+    found = jumps_at_folds(x, y, kind, np.array([1, 1, 0, -1, 1, 1, 1, 1]), ["fold"])
+    assert found == [(3.0, 6.0, 0.75), (2.0, 2.1, 4.0)]
+
+
 def test_families_and_backbones_share_a_picture(tmp_path):
     mode = tmp_path / "mode.h5"
     coefficients = np.zeros((3, 1, 2, 2))

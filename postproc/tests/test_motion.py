@@ -10,16 +10,16 @@ from synthetic import box, write_results
 
 from nhbm_post import Results, UsageError
 from nhbm_post.cli import main
-from nhbm_post.draw import draw_orbit, draw_surface, draw_waterfall, hypertime_in_motion
+from nhbm_post.draw import draw_orbit, draw_spectrum, draw_surface, draw_waterfall, hypertime_in_motion
 from nhbm_post.draw.motion import section
 from nhbm_post.series import Series
 
 
 def circle(n_tones=1, radius=2.0, small=0.5):
-    """x = 2 cos(w1 t) (+ 0.5 cos(w2 t))."""
+    """x = 2 cos(w1 t) (+ 0.5 cos(w2 t) (+ 0.5 cos(w3 t)))."""
     tuples = np.eye(n_tones, dtype=int)
-    size = np.array([radius, small][:n_tones])
-    return Series(tuples, np.array([3.0, 3.0 * np.sqrt(2.0)])[:n_tones], size, 0.0 * size, "x1", "m", "displacement")
+    size = np.array([radius, small, small][:n_tones])
+    return Series(tuples, np.array([3.0, 3.0 * np.sqrt(2.0), 3.0 * np.sqrt(3.0)])[:n_tones], size, 0.0 * size, "x1", "m", "displacement")
 
 
 def drawn(fig, gid):
@@ -160,13 +160,32 @@ def test_state_moves_along_the_motion(n_tones):
     assert state == pytest.approx([x, float(series.velocity().evaluate(t))] if n_tones == 1 else phases)
     whole = fig.axes[1].lines[0].get_xdata()
     assert whole[-1] == pytest.approx(times[-1] + times[1] - times[0])  # a period is drawn to where it closes
+    bars = [ax for ax in fig.axes if ax.get_label() == "<colorbar>"]
+    assert [bar.get_ylabel() for bar in bars] == ([] if n_tones == 1 else [f"{series.label} [m]"])
+
+
+@pytest.mark.parametrize("n_tones", [2, 3])
+def test_a_colour_bar_is_as_high_as_its_map(n_tones):
+    fig = draw_surface(circle(n_tones), view="map")
+    fig.draw_without_rendering()
+    (drawn_map, bar) = fig.axes
+    assert bar.get_position().height == pytest.approx(drawn_map.get_position().height)
+    assert ("tau_3 = 0" in " ".join(text.get_text() for text in fig.texts)) == (n_tones == 3)
+
+
+def test_the_bar_of_a_flat_spectrum_is_as_high_as_it():
+    tuples = np.array([[k, 1] for k in range(9)])
+    fig = draw_spectrum(Series(tuples, np.array([3.0, 4.1]), np.ones(9), np.ones(9), "x1", "m", "displacement"), form="map")
+    fig.draw_without_rendering()
+    (drawn_map, bar) = fig.axes
+    assert bar.get_position().height == pytest.approx(drawn_map.get_position().height) and bar.get_position().height < 0.5
 
 
 def test_animations_are_written(tmp_path, capsys):
     path = single(tmp_path / "a.h5", 2)
     assert main(["animate", str(path), "--frames", "5", "--dpi", "40"]) == 0
     with Image.open(tmp_path / "a_animate.gif") as image:
-        assert image.n_frames == 5 and image.size == (320, 156)
+        assert image.n_frames == 5 and image.size == (352, 156)
     assert main(["animate", str(path), "--frames", "5", "-o", str(tmp_path / "a.png")]) == 2
     assert "must end in .gif, .mp4" in capsys.readouterr().err
     assert main(["surface", str(path), "--dpi", "40"]) == 0 and main(["orbit", str(path), "--dpi", "40", "--section", "2"]) == 0

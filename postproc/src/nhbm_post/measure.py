@@ -72,4 +72,4 @@ class Measure:
             return f"Amplitude of harmonic {j} of {symbol}", rf"Amplitude $|c_{{{j}}}|$ of {symbol}"
         if self.name == "rms":
             return f"Root mean square of {symbol}", f"Rms {of_what.words} of {dof}"
-        return f"Largest |{symbol}|", rf"Largest {of_what.words} $\max\,|\,${dof}$\,|$"
+        return f"Largest |{symbol}|", f"Largest {of_what.words} max|{dof}|"

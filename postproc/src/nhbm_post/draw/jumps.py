@@ -6,6 +6,8 @@ from collections.abc import Collection
 
 import numpy as np
 
+COINCIDENT = 1e-9  # of the largest value of x
+
 
 def jumps_at_folds(
     x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray, bifurcations: Collection[str]
@@ -15,7 +17,7 @@ def jumps_at_folds(
     Points are in the order of the arc; next to a fold a multiplier is 1 up to rounding, and the stability slightly farther along
     the curve is used. A jump leads to the stable motion of the curve at the same x that is nearest in y; there is none if stability
     is unknown, or if the curve has no stable motion at this x. Stability may change at bifurcations. At a graze it may, too: if it
-    coincides with a fold, the stability beyond both is used.
+    coincides with a fold, the stability beyond both is used, and no jump leads to it.
     """
     jumps = []
     is_passed = ~np.isin(kind, ["none", *bifurcations])
@@ -23,16 +25,24 @@ def jumps_at_folds(
     for fold in np.flatnonzero(kind == "fold"):
         if _known_beside(fold, -1, is_passed, stability) * _known_beside(fold, 1, is_passed, stability) >= 0:
             continue
+        first, last = _at_fold(x, fold)
         to = [
             y[i] + (x[fold] - x[i]) / (x[i + 1] - x[i]) * (y[i + 1] - y[i])
             for i in range(x.size - 1)
             if stable[i] and stable[i + 1] and (x[i] - x[fold]) * (x[i + 1] - x[fold]) <= 0.0 and x[i] != x[i + 1]
-            if fold not in (i, i + 1)
+            if not first <= i + 1 <= last + 1
         ]
         to = [height for height in to if np.isfinite(height)]
         if to:
             jumps.append((float(x[fold]), float(y[fold]), float(min(to, key=lambda height: abs(height - y[fold])))))
     return jumps
+
+
+def _at_fold(x: np.ndarray, fold: int) -> tuple[int, int]:
+    """The first and the last of the points in a row that coincide with a fold, such as a graze."""
+    apart = np.flatnonzero(np.abs(x - x[fold]) > COINCIDENT * np.nanmax(np.abs(x)))
+    before, after = apart[apart < fold], apart[apart > fold]
+    return (int(before[-1]) + 1 if before.size else 0), (int(after[0]) - 1 if after.size else x.size - 1)
 
 
 def _known_beside(fold: int, step: int, is_passed: np.ndarray, stability: np.ndarray) -> int:

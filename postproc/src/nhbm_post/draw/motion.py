@@ -80,6 +80,16 @@ def draw_orbit(x: Series, y: Series, *, tone: int = 0, about: str = ""):
     return fig
 
 
+def level_range(values: np.ndarray) -> Normalize:
+    """The scale of a map; one of height 1 where all values are the same."""
+    return Normalize(values.min(), values.max() if np.ptp(values) > 0.0 else values.min() + 1.0)
+
+
+def other_phases(n_tones: int) -> str:
+    """Of a map over the phases of two tones: those of the others."""
+    return ", ".join(f"tau_{m} = 0" for m in range(3, n_tones + 1))
+
+
 def draw_surface(series: Series, *, view: str = "surface", n_samples: int = 96, about: str = ""):
     """The motion over the phases of the first two tones, with zero phases of the others: a 3-D surface, or a map with contour
     lines."""
@@ -90,20 +100,19 @@ def draw_surface(series: Series, *, view: str = "surface", n_samples: int = 96, 
     factor, units = style.unit_scale(float(np.abs(values).max()), series.units)
     values = factor * values
     taus = [np.linspace(0.0, 2.0 * np.pi, n_samples + 1)] * 2
-    levels = Normalize(values.min(), values.max() if np.ptp(values) > 0.0 else values.min() + 1.0)
+    levels = level_range(values)
     label = style.with_unit(series.axis_label, units)
     nowhere = np.zeros(values.shape, dtype=bool)
-    others = "" if series.n_tones == 2 else ", ".join(f"tau_{m} = 0" for m in range(3, series.n_tones + 1))
     with style.look():
         if view == "map":
             fig = style.figure(5.8, 5.0)
             ax = fig.add_subplot()
             draw_level(ax, taus, values, levels, label, nowhere)
-            fig.colorbar(ax.collections[0], ax=ax, label=label).outline.set_linewidth(0.5)
+            fig.colorbar(ax.collections[0], cax=style.bar_beside(ax), label=label).outline.set_linewidth(0.5)
         else:
             fig = style.figure(6.2, 5.2, is_arranged=False)
             ax = style.axes_at(fig, 0.0, 0.2, 5.8, 4.5, projection="3d")
             draw_solid(ax, taus, values, levels, label, nowhere)
             ax.zaxis.labelpad = 4
-        style.head(fig, f"{series.axis_label} over hypertime", ", ".join(t for t in (about, others) if t))
+        style.head(fig, f"{series.axis_label} over hypertime", ", ".join(t for t in (about, other_phases(series.n_tones)) if t))
     return fig

@@ -59,7 +59,7 @@ def draw_spectrum(
             fig = style.figure(6.2, 5.4)
             ax = fig.add_subplot()
             draw_map(ax, series.tuples, amplitudes, norm)
-            colour_bar(fig, norm, amplitudes, label, ax=ax)
+            colour_bar(fig, norm, amplitudes, label, cax=style.bar_beside(ax))
         elif form == "bars":
             fig = style.figure(7.2, 5.6, is_arranged=False)
             _draw_bars(fig, series.tuples, amplitudes, norm, label)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.colorbar import make_axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from nhbm.child_process import atomic_write
 
@@ -248,6 +250,19 @@ def relabel(fig: Figure, texts: dict[str, str]) -> None:
             raise UsageError(f"the picture has no {letter} axis with a name, so --label has nothing to rename")
         for axis in named[letter]:
             axis.set_label_text(text)
+
+
+def bar_beside(ax):
+    """Axes of a colour bar beside axes of a given aspect, exactly as high as these are drawn."""
+    bar, _ = make_axes(ax, aspect=16)
+
+    def place(*_):
+        ax.apply_aspect()
+        height, own = ax.get_position(), bar.get_position(original=True)
+        return Bbox([[height.x1 + own.x0 - ax.get_position(original=True).x1, height.y0], [own.x1, height.y1]])
+
+    bar.set_axes_locator(place)
+    return bar
 
 
 def phase(tone: int) -> str:
