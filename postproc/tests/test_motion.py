@@ -19,7 +19,8 @@ def circle(n_tones=1, radius=2.0, small=0.5):
     """x = 2 cos(w1 t) (+ 0.5 cos(w2 t) (+ 0.5 cos(w3 t)))."""
     tuples = np.eye(n_tones, dtype=int)
     size = np.array([radius, small, small][:n_tones])
-    return Series(tuples, np.array([3.0, 3.0 * np.sqrt(2.0), 3.0 * np.sqrt(3.0)])[:n_tones], size, 0.0 * size, "x1", "m", "displacement")
+    omega = 3.0 * np.sqrt([1.0, 2.0, 3.0][:n_tones])
+    return Series(tuples, omega, size, 0.0 * size, "x1", "m", "displacement")
 
 
 def drawn(fig, gid):

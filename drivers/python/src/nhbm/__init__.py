@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.groups import ModalBeam as ModalBeam
     from nhbm.groups import RotorStator as RotorStator
     from nhbm.keys import input_keys as input_keys
+    from nhbm.laws import Step as Step
     from nhbm.laws import law as law
     from nhbm.model import Gradient as Gradient
     from nhbm.model import Model as Model
@@ -33,7 +34,7 @@ _LATER = {  # what needs NumPy and more is imported at the first use
     "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors",
     "Peak": "model", "PeakGradient": "model",
     "open_dataset": "dataset",
-    "law": "laws",
+    "Step": "laws", "law": "laws",
     "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",
     "Beam": "groups", "Chain": "groups",
     "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",

@@ -55,7 +55,8 @@ def hypertime_in_motion(series: Series, times: np.ndarray, about: str):
     factor, units = style.unit_scale(series.peak(), series.units)
     label = style.with_unit(series.axis_label, units)
     by, seconds = style.unit_scale(float(times[-1]), "s")
-    fine = np.linspace(times[0], times[-1] + times[1] - times[0], max(20, -(-1200 // len(times))) * len(times) + 1)  # until the first picture recurs
+    n_fine = len(times) * max(20, -(-1200 // len(times)))
+    fine = np.linspace(times[0], times[-1] + times[1] - times[0], n_fine + 1)  # until the first picture recurs
     with style.look():
         fig = style.figure(8.0 if series.n_tones == 1 else 8.8, 3.9)
         left, right = fig.subplots(1, 2)
@@ -64,7 +65,8 @@ def hypertime_in_motion(series: Series, times: np.ndarray, about: str):
             grid = np.linspace(0.0, 2.0 * np.pi, n + 1)
             values = factor * np.pad(series.on_grid((n, n) + (1,) * (series.n_tones - 2)).reshape(n, n), [(0, 1)] * 2, mode="wrap")
             draw_level(left, [grid, grid], values, level_range(values), label, np.zeros(values.shape, dtype=bool))
-            fig.colorbar(left.collections[0], cax=style.bar_beside(left), label=style.with_unit(series.label, units)).outline.set_linewidth(0.5)
+            bar = fig.colorbar(left.collections[0], cax=style.bar_beside(left), label=style.with_unit(series.label, units))
+            bar.outline.set_linewidth(0.5)
             about = ", ".join(filter(None, (about, other_phases(series.n_tones))))
             orbit = np.mod(np.outer(fine, series.omega[:2]), 2.0 * np.pi)
         else:
