@@ -13,7 +13,7 @@ module hb_curve_end
    use hb_thresholds, only: next_to_none, reliable
    implicit none
    private
-   public :: count_doubtful_steps, describe_end, end_if_doubtful, is_unreliable, put_end_at_fold, returns_to_fold
+   public :: count_doubtful_steps, describe_end, end_if_doubtful, put_end_at_fold, returns_to_fold
 
    character(*), parameter :: returns_to_fold = "the curve returns to this fold: it would pass over its points again"
 

@@ -368,6 +368,10 @@ contains
          "sign of the determinant of the bordered tangent, at the end of a step; 0: unknown", position%orientation)
       call t%real("curve_largest_motion", "1", "", &
          "largest motion so far, at the end of a step, relative to a typical one: the unit of lengths", position%largest_motion)
+      call t%integer("curve_unreliable_steps", "1", "", &
+         "number of the last steps whose errors are too large to be estimated, at the end of a step", position%n_unreliable)
+      call t%integer("curve_exhausted_steps", "1", "", &
+         "number of the last steps that have used up the work of a point, at the end of a step", position%n_exhausted)
       call t%real("curve_angle", "rad", "", "angle of the multipliers at a period doubling or Neimark-Sacker point, else 0", &
                   position%angle)
       call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", position%parameter)

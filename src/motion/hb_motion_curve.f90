@@ -291,6 +291,8 @@ contains
                self%reported = [self%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length))]
          end do
          call restore_course(self, stored(max(1, i):), model%discretisation)
+         self%course%n_unreliable = last%n_unreliable
+         self%course%n_exhausted = last%n_exhausted
       end associate
       call self%renew()
       call self%evaluate_here(self%known)
@@ -629,6 +631,8 @@ contains
          position%step = self%curve%step
          position%orientation = self%curve%orientation
          position%largest_motion = self%largest
+         position%n_unreliable = self%course%n_unreliable
+         position%n_exhausted = self%course%n_exhausted
       case (curve_kind%branch)
          if (self%request%switches .and. self%branch == 0) &
             call add_origin(self%origins, .false., position%unknowns, position%direction, self%level)

@@ -23,6 +23,8 @@ module hb_motion_result
       real(wp) :: step = 0.0_wp                         !! length of the next one; 0: not the end of a step
       real(wp) :: orientation = 0.0_wp                  !! sign of the determinant at the end of a step; 0: not known
       real(wp) :: largest_motion = 0.0_wp               !! so far, relative to a typical one: the unit of lengths
+      integer :: n_unreliable = 0                       !! last steps whose errors are not known, up to the end of a step
+      integer :: n_exhausted = 0                        !! last steps that took the work of a point, likewise
       real(wp) :: angle = 0.0_wp                        !! of the multipliers at a period doubling or Neimark-Sacker point [rad]
       integer :: response = 0                           !! number in the request of the response that is located there
       real(wp) :: over = 0.0_wp                         !! value of `over`, for a located point that is followed

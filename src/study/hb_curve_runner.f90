@@ -61,16 +61,14 @@ contains
    end subroutine curve_runner_prepare
 
    !> Restores the state of a prepared curve at the last of its stored points.
-   subroutine curve_runner_continue_from(self, stored, n_unreliable, error)
+   subroutine curve_runner_continue_from(self, stored, error)
       class(curve_runner_t), intent(inout), target :: self
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
-      integer, intent(in) :: n_unreliable                             !! its last steps with estimates that have no meaning
       type(error_t), allocatable, intent(out) :: error
 
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) &
          call move_start(self, stored(1)%parameter, error)
       if (.not. allocated(error)) call self%curve%continue_from(self%model, self%request, stored, error)
-      self%curve%course%n_unreliable = n_unreliable
       self%is_done = self%curve%is_done .or. allocated(error)
       self%has_begun = .true.
    end subroutine curve_runner_continue_from

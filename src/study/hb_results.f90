@@ -4,7 +4,6 @@
 !> afterwards only raw data are written in place, the status of a point last, so that a killed run leaves a valid file
 !> in which a status other than 0 means that the point is complete.
 module hb_results
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_clock, only: wall_clock
    use hb_crash_detection, only: crash_location_t
    use hb_crash_handler, only: install_crash_handler, remove_crash_handler
@@ -381,29 +380,15 @@ contains
    end subroutine results_write_branches
 
    !> Reads the statuses and the positions on curves of consecutive points; independent of other ranks, after `share`.
-   subroutine results_read_curve(self, first, status, positions, estimates, error)
+   subroutine results_read_curve(self, first, status, positions, error)
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
       integer, intent(out) :: status(:)                 !! (points)
       type(curve_position_t), intent(out) :: positions(:) !! (points)
-      real(wp), intent(out) :: estimates(:)             !! of the errors of their motions; 0: none (points)
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: by_grid(size(status))
       integer :: i
 
-      estimates = 0.0_wp
       call self%plan%columns(self%plan%index_of("status"))%dataset%read(status, error, first)
-      if (.not. allocated(error)) &
-         call self%plan%columns(self%plan%index_of("truncation_estimate"))%dataset%read(estimates, error, first)
-      if (.not. allocated(error)) &
-         call self%plan%columns(self%plan%index_of("aliasing_estimate"))%dataset%read(by_grid, error, first)
-      if (.not. allocated(error)) then
-         where (ieee_is_nan(estimates) .or. ieee_is_nan(by_grid))
-            estimates = 0.0_wp
-         elsewhere
-            estimates = hypot(estimates, by_grid)
-         end where
-      end if
       do i = 1, size(status)
          if (.not. allocated(error)) call self%get_position(first + i - 1, positions(i), error, self%plan%curve_column)
       end do

@@ -117,6 +117,8 @@ contains
       position%step = number("curve_step")
       position%orientation = number("curve_orientation")
       position%largest_motion = number("curve_largest_motion")
+      position%n_unreliable = whole("curve_unreliable_steps")
+      position%n_exhausted = whole("curve_exhausted_steps")
       position%angle = number("curve_angle")
       position%over = number("curve_over")
       position%response = whole("curve_response")

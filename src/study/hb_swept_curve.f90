@@ -4,7 +4,6 @@ module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
-   use hb_curve_end, only: is_unreliable
    use hb_curve_runner, only: curve_runner_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -13,7 +12,6 @@ module hb_swept_curve
    use hb_law_doubt, only: law_doubt_t
    use hb_model_reader, only: update_model
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_options, only: accuracy_t
    use hb_outcome, only: is_solved, outcome
    use hb_point_kinds, only: curve_kind
    use hb_point_source, only: point_source_t
@@ -53,7 +51,6 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t), allocatable :: positions(:)
       integer, allocatable :: status(:)
-      real(wp), allocatable :: estimates(:)
       type(document_t), target :: document
       integer :: last
       logical :: is_new
@@ -70,33 +67,17 @@ contains
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
-      allocate (positions(source%plan%curve%n_points), status(source%plan%curve%n_points), &
-                estimates(source%plan%curve%n_points))
-      call results%read_curve(first, status, positions, estimates, error)
+      allocate (positions(source%plan%curve%n_points), status(source%plan%curve%n_points))
+      call results%read_curve(first, status, positions, error)
       if (allocated(error)) return
       last = last_step(status, positions%kind)
       if (last == 0) return
-      call self%runner%continue_from(positions(:last), n_unreliable(positions(:last), estimates(:last), &
-                                                                       self%runner%model%options%accuracy), failure)
+      call self%runner%continue_from(positions(:last), failure)
       self%is_done = self%runner%is_done
       self%stored = status(:last)
       self%last_parameter = positions(last)%parameter
       self%last_branch = positions(last)%branch
    end subroutine new_swept_curve
-
-   !> Number of the last steps of the last branch whose estimated errors have no meaning.
-   pure integer function n_unreliable(positions, estimates, accuracy) result(n)
-      type(curve_position_t), intent(in) :: positions(:)
-      real(wp), intent(in) :: estimates(:)                            !! of the errors there
-      type(accuracy_t), intent(in) :: accuracy
-      integer :: i
-
-      n = 0
-      do i = 1, size(positions)
-         if (positions(i)%kind == curve_kind%start) n = 0
-         if (positions(i)%kind == curve_kind%regular) n = merge(n + 1, 0, is_unreliable(estimates(i), accuracy))
-      end do
-   end function n_unreliable
 
    !> The last of the stored points from which a curve can continue, without gaps before it; 0: none.
    pure integer function last_step(status, kind) result(last)

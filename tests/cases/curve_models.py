@@ -14,7 +14,8 @@ DUFFING = """
 """
 SOLUTION = (
     "status", "coefficients", "force_coefficients", "residual", "iterations", "curve_kind", "curve_length",
-    "curve_unknowns", "curve_direction", "curve_step", "curve_orientation", "curve_largest_motion", "checksum",
+    "curve_unknowns", "curve_direction", "curve_step", "curve_orientation", "curve_largest_motion", "curve_unreliable_steps",
+    "curve_exhausted_steps", "checksum",
 )  # fmt: skip
 STOP = """
 &structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffness = 1.0, damping_stiffness = 0.03, ends = 'fixed-free' /
