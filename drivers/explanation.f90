@@ -3,7 +3,6 @@
 !> what to do next.
 module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_advice, only: rounded
    use hb_attempts, only: attempt_rules, attempts_text
    use hb_document, only: document_t
    use hb_kinds, only: wp
@@ -13,7 +12,7 @@ module explanation
    use hb_results_record, only: attempts_of, messages_of, numbers_of, record_t
    use hb_solver_types, only: attempt_t, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: add_string, number_of, split, string_t, to_text
+   use hb_text, only: add_string, number_of, rounded, split, string_t, to_text
    use hb_thresholds, only: well_solved
    use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use run_texts, only: is_regular_end

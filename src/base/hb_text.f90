@@ -9,7 +9,7 @@ module hb_text
    implicit none
    private
    public :: add_string, is_name, join, length_of, letters, lower, max_name, number_of, parse_integer, parse_real, quote, &
-      rounded_to, shortened, shown, split, string_t, text_builder_t, texts_t, to_text
+      rounded, rounded_to, shortened, shown, split, string_t, text_builder_t, texts_t, to_text
 
    character(*), parameter :: digits = "0123456789"
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
@@ -130,6 +130,40 @@ contains
       write (buffer, form) value
       read (buffer, *) rounded_to
    end function rounded_to
+
+   !> Formats a number with two digits: 7800, 0.12, 4.9E-05.
+   pure function rounded(value) result(text)
+      real(wp), intent(in) :: value
+      character(rounded_length(value)) :: text
+      character(24) :: buffer
+
+      call write_rounded(value, buffer)
+      text = buffer
+   end function rounded
+
+   pure integer function rounded_length(value) result(length)
+      real(wp), intent(in) :: value
+      character(24) :: buffer
+
+      call write_rounded(value, buffer)
+      length = len_trim(buffer)
+   end function rounded_length
+
+   pure subroutine write_rounded(value, text)
+      real(wp), intent(in) :: value
+      character(*), intent(out) :: text
+      integer :: n
+
+      if (value >= 0.01_wp .and. value < 1.0e6_wp) then
+         text = to_text(real(nint(value*10.0_wp**(1 - floor(log10(value)))), wp)/10.0_wp**(1 - floor(log10(value))))
+         n = len_trim(text)
+         if (text(n - 1:n) == ".0") text(n - 1:n) = ""
+      else
+         write (text, "(es8.1e2)") max(value, 1.0e-99_wp)
+         text = adjustl(text)
+         if (value <= 0.0_wp) text = "0"
+      end if
+   end subroutine write_rounded
 
    !> Tries fifteen digits first, which find every form of at most 15 digits (except for subnormal numbers, which
    !> begin with one digit). Plain form from 0.01 to below 1e6.

@@ -6,6 +6,7 @@ module hb_motion_doubt
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
    use hb_remedies, only: remedy_of
+   use hb_text, only: rounded
    implicit none
    private
    public :: describe_doubt
@@ -46,12 +47,4 @@ contains
          text = text//sign//rounded(value)//cause//" (limit "//rounded(limit)//")"
       end subroutine add
    end subroutine describe_doubt
-
-   !> A number with two digits.
-   pure function rounded(value) result(digits)
-      real(wp), intent(in) :: value
-      character(7) :: digits
-
-      write (digits, "(es7.1e2)") value
-   end function rounded
 end module hb_motion_doubt

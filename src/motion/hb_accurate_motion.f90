@@ -9,7 +9,6 @@
 !> 5.
 module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
-   use hb_advice, only: rounded
    use hb_attempts, only: attempts_t, make_attempts
    use hb_cancellation, only: cancellation_t, note_level, verdict, work_is_over
    use hb_discretisation, only: discretisation_t
@@ -30,6 +29,7 @@ module hb_accurate_motion
    use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
+   use hb_text, only: rounded
    use hb_threads, only: use_threads
    use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: evaluation_work, primary_method

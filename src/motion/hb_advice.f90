@@ -12,10 +12,10 @@ module hb_advice
    use hb_outcome, only: outcome, outcome_name, reason
    use hb_solver_types, only: report_t, technique
    use hb_system, only: system_t
-   use hb_text, only: to_text
+   use hb_text, only: rounded, to_text
    implicit none
    private
-   public :: advice_on, circumstances_t, find_circumstances, limit_of, rounded
+   public :: advice_on, circumstances_t, find_circumstances, limit_of
 
    real(wp), parameter :: stiff = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
@@ -208,38 +208,4 @@ contains
             text = text//" "//outcome_name(report%attempts(i)%status)
       end do
    end subroutine add_attempts
-
-   !> Formats a number with two digits: 7800, 0.12, 4.9E-05.
-   pure function rounded(value) result(text)
-      real(wp), intent(in) :: value
-      character(rounded_length(value)) :: text
-      character(24) :: buffer
-
-      call write_rounded(value, buffer)
-      text = buffer
-   end function rounded
-
-   pure integer function rounded_length(value) result(length)
-      real(wp), intent(in) :: value
-      character(24) :: buffer
-
-      call write_rounded(value, buffer)
-      length = len_trim(buffer)
-   end function rounded_length
-
-   pure subroutine write_rounded(value, text)
-      real(wp), intent(in) :: value
-      character(*), intent(out) :: text
-      integer :: n
-
-      if (value >= 0.01_wp .and. value < 1.0e6_wp) then
-         text = to_text(real(nint(value*10.0_wp**(1 - floor(log10(value)))), wp)/10.0_wp**(1 - floor(log10(value))))
-         n = len_trim(text)
-         if (text(n - 1:n) == ".0") text(n - 1:n) = ""
-      else
-         write (text, "(es8.1e2)") max(value, 1.0e-99_wp)
-         text = adjustl(text)
-         if (value <= 0.0_wp) text = "0"
-      end if
-   end subroutine write_rounded
 end module hb_advice

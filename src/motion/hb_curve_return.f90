@@ -2,6 +2,7 @@
 !> curve, and a motion of several periods of the loads may be shifted by one of them. Two motions are therefore compared after
 !> the shift that brings them closest.
 module hb_curve_return
+   use hb_common_divisor, only: common_divisor
    use hb_deflation, only: shifted
    use hb_discretisation, only: discretisation_t
    use hb_followed_motion, only: followed_motion_t
@@ -144,7 +145,7 @@ contains
          copies = 0
          do h = 1, discretisation%harmonics%n_harmonics
             if (discretisation%loads%is_zero_at(h)) cycle
-            copies = [(common_divisor(copies(m), discretisation%harmonics%tuples(m, h)), m=1, size(copies))]
+            copies = [(common_divisor([copies(m), discretisation%harmonics%tuples(m, h)]), m=1, size(copies))]
          end do
          if (any([(system%laws(i)%law%n_phases > 0 .or. allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])) &
             copies = system%tones%subharmonic                         ! the loads of laws are in tones of the input
@@ -153,13 +154,6 @@ contains
          if (product(real(copies, wp)) > max_copies) copies = 1
       end associate
    end function copies_of
-
-   pure recursive integer function common_divisor(a, b) result(divisor)
-      integer, intent(in) :: a, b
-
-      divisor = abs(a)
-      if (b /= 0) divisor = common_divisor(b, modulo(abs(a), abs(b)))
-   end function common_divisor
 
    !> Adds the shifts of the phases of unknown tones that bring a motion closest to a reference, judged by its harmonics of the
    !> first order in one of them.

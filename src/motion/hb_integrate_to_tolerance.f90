@@ -4,7 +4,6 @@
 !> is integrated either before any balance is tried, from rest, or from the motion at which the sequence of orders of
 !> the balance ended above the tolerance: that motion is nearly steady from the beginning.
 module hb_integrate_to_tolerance
-   use hb_advice, only: rounded
    use hb_budget, only: budget_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_coordinates, only: coordinates_t
@@ -24,7 +23,7 @@ module hb_integrate_to_tolerance
    use hb_refinement, only: refinable_t, refine
    use hb_structure, only: max_dense, structure_t
    use hb_system, only: system_t
-   use hb_text, only: to_text
+   use hb_text, only: rounded, to_text
    use hb_thresholds, only: reliable, safety, well_solved
    use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t
    use hb_torus, only: samples_for

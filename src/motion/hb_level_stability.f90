@@ -1,6 +1,5 @@
 !> The stability of a motion that was found on levels, its samples, and its comparison with a time integration.
 module hb_level_stability
-   use hb_advice, only: rounded
    use hb_base_change, only: base_change_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -15,6 +14,7 @@ module hb_level_stability
    use hb_solve_level, only: solve_level
    use hb_stability, only: few_periods, harmonic_motion_t, stability_method
    use hb_system, only: system_t
+   use hb_text, only: rounded
    use hb_tones, only: tones_t
    implicit none
    private

@@ -1,7 +1,9 @@
 !> Warnings about a model that can be solved, before it is: tones with a common period, no load, values that suggest a mistake.
 module hb_model_warnings
+   use hb_common_divisor, only: common_divisor
    use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
+   use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_natural_frequencies, only: find_natural_frequencies
@@ -162,7 +164,7 @@ contains
       k = k/common_divisor(k)
       frequency = abs(dot_product(k, tones%omega))
       text = "tones "//trim(list_of(tones%in_unit(tones%omega)))//" "//trim(tones%unit())//": their combination "// &
-             trim(tuple_text(k))//" has the frequency "
+             tuple_text(k)//" has the frequency "
       if (frequency > rounding*maxval(tones%omega)) then
          text = trim(text)//" "//to_text(tones%in_unit(frequency))//" "//trim(tones%unit())//"; such tones are nearly commensurate"
       else
@@ -190,32 +192,11 @@ contains
       else if (m > 0) then
          m = in_it(m)
          text = "leave out tone "//to_text(m)//", and give its loads the tuple "// &
-            trim(tuple_text(-k(m)*pack(k, [(i /= m, i=1, size(k))])))//" of the others"
+            tuple_text(-k(m)*pack(k, [(i /= m, i=1, size(k))]))//" of the others"
       else
          text = "fewer tones, of which these are integer combinations, give the same motion"
       end if
    end function model_of_fewer
-
-   pure integer function common_divisor(k)
-      integer, intent(in) :: k(:)
-
-      do common_divisor = maxval(abs(k)), 2, -1
-         if (all(modulo(k, common_divisor) == 0)) return
-      end do
-      common_divisor = 1
-   end function common_divisor
-
-   function tuple_text(k) result(text)
-      integer, intent(in) :: k(:)
-      character(13*size(k) + 2) :: text
-      type(string_t) :: words(size(k))
-      integer :: i
-
-      do i = 1, size(k)
-         words(i)%value = to_text(k(i))
-      end do
-      text = "("//join(words, ", ")//")"
-   end function tuple_text
 
    function list_of(omega) result(text)
       real(wp), intent(in) :: omega(:)

@@ -1,7 +1,6 @@
 !> The results derived from a motion: coefficients, forces, error estimate, named outputs, stability, surfaces.
 module hb_motion_description
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_advice, only: rounded
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
@@ -22,6 +21,7 @@ module hb_motion_description
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
    use hb_system, only: system_t
+   use hb_text, only: rounded
    use hb_thresholds, only: agreement, minor
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t

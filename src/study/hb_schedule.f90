@@ -12,6 +12,7 @@
 !> units. A rank draws from the counter of its group; when that is exhausted it continues with the others, each once,
 !> since an exhausted counter remains so.
 module hb_schedule
+   use hb_common_divisor, only: common_divisor
    use hb_kinds, only: int64, wp
    implicit none
    private
@@ -77,23 +78,10 @@ contains
       self%n_counters = (n_ranks + self%group_size - 1)/self%group_size
       self%largest = max(1, largest_block/self%chain)
       self%stride = max(1, nint(0.618*self%n_counters))               ! visits distant groups early
-      do while (common_divisor(self%stride, self%n_counters) > 1)
+      do while (common_divisor([self%stride, self%n_counters]) > 1)
          self%stride = self%stride + 1
       end do
    end subroutine new_schedule
-
-   pure integer function common_divisor(a, b)
-      integer, intent(in) :: a, b
-      integer :: remainder, other
-
-      common_divisor = a
-      remainder = b
-      do while (remainder > 0)
-         other = modulo(common_divisor, remainder)
-         common_divisor = remainder
-         remainder = other
-      end do
-   end function common_divisor
 
    !> Unit that contains a point, both from 1, among all units. A point can only be solved again together with its
    !> whole unit.

@@ -7,7 +7,6 @@
 !> series must repeat as the tones do (hb_recurrence), or after several periods of them.
 module hb_integrated_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_advice, only: rounded
    use hb_birkhoff, only: coefficients_at
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
@@ -31,7 +30,7 @@ module hb_integrated_motion
    use hb_structure, only: max_dense, structure_t
    use hb_sundials, only: has_cvode
    use hb_system, only: system_t
-   use hb_text, only: to_text
+   use hb_text, only: rounded, to_text
    use hb_thresholds, only: same_motion
    use hb_time_domain, only: evaluation_work, integration_config_t, integration_method, steady_motion_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t

@@ -2,7 +2,6 @@
 !>
 !> The motions in which a model ends from several starts: distinguished, counted, named by their amplitudes.
 module hb_time_integration
-   use hb_advice, only: rounded
    use hb_cancellation, only: work_is_over
    use hb_departure, only: find_departure
    use hb_discretisation, only: discretisation_t
@@ -17,7 +16,7 @@ module hb_time_integration
    use hb_options, only: callbacks_t, options_t, time_domain_solver_t
    use hb_outcome, only: outcome, outcome_name
    use hb_system, only: system_t
-   use hb_text, only: to_text
+   use hb_text, only: rounded, to_text
    use hb_time_domain, only: steady_motion_t
    implicit none
    private
