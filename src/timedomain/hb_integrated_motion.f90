@@ -69,6 +69,21 @@ module hb_integrated_motion
    character(*), parameter :: ended = "time integration was ended before its time"
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
 
+   !> Windows of a time integration, each twice as long as the one before, and the series of the last one.
+   type :: windows_t
+      type(integration_system_t) :: equations
+      type(integration_config_t) :: config
+      type(coordinates_t) :: coordinates                              ! of the laws
+      real(wp), allocatable :: frequencies(:)                         ! [rad/s], of the set, or of the candidates
+      integer :: n_first = 0                                          ! periods of the first one
+      real(wp) :: period = 0.0_wp                                     ! [s] of the slowest tone
+      real(wp) :: step = 0.0_wp                                       ! [s] between samples
+      real(wp) :: decay = 0.0_wp                                      ! [1/s] of the slowest mode of the structure
+      type(integration_record_t) :: record                            ! the last one
+      type(line_fit_t) :: fit                                         ! of candidates to it
+      real(wp), allocatable :: remainder(:, :)                        ! what its series leaves, (n_samples, n_coordinates)
+   end type windows_t
+
 contains
 
    !> Integrates from the given state, otherwise from the `&start` amplitudes, otherwise from rest, slightly perturbed
@@ -257,95 +272,136 @@ contains
       type(integration_state_t), intent(out) :: state                 !! the last one
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t), intent(in), optional :: start
-      type(coordinates_t) :: coordinates
-      type(integration_config_t) :: config
-      type(integration_record_t) :: record
-      type(integration_system_t), target :: equations
-      type(line_fit_t) :: fit
-      complex(wp), allocatable :: before(:, :), now(:, :)
-      real(wp), allocatable :: remainder(:, :), z(:, :)
-      real(wp) :: allowed, period, rate, spread, spread_before, step, work_of_window
-      integer :: i, n_first, status_before, window
-      logical :: finds_lines, has_forgotten
+      type(windows_t), target :: windows
+      real(wp), allocatable :: z(:, :)
+      real(wp) :: spread_before, work_of_window
+      integer :: n_periods, status_before, window
+      logical :: has_forgotten
 
-      finds_lines = options%integration%aim > 0.0_wp
-      associate (omega => system%tones%omega, frequencies => discretisation%harmonics%frequencies(system%tones%omega))
-         coordinates = coordinates_of(system)
-         call system%structure%check_matrices("integration", max_dense, error)
-         if (allocated(error)) return
-         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), frequencies, omega)
-         if (present(start)) then
-            state = start
-         else
-            call begin(discretisation, frequencies, equations, state)
-         end if
-         period = two_pi/minval(omega)
-         step = sample_step(system, discretisation, options)
-         config = options%integration
-         config%transient = 0.0_wp
-         config%decimation = huge(1)
-         config%largest = runaway*max(equations%length, maxval(abs(state%q)), tiny(1.0_wp))
-         allowed = allowed_of(options)
-         rate = slowest_decay(equations%structure%mass, equations%structure%damping, equations%structure%stiffness)
-         n_first = periods_of_first(system, discretisation, options)
-         if (present(start)) n_first = max(n_first, other_window)
-         spread = huge(1.0_wp)
+      call begin_windows(windows, system, discretisation, options, state, error, start)
+      if (allocated(error)) return
+      associate (record => windows%record)
          do window = 1, max_windows
-            config%duration = n_first*2**(window - 1)*period
-            if (config%duration/step*equations%n_dofs > largest_record) exit
-            if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > max_terms) exit
+            n_periods = windows%n_first*2**(window - 1)
+            windows%config%duration = n_periods*windows%period
+            if (is_too_long(windows, options)) exit
             if (window > 1) call check_work(options, 2.0_wp*work_of_window, steady)
             if (steady%is_out_of_work) exit
             work_of_window = -steady%work
-            call integrate_window(options, equations, config, step, state, record, steady, error)
+            call integrate_window(options, windows%equations, windows%config, windows%step, state, record, steady, error)
             if (allocated(error)) return
             if (steady%is_out_of_work) exit
-            steady%n_periods = steady%n_periods + n_first*2**(window - 1)
-            z = coordinates%values_of(record%every_displacement(:, law_dofs))
-            if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
-                                               importance_of(discretisation), error)
+            steady%n_periods = steady%n_periods + n_periods
+            z = windows%coordinates%values_of(record%every_displacement(:, law_dofs))
+            spread_before = merge(huge(1.0_wp), steady%spread, window == 1)
+            call average_window(system, discretisation, options, windows, z, steady, error)
             if (allocated(error)) return
-            fit%max_work = options%integration%max_work - steady%work
-            now = averages_of(system, discretisation, options, z, record, fit)
-            steady%work = steady%work + merge(fit%work, work_of_averages(discretisation, size(z, 1), size(z, 2)), finds_lines)
             work_of_window = work_of_window + steady%work
-            if (work_is_over()) call fail(error, ended)
-            if (allocated(error)) return
-            spread_before = spread
-            if (finds_lines) then
-               remainder = reshape([(z(:, i) - fit%series(now(:, i)), i=1, size(z, 2))], shape(z))
-               spread = largest_in_parts(remainder, z)
-            else if (window > 1) then
-               spread = maxval(distance_of(now, before, 0.0_wp))
-            end if
-            before = now
-            has_forgotten = window == max_windows .or. rate*steady%n_periods*period >= enough_decay .or. &
-                            (rate <= 0.0_wp .and. window > min_windows)   ! no mode of the structure decays, or none is known
-            steady%spread = spread
-            steady%averages = now
             steady%amplitude = amplitude_of(z)
-            if (.not. finds_lines) then
-               if (window < min_windows .and. spread > aim*allowed) cycle
-               remainder = remainder_of(z, now, record, frequencies)
+            if (.not. options%integration%aim > 0.0_wp) then
+               if (window < min_windows .and. steady%spread > aim*allowed_of(options)) cycle
+               windows%remainder = remainder_of(z, steady%averages, record, windows%frequencies)
             end if
+            has_forgotten = window == max_windows .or. windows%decay*steady%n_periods*windows%period >= enough_decay .or. &
+                            (windows%decay <= 0.0_wp .and. window > min_windows)   ! no mode decays, or none is known
             status_before = steady%status
-            call describe_verdict(discretisation, options, steady, z, remainder, omega*record%step/two_pi, has_forgotten, &
-                                  window == max_windows)
+            call describe_verdict(discretisation, options, steady, z, windows%remainder, system%tones%omega*record%step/two_pi, &
+                                  has_forgotten, window == max_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
-            if (is_final(steady, status_before, spread_before, allowed, options%integration%aim)) exit
+            if (is_final(steady, status_before, spread_before, allowed_of(options), options%integration%aim)) exit
          end do
-         if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(n_first)// &
+         if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(windows%n_first)// &
             " periods has too many samples"
          if (steady%status == outcome%integrated) then
-            fit%max_work = huge(1.0_wp)
-            steady%amplitudes = transpose(averages_of(system, discretisation, options, record%every_displacement, record, fit))
+            windows%fit%max_work = huge(1.0_wp)
+            steady%amplitudes = transpose(averages_of(system, discretisation, options, record%every_displacement, record, &
+                                                      windows%fit))
             if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
-               call polish(system, discretisation, options, coordinates, state, steady)
+               call polish(system, discretisation, options, windows%coordinates, state, steady)
          end if
-         call fit%destroy()
       end associate
+      call windows%fit%destroy()
    end subroutine integrate_to_steady
+
+   !> Prepares the windows, and the state at their start.
+   subroutine begin_windows(self, system, discretisation, options, state, error, start)
+      type(windows_t), intent(inout), target :: self
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(integration_state_t), intent(out) :: state
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_state_t), intent(in), optional :: start
+
+      self%frequencies = discretisation%harmonics%frequencies(system%tones%omega)
+      self%coordinates = coordinates_of(system)
+      call system%structure%check_matrices("integration", max_dense, error)
+      if (allocated(error)) return
+      associate (equations => self%equations)
+         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), self%frequencies, &
+                                     system%tones%omega)
+         if (present(start)) then
+            state = start
+         else
+            call begin(discretisation, self%frequencies, equations, state)
+         end if
+         self%period = two_pi/minval(system%tones%omega)
+         self%step = sample_step(system, discretisation, options)
+         self%config = options%integration
+         self%config%transient = 0.0_wp
+         self%config%decimation = huge(1)
+         self%config%largest = runaway*max(equations%length, maxval(abs(state%q)), tiny(1.0_wp))
+         self%decay = slowest_decay(equations%structure%mass, equations%structure%damping, equations%structure%stiffness)
+      end associate
+      self%n_first = periods_of_first(system, discretisation, options)
+      if (present(start)) self%n_first = max(self%n_first, other_window)
+   end subroutine begin_windows
+
+   !> Whether a window of the present duration has too many samples.
+   pure logical function is_too_long(self, options)
+      type(windows_t), intent(in) :: self
+      type(options_t), intent(in) :: options
+
+      associate (n_samples => self%config%duration/self%step)
+         is_too_long = n_samples*self%equations%n_dofs > largest_record
+         if (.not. options%integration%aim > 0.0_wp) &
+            is_too_long = is_too_long .or. n_samples*self%coordinates%n*size(self%frequencies) > max_terms
+      end associate
+   end function is_too_long
+
+   !> Averages of the last window and their spread: the remainder of the lines fitted to it, or the change since the window before.
+   subroutine average_window(system, discretisation, options, self, z, steady, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(windows_t), intent(inout) :: self
+      real(wp), intent(in) :: z(:, :)                                 !! its motion, (n_samples, n_coordinates)
+      type(steady_motion_t), intent(inout) :: steady
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp), allocatable :: averages(:, :)
+      integer :: i
+      logical :: finds_lines
+
+      finds_lines = options%integration%aim > 0.0_wp
+      if (finds_lines) call new_line_fit(self%fit, size(z, 1), nint(seen*size(z, 1)), self%record%start, self%step, &
+                                         self%frequencies, importance_of(discretisation), error)
+      if (allocated(error)) return
+      self%fit%max_work = options%integration%max_work - steady%work
+      averages = averages_of(system, discretisation, options, z, self%record, self%fit)
+      steady%work = steady%work + merge(self%fit%work, work_of_averages(discretisation, size(z, 1), size(z, 2)), finds_lines)
+      if (work_is_over()) call fail(error, ended)
+      if (allocated(error)) return
+      if (finds_lines) then
+         self%remainder = reshape([(z(:, i) - self%fit%series(averages(:, i)), i=1, size(z, 2))], shape(z))
+         steady%spread = largest_in_parts(self%remainder, z)
+      else if (allocated(steady%averages)) then
+         steady%spread = maxval(distance_of(averages, steady%averages, 0.0_wp))
+      else
+         steady%spread = huge(1.0_wp)
+      end if
+      call move_alloc(averages, steady%averages)
+   end subroutine average_window
 
    !> Replaces a motion with impacts by the periodic one at its end, if Newton's method finds it nearby: its accuracy is
    !> then not limited by the decay of transients.
