@@ -226,99 +226,150 @@ contains
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(inout) :: laws
       real(wp), intent(in) :: frequencies(:)
-      real(wp), allocatable :: block(:, :), cosine(:), sine(:)
-      real(wp) :: by_memory(laws%n_dofs, laws%n_dofs)
       type(error_t), allocatable :: error
-      integer :: h, i, k
+      integer :: i
 
       call laws%prepare_products(error)
       if (allocated(error)) then                                      ! out of memory: each harmonic by itself must suffice
          deallocate (self%coupled)
          return
       end if
-      associate (coupled => self%coupled, set => self%coupled%set, pattern => linear%pattern)
-         allocate (block(set%n_coefficients, set%n_coefficients), cosine(set%n_coefficients), sine(set%n_coefficients))
-         call coupled%clear()
-         do k = 1, laws%n_dofs
-            do i = pattern%first(k), pattern%last(k)
-               block = 0.0_wp
-               do h = 1, set%n_harmonics
-                  call add_linear(h, linear%entry(i, k, coupled%retained(h)))
-                  if (i == k) call add_linear(h, cmplx(linear%support_in(i, coupled%retained(h)), kind=wp))
-               end do
-               call coupled%add(i, k, block)
-            end do
-         end do
-         by_memory = 0.0_wp
-         call laws%add_memory_slopes(by_memory)
-         do k = 1, laws%n_dofs
-            do i = 1, laws%n_dofs
-               if (.not. abs(by_memory(i, k)) > 0.0_wp) cycle
-               block = 0.0_wp
-               do h = 1, set%n_harmonics
-                  call add_linear(h, cmplx(laws%factor*by_memory(i, k), kind=wp))
-               end do
-               call coupled%add(i, k, block)
-            end do
-         end do
-         do i = 1, laws%jacobian%n_pairs
-            call laws%tabulate(i, 1)
-            associate (row => laws%jacobian%row(i), column => laws%jacobian%column(i))
-               do h = 1, set%n_harmonics
-                  call find_columns(h, slope%by_motion)
-                  block(:, set%cos_at(h)) = cosine
-                  if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = sine
-               end do
-               if (laws%needs_velocity) then
-                  do h = merge(2, 1, set%has_zero), set%n_harmonics
-                     call find_columns(h, slope%by_rate)
-                     associate (w => frequencies(coupled%retained(h)))
-                        block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w*sine
-                        block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w*cosine
-                     end associate
-                  end do
-               end if
-               call coupled%add(row, column, block)
-               if (.not. laws%needs_reaction) cycle
-               do k = pattern%first(column), pattern%last(column)
-                  do h = 1, set%n_harmonics
-                     call find_columns(h, slope%by_reaction)
-                     associate (s => linear%entry(column, k, coupled%retained(h)))
-                        block(:, set%cos_at(h)) = aimag(s)*sine - real(s)*cosine
-                        if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = -aimag(s)*cosine - real(s)*sine
-                     end associate
-                  end do
-                  call coupled%add(row, k, block)
-               end do
-            end associate
-         end do
-         call coupled%factorise()
-      end associate
-
-   contains
-
-      subroutine find_columns(h, part)
-         integer, intent(in) :: h                                     ! within the selected ones
-         integer, intent(in) :: part                                  ! of the table
-
-         associate (retained => self%coupled%retained, table => laws%table)
-            call table%columns_among(part, self%coupled%set, table%offset(retained), table%offset(retained(h)), cosine, sine)
-         end associate
-      end subroutine find_columns
-
-      subroutine add_linear(h, s)
-         integer, intent(in) :: h
-         complex(wp), intent(in) :: s
-
-         associate (a => self%coupled%set%cos_at(h), b => self%coupled%set%sin_at(h))
-            block(a, a) = block(a, a) + real(s)
-            if (b == 0) return
-            block(a, b) = block(a, b) + aimag(s)
-            block(b, a) = block(b, a) - aimag(s)
-            block(b, b) = block(b, b) + real(s)
-         end associate
-      end subroutine add_linear
+      call self%coupled%clear()
+      call add_linear_part(self%coupled, linear)
+      call add_memory(self%coupled, laws)
+      do i = 1, laws%jacobian%n_pairs
+         call laws%tabulate(i, 1)
+         call add_pair(self%coupled, laws, laws%jacobian%row(i), laws%jacobian%column(i), frequencies)
+         if (laws%needs_reaction) &
+            call add_reaction(self%coupled, linear, laws, laws%jacobian%row(i), laws%jacobian%column(i))
+      end do
+      call self%coupled%factorise()
    end subroutine fill_coupled
+
+   !> Adds the condensed linear part and the supports, which couple each harmonic with itself.
+   subroutine add_linear_part(coupled, linear)
+      type(coarse_tangent_t), intent(inout) :: coupled
+      type(linear_part_t), intent(in) :: linear
+      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
+      integer :: h, i, k
+
+      do k = 1, linear%n_law
+         do i = linear%pattern%first(k), linear%pattern%last(k)
+            block = 0.0_wp
+            do h = 1, coupled%set%n_harmonics
+               call add_harmonic(coupled%set, h, linear%entry(i, k, coupled%retained(h)), block)
+               if (i == k) call add_harmonic(coupled%set, h, cmplx(linear%support_in(i, coupled%retained(h)), kind=wp), block)
+            end do
+            call coupled%add(i, k, block)
+         end do
+      end do
+   end subroutine add_linear_part
+
+   !> Adds the mean slopes of laws with memory.
+   subroutine add_memory(coupled, laws)
+      type(coarse_tangent_t), intent(inout) :: coupled
+      type(projected_laws_t), intent(inout) :: laws
+      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
+      real(wp) :: slopes(laws%n_dofs, laws%n_dofs)
+      integer :: h, i, k
+
+      slopes = 0.0_wp
+      call laws%add_memory_slopes(slopes)
+      do k = 1, laws%n_dofs
+         do i = 1, laws%n_dofs
+            if (.not. abs(slopes(i, k)) > 0.0_wp) cycle
+            block = 0.0_wp
+            do h = 1, coupled%set%n_harmonics
+               call add_harmonic(coupled%set, h, cmplx(laws%factor*slopes(i, k), kind=wp), block)
+            end do
+            call coupled%add(i, k, block)
+         end do
+      end do
+   end subroutine add_memory
+
+   !> Adds the derivatives of a force by a motion and by its rate, of the pair that is tabulated.
+   subroutine add_pair(coupled, laws, row, column, frequencies)
+      type(coarse_tangent_t), intent(inout) :: coupled
+      type(projected_laws_t), intent(in) :: laws
+      integer, intent(in) :: row                                      !! of the force
+      integer, intent(in) :: column                                   !! of the motion
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], of all harmonics
+      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
+      real(wp), dimension(coupled%set%n_coefficients) :: cosine, sine
+      integer :: h
+
+      associate (set => coupled%set)
+         do h = 1, set%n_harmonics
+            call find_columns(coupled, laws, h, slope%by_motion, cosine, sine)
+            block(:, set%cos_at(h)) = cosine
+            if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = sine
+         end do
+         if (laws%needs_velocity) then
+            do h = merge(2, 1, set%has_zero), set%n_harmonics
+               call find_columns(coupled, laws, h, slope%by_rate, cosine, sine)
+               associate (w => frequencies(coupled%retained(h)))
+                  block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w*sine
+                  block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w*cosine
+               end associate
+            end do
+         end if
+         call coupled%add(row, column, block)
+      end associate
+   end subroutine add_pair
+
+   !> Adds the derivatives of a force by the reaction, of the pair that is tabulated: the reaction to a motion is -S times it.
+   subroutine add_reaction(coupled, linear, laws, row, column)
+      type(coarse_tangent_t), intent(inout) :: coupled
+      type(linear_part_t), intent(in) :: linear
+      type(projected_laws_t), intent(in) :: laws
+      integer, intent(in) :: row                                      !! of the force
+      integer, intent(in) :: column                                   !! of the reaction
+      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
+      real(wp), dimension(coupled%set%n_coefficients) :: cosine, sine
+      integer :: h, k
+
+      associate (set => coupled%set)
+         do k = linear%pattern%first(column), linear%pattern%last(column)
+            do h = 1, set%n_harmonics
+               call find_columns(coupled, laws, h, slope%by_reaction, cosine, sine)
+               associate (s => linear%entry(column, k, coupled%retained(h)))
+                  block(:, set%cos_at(h)) = aimag(s)*sine - real(s)*cosine
+                  if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = -aimag(s)*cosine - real(s)*sine
+               end associate
+            end do
+            call coupled%add(row, k, block)
+         end do
+      end associate
+   end subroutine add_reaction
+
+   !> The columns of a slope of the pair that is tabulated, for one of the selected harmonics.
+   subroutine find_columns(coupled, laws, h, part, cosine, sine)
+      type(coarse_tangent_t), intent(in) :: coupled
+      type(projected_laws_t), intent(in) :: laws
+      integer, intent(in) :: h                                        !! among the selected ones
+      integer, intent(in) :: part                                     !! one of `slope`
+      real(wp), intent(out), contiguous :: cosine(:), sine(:)         !! (set%n_coefficients)
+
+      associate (retained => coupled%retained, table => laws%table)
+         call table%columns_among(part, coupled%set, table%offset(retained), table%offset(retained(h)), cosine, sine)
+      end associate
+   end subroutine find_columns
+
+   !> Adds what multiplies a harmonic by itself to a block of coefficients.
+   pure subroutine add_harmonic(set, h, s, block)
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: h
+      complex(wp), intent(in) :: s
+      real(wp), intent(inout) :: block(:, :)                          !! (set%n_coefficients, set%n_coefficients)
+
+      associate (a => set%cos_at(h), b => set%sin_at(h))
+         block(a, a) = block(a, a) + real(s)
+         if (b == 0) return
+         block(a, b) = block(a, b) + aimag(s)
+         block(b, a) = block(b, a) - aimag(s)
+         block(b, b) = block(b, b) + real(s)
+      end associate
+   end subroutine add_harmonic
 
    !> Solves for each harmonic by itself, then for those that are coupled.
    subroutine preconditioner_apply(self, set, r, step)
