@@ -1,0 +1,490 @@
+"""The accessor `nhbm` of datasets with motions: responses, tables, files and pictures of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from nhbm.dataset import SOLVED, Source, check_found, check_motion, record_beside, varies_of
+from nhbm.errors import ModelError, meant
+from nhbm.groups import numbers_of
+from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
+
+
+@xr.register_dataset_accessor("nhbm")  # type: ignore[no-untyped-call, unused-ignore]
+class Accessor:
+    """Evaluation of motions: ``dataset.nhbm.amplitude("x1", 1)``."""
+
+    def __init__(self, dataset: xr.Dataset) -> None:
+        self._dataset = dataset
+
+    def __repr__(self) -> str:
+        from nhbm import notebook
+
+        return "\n".join(f"{name}: {text}" for name, text in notebook.summary_of(self._dataset))
+
+    def _repr_html_(self) -> str:
+        from nhbm import notebook
+
+        return notebook.table(notebook.summary_of(self._dataset), str(self._dataset.attrs.get("title", "")) or "nhbm result")
+
+    @property
+    def is_converged(self) -> xr.DataArray:
+        """Whether each motion satisfies its tolerances."""
+        return self._dataset["status"] == "converged"
+
+    @property
+    def is_stable(self) -> xr.DataArray:
+        """Whether each motion is known to be stable."""
+        return self._dataset["stability"] == "stable"
+
+    @property
+    def message(self) -> str:
+        """Reason for a failure, or a note; for several points the first message."""
+        return next((str(text) for text in np.ravel(self._dataset["message"].values) if str(text)), "")
+
+    @property
+    def details(self) -> xr.Dataset:
+        """The other columns of the result file: work of the solver, levels of a tolerance, energies, state of a curve."""
+        data, (details, _) = self._dataset, self._record()
+        if "point" in details.dims and "point" in data.coords:
+            return details.sel(point=data["point"].values)
+        return details
+
+    @property
+    def input(self) -> str:
+        """The complete input of these motions, with all keys and their values."""
+        return self._record()[1].text
+
+    def _record(self) -> tuple[xr.Dataset, Source]:
+        found = record_beside(self._dataset)
+        if found is None and "displacement" in self._dataset:
+            raise ModelError("this is a record of time integration, not a result; `nhbm integrate` writes files of records")
+        if found is None and "coefficients" not in self._dataset and "status" in self._dataset:
+            raise ModelError("this dataset has numbers, not motions: it has neither details nor an input")
+        if found is None:
+            raise ModelError("this dataset was computed from a result and has no details; use the result, or a selection of it")
+        return found
+
+    def save(self, path: str | Path) -> None:
+        """Writes the result file that `nhbm-post`, `nhbm verify`, `nhbm why` and `nhbm.open_dataset` read.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; an existing one is replaced. A structure in memory is written beside it, as NAME.structure.h5.
+        """
+        from nhbm import files
+
+        files.save(self._dataset, self._record(), Path(path))
+
+    def report(self) -> Any:
+        """The interactive page of `nhbm-post report`: a notebook shows it.
+
+        Returns
+        -------
+        Report
+            `save(path)` writes the page as one file of HTML.
+        """
+        from nhbm import notebook
+
+        return notebook.report(self._dataset)
+
+    def to_dataframe(self, *of: str) -> Any:
+        """A table with a row a point.
+
+        Parameters
+        ----------
+        *of : str
+            Responses, a column each, as for `response`. Default: the root mean square at each of the first twelve degrees of
+            freedom.
+
+        Returns
+        -------
+        pandas.DataFrame
+            What varies, responses, status, stability, estimated errors; the index is the point.
+        """
+        from nhbm import tables
+
+        return tables.frame(self._dataset, of)
+
+    def to_csv(self, path: str | Path, *of: str) -> None:
+        """Writes that table as CSV, with units in its heading.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; an existing one is replaced.
+        *of : str
+            As for `to_dataframe`.
+        """
+        from nhbm import tables
+
+        tables.write_csv(self._dataset, Path(path), of)
+
+    def to_mat(self, path: str | Path) -> None:
+        """Writes all variables for MATLAB and Octave, with the structures `units` and `axes`.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; an existing one is replaced.
+        """
+        from nhbm import tables
+
+        tables.write_mat(self._dataset, Path(path))
+
+    def orbit(self, dof: str | None = None, other: str | None = None) -> Any:
+        """Draws a motion in the phase plane, or over another degree of freedom; for several tones with its section.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; default: the one that moves most.
+        other : str, optional
+            Degree of freedom of the other axis; default: the velocity.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from nhbm import notebook
+
+        return notebook.drawn("orbit", self._dataset, [self._moving(dof), *([other] if other else [])])
+
+    def spectrum(self, dof: str | None = None, over: str = "tuple") -> Any:
+        """Draws the amplitudes of all harmonics of a motion.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; default: the one that moves most.
+        over : str
+            Axis: "tuple" or "frequency".
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from nhbm import notebook
+
+        if over not in ("tuple", "frequency"):
+            raise ModelError(f"over must be 'tuple' or 'frequency', not {over!r}")
+        return notebook.drawn("spectrum", self._dataset, [self._moving(dof)], over=over)
+
+    def animate(self, dof: str | None = None, frames: int = 60, fps: int = 20) -> Any:
+        """Draws a motion that moves: in the phase plane, or on the torus of two tones, beside the motion over time.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; default: the one that moves most.
+        frames, fps : int
+            Number of pictures, and pictures a second.
+
+        Returns
+        -------
+        Animation
+            A notebook plays it; `save(path)` writes a GIF or MP4.
+        """
+        from nhbm import notebook
+
+        for name, number in {"frames": frames, "fps": fps}.items():
+            if not number >= 1:
+                raise ModelError(f"{name} must be 1 or more, not {number!r}")
+        return notebook.animated(self._dataset, self._moving(dof), frames, fps)
+
+    def _moving(self, dof: str | None) -> str:
+        """The given degree of freedom, or the one that moves most."""
+        from nhbm.pictures import most_of
+
+        check_found(self._dataset, "coefficients")
+        check_motion(self._dataset)
+        return dof or most_of(self._dataset)
+
+    def events(self, *of: str) -> Any:
+        """The located points of a curve: folds, peaks, bifurcations, ends.
+
+        Parameters
+        ----------
+        *of : str
+            Responses, each of which adds a column: "max x1", "x1 (1)".
+
+        Returns
+        -------
+        pandas.DataFrame
+            Kind, value of the parameter, responses, status, stability and branch; the index is the point.
+        """
+        data = self._dataset
+        if "curve_kind" not in data:
+            raise ModelError("only curves have events; this dataset is not the result of `curve`")
+        found = data.isel(point=~np.isin(data["curve_kind"].values, ("none", "regular")))
+        columns: dict[str, Any] = {"kind": found["curve_kind"].values}
+        columns.update({name: found[name].values for name in varies_of(data)})
+        columns.update({one: found.nhbm.response(one)[0].values for one in of})
+        others = ("status", "stability", "n_unstable", "curve_branch")
+        columns.update({name: found[name].values for name in others if name in found})
+        import pandas
+
+        return pandas.DataFrame(columns, index=pandas.Index(found["point"].values, name="point"))
+
+    def harmonic(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
+        """Complex amplitude cos - i sin of a harmonic at a degree of freedom.
+
+        Parameters
+        ----------
+        dof : str
+            Label of a degree of freedom, or set of one node ("disk1.x"), or law, depending on the column.
+        tuple_ : int or sequence of int
+            Its tuple, of whole numbers.
+        of : str
+            Column: "coefficients" [m], "force_coefficients" [N], "corrected_coefficients" [m].
+
+        Returns
+        -------
+        xarray.DataArray
+            In the unit of the column, one value per point; NaN for points without a motion and for those whose set does not
+            have the tuple, which is an error if no point has it.
+        """
+        data = self._dataset
+        check_found(data, of)
+        wanted = np.array(numbers_of("tuple_", tuple_, int))
+        tuples = self._tuples()
+        if len(wanted) != data.sizes["tone"]:
+            raise ModelError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
+        sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
+        has = (tuples == sign * wanted).all("tone") & self._in_use()
+        if bool(self._has_motion().any()) and not bool(has.any()):
+            raise ModelError(f"the set of harmonics does not have the tuple {tuple_}: its amplitude is not known; "
+                             f"the highest is {int(abs(tuples).max())}")  # fmt: skip
+        found = self._row(of, dof).where(has).sum("harmonic", min_count=1).where(self._has_motion())
+        name, words = f"{dof} ({', '.join(map(str, wanted))})", f"complex amplitude of {dof}, {words_of_tuple(wanted.tolist())}"
+        found = found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
+        return self._named(found, name, words, self._unit(of, dof))
+
+    def amplitude(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
+        """Amplitude of that harmonic; parameters and unit are those of `harmonic`."""
+        complex_one = self.harmonic(dof, tuple_, of)
+        size: Any = np.abs(complex_one)
+        words = str(complex_one.attrs["long_name"]).removeprefix("complex ")
+        return self._named(size, str(complex_one.name), words, str(complex_one.attrs["units"]))
+
+    def time(self, dof: str, times: Any, of: str = "coefficients") -> xr.DataArray:
+        """Values over time.
+
+        Parameters
+        ----------
+        dof : str
+            Degree of freedom, or law, depending on the column.
+        times : array_like
+            [s].
+        of : str
+            Column: "coefficients" [m], "force_coefficients" [N].
+
+        Returns
+        -------
+        xarray.DataArray
+            In the unit of the column, (..., time); a single time adds no dimension. NaN for points without a motion.
+        """
+        data = self._dataset
+        check_found(data, of)
+        tuples = self._tuples()
+        times = xr.DataArray(np.asarray(times, dtype=float), dims="time" if np.ndim(times) else (), attrs={"units": "s"})
+        phases = (tuples * data["frequency"]).sum("tone") * times
+        column = self._row(of, dof).where(self._in_use(), 0.0)
+        values = column.sel(component="cos", drop=True) * np.cos(phases) + column.sel(component="sin", drop=True) * np.sin(phases)
+        found = values.sum("harmonic").where(np.isfinite(times) & self._has_motion()).assign_coords(time=times)
+        return self._named(found, dof, f"{of.replace('_coefficients', '').replace('coefficients', 'displacement')} of {dof}",
+                           self._unit(of, dof))  # fmt: skip
+
+    def largest(self, dof: str) -> xr.DataArray:
+        """Largest absolute displacement [m] over all times, as drawn by `nhbm-post`.
+
+        Parameters
+        ----------
+        dof : str
+            Degree of freedom.
+
+        Returns
+        -------
+        xarray.DataArray
+            The largest value over all phases, which several tones without a common period approach; NaN for points without a
+            motion.
+        """
+        return self._peak(dof)[0]
+
+    def _peak(self, dof: str) -> tuple[xr.DataArray, xr.DataArray]:
+        """The largest absolute displacement of each motion, and the phases where it is."""
+        from nhbm.hypertime import peaks
+
+        data = self._dataset
+        check_found(data, "coefficients")
+        row = self._row("coefficients", dof).where(self._in_use(), 0.0)
+        axes = [axis for axis in row.dims if axis == "point"]
+        shape = [data.sizes[axis] for axis in axes]
+        row = row.transpose(*axes, "harmonic", "component")
+        tuples = self._tuples().transpose(..., "harmonic", "tone")
+        n_points, n_tones = int(np.prod(shape)), data.sizes["tone"]
+        waves = row.values.reshape(n_points, data.sizes["harmonic"], 2)
+        of_points = np.broadcast_to(tuples.values, (n_points, *tuples.shape[-2:])) if tuples.ndim == 2 else tuples.values
+        has_motion = np.broadcast_to(self._has_motion(), shape).ravel() & np.isfinite(waves).all(axis=(1, 2))
+        sizes, phases = np.full(n_points, np.nan), np.full((n_points, n_tones), np.nan)
+        alike: dict[bytes, list[int]] = {}  # points with the same tuples
+        for point in np.flatnonzero(has_motion).tolist():
+            alike.setdefault(of_points[point].tobytes(), []).append(point)
+        for points in alike.values():
+            sizes[points], phases[points] = peaks(of_points[points[0]], waves[points, :, 0], waves[points, :, 1])
+        like = self._has_motion() if axes else xr.DataArray(0.0)
+        size = xr.DataArray(sizes.reshape(shape), dims=axes, coords=like.coords)
+        at = xr.DataArray(phases.reshape(*shape, n_tones), dims=[*axes, "tone"])
+        return self._named(size, f"max {dof}", words_of(f"max {dof}"), self.unit_of(dof)), at
+
+    def response(self, of: str) -> tuple[xr.DataArray, str]:
+        """A response of each point, and its name with unit.
+
+        Parameters
+        ----------
+        of : str
+            "x1", the root mean square of its oscillation, "x1 (1)", the amplitude of a harmonic, or "max x1", the largest |x1|.
+        """
+        check_found(self._dataset, "coefficients")
+        name = largest_of(of)
+        dof, tuple_ = (name, None) if name is not None else parts_of(of)
+        label = f"{words_of(of)} [{self.unit_of(dof)}]"
+        if name is not None:
+            return self.largest(dof), label
+        if tuple_ is not None:
+            return self.amplitude(dof, tuple_), label
+        oscillates = self._tuples().any("tone") & self._in_use()
+        squares = (self._row("coefficients", dof).where(oscillates) ** 2).sum(["harmonic", "component"], min_count=1)
+        size: Any = np.sqrt(squares / 2)
+        size = size.fillna(0.0).where(self._has_motion())
+        return self._named(size, dof, words_of(of), self.unit_of(dof)), label
+
+    def unit_of(self, dof: str) -> str:
+        """Unit of the displacement of a degree of freedom."""
+        return self._unit("coefficients", dof)
+
+    def _unit(self, of: str, name: str) -> str:
+        """Unit of what a column has of a degree of freedom or a law."""
+        column = self._column(of)
+        units = str(column.attrs.get("dof_units", "")).split()
+        known = [str(label) for label in column[column.dims[-3]].values]
+        label = self._label(name, known)
+        return units[known.index(label)] if label in known and len(units) == len(known) else str(column.attrs.get("units", "m"))
+
+    @staticmethod
+    def _named(values: xr.DataArray, name: str, words: str, unit: str) -> xr.DataArray:
+        """Values with name and unit, as plots and files have them."""
+        values = values.rename(name)
+        values.attrs = {"long_name": words, "units": unit}
+        return values
+
+    def _has_motion(self) -> xr.DataArray:
+        """Whether each point has a motion; all of a dataset that does not say so."""
+        data = self._dataset
+        return data["status"].isin(SOLVED) if "status" in data else xr.DataArray(True)
+
+    def gradient(self, of: str) -> xr.DataArray:
+        """Derivatives of a response with respect to the values of the group &gradient, in their units.
+
+        For the largest displacement they are taken at its instant, with fixed phases.
+
+        Parameters
+        ----------
+        of : str
+            As for `response`: "x1", "x1 (1)", "max x1".
+
+        Returns
+        -------
+        xarray.DataArray
+            (..., gradient_value); NaN if the motion was not found or is not differentiable.
+        """
+        check_found(self._dataset, "coefficients")
+        if "gradient" not in self._dataset:
+            raise ModelError("there is no column 'gradient'; the group &gradient requests it: model.set('gradient', by=[...])")
+        name = largest_of(of)
+        dof, tuple_ = (name, None) if name is not None else parts_of(of)
+        if tuple_ is not None:
+            weight = self.harmonic(dof, tuple_)
+            slope: Any = (weight.conj() * self.harmonic(dof, tuple_, "gradient")).real / abs(weight)
+            return slope  # type: ignore[no-any-return]
+        if name is None:
+            oscillates = self._tuples().any("tone") & self._in_use()
+            products = self._row("coefficients", dof) * self._row("gradient", dof)
+            return products.where(oscillates, 0.0).sum(["harmonic", "component"], skipna=False) / (2 * self.response(of)[0])
+        at = self._peak(dof)[1]
+        phases = (self._tuples() * at).sum("tone")
+        parts = {"motion": self._row("coefficients", dof), "slopes": self._row("gradient", dof)}
+        waves = {}
+        for part, values in parts.items():
+            values = values.where(self._in_use(), 0.0)
+            cos, sin = (values.sel(component=c, drop=True) for c in ("cos", "sin"))
+            waves[part] = (cos * np.cos(phases) + sin * np.sin(phases)).sum("harmonic", skipna=False)
+        slopes_of_largest: xr.DataArray = (waves["slopes"] * np.sign(waves["motion"])).where(self._has_motion())
+        return slopes_of_largest
+
+    def plot(self, of: str | None = None, ax: Any = None) -> Any:
+        """Plots the motion of a degree of freedom over time, or the response of a curve or sweep over its parameter.
+
+        Parameters
+        ----------
+        of : str, optional
+            For a motion a degree of freedom; for points a response as in `response`: "x1", "x1 (1)", "max x1". Default: the
+            largest displacement of what moves most.
+        ax : matplotlib.axes.Axes, optional
+            Axes to plot into.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from nhbm.pictures import plot
+
+        if {"coefficients", "n_harmonics"} & set(self._dataset.variables):  # motions, not numbers
+            check_found(self._dataset, "coefficients")
+            check_motion(self._dataset)
+        return plot(self._dataset, of, ax)
+
+    def _row(self, of: str, name: str) -> xr.DataArray:
+        """What a column has of a degree of freedom, by its label or by its set, or of a law."""
+        column = self._column(of)
+        if column.dims[-2:] != ("harmonic", "component"):
+            raise ModelError(f"'{of}' has no harmonics; 'coefficients' and 'force_coefficients' have")
+        axis = column.dims[-3]
+        known = [str(label) for label in column[axis].values]
+        label = self._label(name, known) if axis == "dof" else name
+        if label not in known:
+            sets = sum((str(names).split() for names in column["dof_of_set"].values), []) if "dof_of_set" in column.coords else []
+            raise KeyError(f"'{of}' has no {axis} '{name}'; known: {', '.join(known + sets)}")
+        row: xr.DataArray = column.sel({axis: label})
+        return row
+
+    def _column(self, name: str) -> xr.DataArray:
+        """A column, of the dataset or its details."""
+        check_found(self._dataset, name)
+        if name in self._dataset:
+            return self._dataset[name]
+        if name not in self.details:
+            known = [*map(str, self._dataset.data_vars), *map(str, self.details)]
+            raise ModelError(f"there is no column '{name}'{meant(name, known)}")
+        return self.details[name]
+
+    def _label(self, name: str, known: list[str]) -> str:
+        """The label of a degree of freedom that its set names."""
+        if name in known or "dof_of_set" not in self._dataset.coords:
+            return name
+        words = [str(names).split() for names in self._dataset["dof_of_set"].values]
+        return next((label for label, names in zip(known, words) if name in names), name)
+
+    def _tuples(self) -> xr.DataArray:
+        return self._dataset["tuples" if "tuples" in self._dataset.coords else "tuple"]
+
+    def _in_use(self) -> xr.DataArray:
+        """Which harmonics a motion has; all of a record of time integration."""
+        if "n_harmonics" not in self._dataset:
+            return xr.ones_like(self._dataset["harmonic"], dtype=bool)
+        return self._dataset["harmonic"] < self._dataset["n_harmonics"]
