@@ -97,7 +97,7 @@ contains
          of_error_estimate = products_bytes(s, .false.)
          if (any(s%solver%method == [method%auto, method%krylov])) then
             bytes%tangent = of_error_estimate
-            if (n - s%n_coordinates > largest_affordable) bytes%fallback = 0 ! dense ones are not tried
+            if (.not. affords_tangent(s)) bytes%fallback = 0
             bytes%fallback = max(products_bytes(s, .true.), bytes%fallback + of_error_estimate)
          else if (s%has_error_estimate) then
             bytes%fallback = max(products_bytes(s, .true.), bytes%fallback)
@@ -251,7 +251,8 @@ contains
    end function from_products
 
    !> GMRES with the samples of its products, and the preconditioner: factors of each harmonic alone and of the partial
-   !> or strongest coupling in single precision; see hb_gmres, hb_tangent_product and hb_coarse_tangent.
+   !> or strongest coupling in single precision; see hb_gmres, hb_tangent_product and hb_coarse_tangent. Where products with
+   !> the strongest one cost too much, the factors of the tangent take their place, see hb_tangent_solver.
    pure real(wp) function products_bytes(s, is_strongest)
       type(sizes_t), intent(in) :: s
       logical, intent(in) :: is_strongest                             !! otherwise of the level that easy problems do not exceed
@@ -271,7 +272,15 @@ contains
                                    volume(samples)*((s%n_kinds + 4)*s%n_coordinates + s%n_kinds*s%n_pairs) + &
                                    6.5_wp*table_size(s%highest) + 5*s%n_coordinates**2) &
                        + complex_bytes*s%n_harmonics*s%n_coordinates*factor_rows(s%n_coordinates, s%bandwidth)
+      if (is_strongest .and. affords_tangent(s)) products_bytes = products_bytes + real_bytes*n**2
    end function products_bytes
+
+   !> Whether the dense tangent is tried where products do not lead to a solution.
+   pure logical function affords_tangent(s)
+      type(sizes_t), intent(in) :: s
+
+      affords_tangent = unknowns(s, s%n_harmonics) - s%n_coordinates <= largest_affordable
+   end function affords_tangent
 
    !> Condensed stiffness, and factors of the two harmonics that laws need; see hb_dynamic_stiffness and
    !> hb_linear_part.
