@@ -40,7 +40,8 @@ module hb_tangent_solver
       integer :: patience = 100 !! least number of products before the preconditioner is strengthened
       integer, private :: level = 0                                   ! of the preconditioner
       logical, private :: is_fresh = .false.                          ! computed for this tangent
-      logical, private :: is_tired = .true.                           ! the last solution took many products
+      logical, private :: is_tired = .true.                           ! another one would save more products than it costs
+      real(wp), private :: fresh_pace = 0.0_wp                        ! of the first solution with it, see `pace`
       logical, private :: is_strongest = .false.
       type(tangent_factor_t), allocatable, private :: factor          ! from the first tangent for which products cost more
       logical, private :: has_factor = .false.                        ! of this tangent
@@ -49,6 +50,7 @@ module hb_tangent_solver
       procedure :: update => tangent_krylov_update
       procedure :: solve => tangent_krylov_solve
       procedure, private :: renew => tangent_krylov_renew
+      procedure, private :: is_outdated => tangent_krylov_is_outdated
       procedure, private :: products_of_factors => tangent_krylov_products_of_factors
       procedure, private :: solve_by_factors => tangent_krylov_solve_by_factors
    end type tangent_krylov_t
@@ -333,7 +335,7 @@ contains
       end do
       self%residual = self%gmres%residual
       self%n_products = self%n_products + products
-      self%is_tired = self%gmres%n_products > easy
+      self%is_tired = self%is_outdated(problem)
       problem%preconditioner_level = self%level
       problem%has_preconditioner = .not. self%is_tired
       if (self%residual <= accuracy .or. products < most .or. .not. self%is_strongest .or. work_is_over()) return
@@ -341,6 +343,23 @@ contains
       call new_tangent_factor(self%factor, problem%n_unknowns)
       call self%solve_by_factors(problem, b, s)
    end subroutine tangent_krylov_solve
+
+   !> Whether the preconditioner, after the last solution, is to be computed again for the next tangent: by then it has cost more
+   !> products than a new one would have, and as much as that. One that takes few products serves on.
+   logical function tangent_krylov_is_outdated(self, problem) result(is_outdated)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(in) :: problem
+      real(wp) :: pace, products
+
+      is_outdated = self%gmres%n_products > easy
+      if (problem%residual_work <= 0.0_wp .or. .not. self%gmres%residual < 1.0_wp) return
+      products = real(self%gmres%n_products, wp)
+      pace = -log(max(tiny(1.0_wp), self%gmres%residual))/max(1.0_wp, products)
+      if (self%is_fresh) self%fresh_pace = pace
+      if (.not. is_outdated .or. self%fresh_pace <= 0.0_wp) return
+      is_outdated = products*(1.0_wp - pace/self%fresh_pace)*problem%residual_work > &
+                    problem%preconditioner_work*8.0_wp**self%level
+   end function tangent_krylov_is_outdated
 
    !> Products that cost as much as the factors of the tangent; more than any solution takes if these are not affordable.
    pure integer function tangent_krylov_products_of_factors(self, problem) result(products)
