@@ -45,6 +45,7 @@ module hb_wide_problem
    integer, parameter :: of_one_tone = 100, of_several = 8
    ! remaining residuals of whole steps, relative: near resonances a step is inaccurate by up to a hundred times as much
    real(wp), parameter :: residual_of_first = 3.0e-3_wp, residual_of_second = 0.1_wp, largest_residual = 0.5_wp
+   real(wp), parameter :: largest_of_first = 0.03_wp                  ! before a second one
    integer, parameter :: vectors_of_steps = 60                        !! of GMRES until it restarts
    integer, parameter :: max_products = 30, patience = 20             ! and products before the preconditioner becomes stronger
 
@@ -181,14 +182,17 @@ contains
       end function length_of
 
       !> Finds both steps with the preconditioner of the wide balance, as far as the products go: the components that need
-      !> more, along which the tangent is almost singular, would be far too large in a linear step.
+      !> more, along which the tangent is almost singular, would be far too large in a linear step. What a first step leaves
+      !> of the residual after all of its products is what a second one would be spent on, in vain.
       subroutine find_whole_steps()
          logical :: is_complete
 
          is_lost = .false.
+         second = 0.0_wp
          call self%find_whole_step(motion, r, residual_of_first, first, is_found)
-         if (is_found) call self%find_residual(moved(), first, r_there, is_lost)
-         if (is_found .and. .not. is_lost) call self%find_whole_step(moved(), r_there, residual_of_second, second, is_complete)
+         if (.not. is_found .or. self%krylov%residual > largest_of_first) return
+         call self%find_residual(moved(), first, r_there, is_lost)
+         if (.not. is_lost) call self%find_whole_step(moved(), r_there, residual_of_second, second, is_complete)
       end subroutine find_whole_steps
 
       !> Adds a third block step to the second; `is_found` becomes false if it is no smaller.
