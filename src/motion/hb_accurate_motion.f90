@@ -159,9 +159,14 @@ contains
          case (set_choice%refined)
             applies = allocated(motion%top%unknowns)
          case (set_choice%alone)
-            applies = allocated(motion%start%unknowns) .and. motion%result%status == outcome%truncated .and. &
+            applies = motion%result%status == outcome%truncated .and. &
                       .not. (self%is_finer .or. motion%solver%is_out_of_work .or. work_is_over() .or. &
                              motion%solver%work > options%accuracy%max_work)
+            if (rule%start == starting_point%integrated) then
+               applies = applies .and. may_be_integrated(system, options, motion%result) .and. options%accuracy%grows_set
+            else
+               applies = applies .and. allocated(motion%start%unknowns)
+            end if
          case (set_choice%finer)
             applies = .not. self%is_finer .and. options%accuracy%grows_set .and. .not. work_is_over() .and. &
                       is_denied(system, motion%result)
@@ -171,7 +176,8 @@ contains
       end associate
    end function point_attempts_applies
 
-   !> Whether a limit cycle that no mode leads to may be found from the end of a time integration: one tone, and equations in time.
+   !> Whether a limit cycle that no mode leads to, or that larger sets do not have, may be found from the end of a time integration:
+   !> one tone, and equations in time.
    logical function may_be_integrated(system, options, result) result(may)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
@@ -180,7 +186,7 @@ contains
       may = options%has_time_domain() .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
          .not. (options%start%from_integration .or. allocated(system%structure%parts) .or. system%normal_mode%is_requested)
       may = may .and. system%tones%n_tones == 1 .and. all(system%tones%is_unknown) .and. &
-         (is_lost(result%status) .or. result%status == outcome%no_motion)
+         (is_lost(result%status) .or. any(result%status == [outcome%no_motion, outcome%truncated]))
    end function may_be_integrated
 
    !> Whether a time integration is due: before any balance if it is requested or cheaper; from rest if no balance was found, or
@@ -229,7 +235,7 @@ contains
             case (set_choice%finer)
                call refine_for_verdict(self, rule%share)
             case (set_choice%alone)
-               call solve_alone(self)
+               call solve_alone(self, rule%start == starting_point%integrated)
                attempt%has_succeeded = motion%result%status == outcome%converged
             case default
                call find_first(motion, rule, within)
@@ -308,16 +314,20 @@ contains
       end do
    end subroutine refine_for_verdict
 
-   !> Solves the point without its neighbour, and keeps the motion with the smaller error: a branch, or a set, that does not lead
-   !> to the tolerance may be that of the neighbour alone.
-   recursive subroutine solve_alone(self)
+   !> Solves the point without its neighbour or from the end of a time integration, and keeps the motion with the smaller error: a
+   !> branch, or a set, that does not lead to the tolerance may be that of the neighbour or of the smallest set alone.
+   recursive subroutine solve_alone(self, from_integration)
       class(point_attempts_t), intent(inout) :: self
+      logical, intent(in) :: from_integration
       type(options_t), target :: balance_alone
       type(point_attempts_t), allocatable :: other
 
       allocate (other)
       balance_alone = self%motion%options
-      balance_alone%may_integrate = .false.
+      balance_alone%may_integrate = from_integration
+      balance_alone%start%from_integration = from_integration
+      if (from_integration) &
+         balance_alone%integration%max_evaluations = evaluations_of_guess(self%motion%system, self%motion%options)
       other%motion%solver = self%motion%solver
       call solve_by_levels(other, self%motion%system, self%motion%discretisation, balance_alone)
       self%motion%solver%effort_t = other%motion%solver%effort_t
@@ -325,6 +335,7 @@ contains
       if (allocated(other%motion%error) .or. .not. allocated(other%motion%top%unknowns)) return
       if (other%motion%result%status /= outcome%converged .and. .not. other%motion%estimate < self%motion%estimate) return
       self%motion%result = other%motion%result
+      if (from_integration) self%motion%result%fallback = fallback%integration
       self%motion%top = other%motion%top
       self%motion%estimate = other%motion%estimate
    end subroutine solve_alone
@@ -587,14 +598,9 @@ contains
       type(attempt_t), allocatable, intent(inout) :: within(:)
       type(error_t), allocatable :: failure
       type(motion_result_t) :: found
-      real(wp) :: work
-      integer :: i
 
       associate (system => self%system, options => self%options)
-         work = evaluation_work(system%structure%n_dofs, sum([(size(system%laws(i)%law%shape, 2), i=1, size(system%laws))]), &
-                                .false.)
-         work = share_of_guess*options%solver%max_fallback_work/work
-         self%solver%level_options%integration%max_evaluations = int(min(work, 1.0e18_wp), int64)
+         self%solver%level_options%integration%max_evaluations = evaluations_of_guess(system, options)
          self%solver%level_options%start%from_integration = .true.
          call self%solver%solve(self%top, .true., found, failure)
          self%solver%level_options%start%from_integration = .false.
@@ -608,6 +614,18 @@ contains
       self%result = found
       self%result%fallback = fallback%integration
    end subroutine find_from_integration
+
+   !> Evaluations that a time integration may use for a first guess.
+   pure integer(int64) function evaluations_of_guess(system, options) result(n)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      real(wp) :: work
+      integer :: i
+
+      work = evaluation_work(system%structure%n_dofs, sum([(size(system%laws(i)%law%shape, 2), i=1, size(system%laws))]), &
+                             .false.)
+      n = int(min(share_of_guess*options%solver%max_fallback_work/work, 1.0e18_wp), int64)
+   end function evaluations_of_guess
 
    !> Residual at which the equations of a level are solved: far below the permitted error of its motion, unless a
    !> residual was requested.

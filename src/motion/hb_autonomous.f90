@@ -42,14 +42,16 @@ module hb_autonomous
 
 contains
 
-   !> Finds the motion without the unknown tones, its modes, and the frequencies of the start.
-   subroutine find_start(self, system, discretisation, options, basis, coordinates, error)
+   !> Finds the motion without the unknown tones, its modes, and the frequencies of the start. Modes are not required where a
+   !> motion with its frequencies is known.
+   subroutine find_start(self, system, discretisation, options, basis, coordinates, is_known, error)
       type(autonomous_start_t), intent(out) :: self
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
+      logical, intent(in) :: is_known                                 !! a motion, such as that of a smaller set
       type(error_t), allocatable, intent(out) :: error
       class(balance_t), allocatable :: balance
       integer :: h, m
@@ -66,7 +68,7 @@ contains
             call find_base_motion(self%base, system%structure, balance, basis%harmonics, options%solver, error)
          call balance%destroy()
          if (allocated(error)) then
-            if (.not. (allocated(self%base%u) .and. self%has_motion)) return
+            if (.not. (allocated(self%base%u) .and. (self%has_motion .or. is_known))) return
             deallocate (error)                                         ! without modes only the start remains
             allocate (self%modes(0))
          else
@@ -74,8 +76,10 @@ contains
          end if
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
-            if (m > size(self%modes) .and. size(tones%omega) == 1 .and. options%has_time_domain() .and. &
-                .not. (allocated(system%structure%parts) .or. system%normal_mode%is_requested)) then
+            if (m > size(self%modes) .and. is_known) then
+               exit
+            else if (m > size(self%modes) .and. size(tones%omega) == 1 .and. options%has_time_domain() .and. &
+                     .not. (allocated(system%structure%parts) .or. system%normal_mode%is_requested)) then
                self%omega = typical_rate(system%structure)
                exit
             else if (m > size(self%modes)) then
@@ -151,7 +155,7 @@ contains
       type(autonomous_start_t) :: start
 
       call find_start(start, system, discretisation, options, whole_basis(discretisation%harmonics, discretisation%torus), &
-                      coordinates_of(system), error)
+                      coordinates_of(system), .false., error)
       if (.not. allocated(start%base%u)) return
       if (allocated(error)) deallocate (error)                        ! modes are not required
       call new_energy(energy, system%structure, constant_load(system, discretisation), balance, start%base%u)

@@ -437,7 +437,8 @@ contains
 
       call move_alloc(guess, given)
       start%omega = system%tones%omega
-      if (any(system%tones%is_unknown)) call find_start(start, system, discretisation, options, basis, coordinates, error)
+      if (any(system%tones%is_unknown)) &
+         call find_start(start, system, discretisation, options, basis, coordinates, allocated(given), error)
       if (allocated(error)) return
       if (allocated(given)) then
          call restrict_guess(basis, coordinates%n, given, guess)

@@ -68,6 +68,8 @@ module hb_attempts
                      discretisation=set_choice%refined, on_success="finer_for_stability"), &
       attempt_rule_t("without_neighbour", start=starting_point%first_guess, stage=stage%point, &
                      discretisation=set_choice%alone, on_success="end"), &
+      attempt_rule_t("refinement_integrated", kind=fallback%integration, start=starting_point%integrated, stage=stage%point, &
+                     discretisation=set_choice%alone, on_success="end"), &
       attempt_rule_t("lines_from_motion", &
                      technique=technique%integration, start=starting_point%motion, stage=stage%point, &
                      discretisation=set_choice%lines, on_failure="end"), &

@@ -93,6 +93,23 @@ def test_limit_cycles_of_first_order_start_at_the_modes_that_grow(text, frequenc
     assert read(path, "frequency")[0, 0] == pytest.approx(frequency, rel=1e-4)
 
 
+NEURON = """
+&structure type = 'matrices', n_dofs = 2, mass = 4*0.0, damping = 1.0, 0.0, 0.0, 1.0, stiffness = -1.0, 1.0, -0.211, 0.12253 /
+&tones unknown = .true. /
+&load dof = 'x1', tuple = 0, cos = 0.9692 /
+&load dof = 'x2', tuple = 0, cos = 0.155106 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.3333333333333333 /
+"""
+REACTION = BRUSSELATOR.format(k=3.4004, minus_b=-2.4004).replace("cos = 1.0", "cos = 0.6277").replace("1e-5", "1e-2")
+
+
+# No mode oscillates, or the smallest set leads to another motion; periods by LSODA to 1e-11.
+@pytest.mark.parametrize(("text", "period"), [(NEURON, 17.89389981), (REACTION, 12.81841056)], ids=("neuron", "reaction"))
+def test_relaxation_oscillations_begin_with_an_integration(text, period, tmp_path):
+    path = solve(text, tmp_path, status=0)
+    assert 2 * np.pi / read(path, "frequency")[0, 0] == pytest.approx(period, rel=1e-2)
+
+
 def test_a_stable_equilibrium_of_first_order_has_no_limit_cycle(tmp_path):
     path = solve(BRUSSELATOR.format(k=2.5, minus_b=-1.5), tmp_path, status=None)
     assert b"no mode grows" in read(path, "message")[0].tobytes()
