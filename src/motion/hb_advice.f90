@@ -30,7 +30,8 @@ module hb_advice
       integer, allocatable :: combination(:)                          !! of tones, nearly zero; not allocated: none
       real(wp) :: combination_frequency = 0.0_wp                      !! [rad/s]
       logical :: is_neighbour_used = .false.                          !! first guesses already come from neighbours
-      logical :: is_integration_used = .false.                        !! or from time integration
+      logical :: is_integration_used = .false.                        !! or from time integration, or that follows by itself
+      logical :: has_fallbacks = .false.                              !! the settings permit other methods
    end type circumstances_t
 
 contains
@@ -47,7 +48,8 @@ contains
       integer, allocatable :: combination(:)
 
       found%is_neighbour_used = options%chain%is_on
-      found%is_integration_used = options%start%from_integration
+      found%is_integration_used = options%start%from_integration .or. is_integrated(system, options)
+      found%has_fallbacks = options%solver%fallback
       call balance%sample(u)
       do i = 1, size(system%laws)
          associate (law => system%laws(i)%law, set => balance%law_set)
@@ -72,6 +74,19 @@ contains
       found%combination = combination
       found%combination_frequency = frequency
    end subroutine find_circumstances
+
+   !> Whether a time integration follows by itself where the balance finds no motion, or is not possible.
+   pure logical function is_integrated(system, options)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      logical :: is_unknown
+
+      is_unknown = any(system%tones%is_unknown)
+      is_integrated = options%solver%fallback .and. options%solver%fallback_by_integration .and. &
+                      allocated(options%callbacks%time_domain_solver)
+      if (is_unknown) is_integrated = is_integrated .and. options%accuracy%is_on .and. system%tones%n_tones == 1
+      is_integrated = is_integrated .or. system%normal_mode%is_requested
+   end function is_integrated
 
    !> Largest slope of a nonsmooth law, far on either side of each of its coordinates; 0 for other laws, which have no
    !> length of their own or must not be evaluated far from their motion.
@@ -117,7 +132,7 @@ contains
          if (report%status == outcome%singular) call add(text, "singular tangent: a fold, or an unconstrained motion")
          if (any(report%status == [outcome%diverged, outcome%not_finite])) &
             call add(text, "start a sweep with first_guess = 'neighbour' from smaller loads")
-         if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) &
+         if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out .and. .not. c%has_fallbacks) &
             call add(text, "set &solver fallback = .true. to try other methods")
          if (is_out_of_work(report)) call add(text, "a fallback exhausted its budget: raise &solver max_fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &

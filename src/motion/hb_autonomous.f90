@@ -248,6 +248,8 @@ contains
          u = start%base%u
          search%report%status = outcome%stalled
          search%message = "the linear structure has fewer oscillatory modes than unknown tones, and no &start leads to a motion"
+         if (system%tones%n_tones == 1 .and. .not. options%start%from_integration) &
+            search%message = search%message//"; try first_guess = 'integration' in &solver"
       end if
    end subroutine find_motion
 
