@@ -119,7 +119,7 @@ contains
       real(wp), intent(in) :: inward(:)                               !! direction of the motions without, continued
       real(wp), intent(out) :: found(:), tangent(:)
       logical, intent(out) :: is_found
-      real(wp), parameter :: share(0:2) = [2.0_wp, 0.5_wp, 0.1_wp]      ! of the longest step
+      real(wp), parameter :: share(0:4) = [2.0_wp, 0.5_wp, 0.1_wp, 0.02_wp, 0.004_wp]   ! of the longest step
       real(wp) :: along(size(corner)), sign_there, step
       integer :: i
       logical :: is_singular

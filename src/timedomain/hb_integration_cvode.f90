@@ -7,6 +7,7 @@
 module hb_integration_cvode
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
+   use hb_flight, only: flight_t, is_made_of_flights, new_flight
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_equations, only: integration_equations_t, new_integration_equations
    use hb_integration_laws, only: put_before_walls
@@ -32,7 +33,8 @@ module hb_integration_cvode
 
    type, extends(integrator_t) :: integration_cvode_t
       type(integration_equations_t), pointer :: equations => null()
-      type(cvode_t) :: cvode
+      type(cvode_t) :: cvode                                          !! has the values of both
+      type(flight_t), allocatable :: flight                           !! takes its place if equations are linear between events
       real(wp) :: base = 0.0_wp                                       !! [s] from where the time of CVODE counts
       integer :: n_since_base = 0                                     !! steps
       real(wp) :: time_scale = 0.0_wp                                 !! [s], far below all periods
@@ -74,6 +76,12 @@ contains
       self%tolerance = tolerance
       allocate (self%equations)
       call new_integration_equations(self%equations, system, tolerance, rigid)
+      if (is_made_of_flights(system, rigid) .and. .not. is_stiff) then
+         allocate (self%flight)
+         call new_flight(self%flight, self%equations)
+         allocate (self%cvode%values(2*system%n_dofs), source=0.0_wp)
+         return
+      end if
       allocate (directions(self%equations%n_events()), source=-1)
       directions(:size(self%equations%is_positive)) = 0
       call new_cvode(self%cvode, self%equations, 2*system%n_dofs, directions, is_stiff, error)
@@ -132,8 +140,37 @@ contains
       self%base = time
       self%n_since_base = 0
       call self%system%accelerations%begin(time, 0.0_wp)
-      call self%cvode%restart(0.0_wp, error)
+      call restart(self, 0.0_wp, error)
    end subroutine begin_at
+
+   !> Restarts from the present values; discards the history.
+   subroutine restart(self, t, error)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t                                       !! [s] from the base
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(self%flight)) then
+         call self%flight%restart(t, self%cvode%values)
+      else
+         call self%cvode%restart(t, error)
+      end if
+   end subroutine restart
+
+   !> Integrates to `t_end`, or to an event before it.
+   subroutine advance(self, t_end, t, is_event, found, error)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t_end                                   !! [s] from the base
+      real(wp), intent(out) :: t                                      !! where the values hold
+      logical, intent(out) :: is_event
+      integer, intent(out) :: found(:)                                !! of each event: 0 no, 1 rising, -1 falling
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(self%flight)) then
+         call self%flight%advance(t_end, self%cvode%values, t, is_event, found, error)
+      else
+         call self%cvode%advance(t_end, t, is_event, found, error)
+      end if
+   end subroutine advance
 
    !> The loads act as they do between a time and the next one at which one of them begins or ends.
    subroutine act_from(self, time)
@@ -170,11 +207,11 @@ contains
       t_extreme = 0.0_wp
       edge = next_edge(self, time)
       do n_events = 1, max_events
-         call self%cvode%advance(min(edge, time_after) - self%base, t, is_event, found, error)
+         call advance(self, min(edge, time_after) - self%base, t, is_event, found, error)
          if (allocated(error) .and. goes_on) then                     ! the rate is zero for some time: not to be passed without one
             deallocate (error)
             goes_on = .false.
-            call self%cvode%restart(t_extreme, error)
+            call restart(self, t_extreme, error)
             if (allocated(error)) return
             cycle
          end if
@@ -199,12 +236,12 @@ contains
             t_extreme = t
          else
             call change_branches(self, t, found)
-            call self%cvode%restart(t, error)
+            call restart(self, t, error)
             if (allocated(error)) return
          end if
          is_event = time_after - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
          if (is_event) cycle
-         if (goes_on) call self%cvode%restart(t, error)               ! there may be another extreme at the sample
+         if (goes_on) call restart(self, t, error)               ! there may be another extreme at the sample
          exit
       end do
       if (is_event) then
@@ -236,7 +273,9 @@ contains
       real(wp), intent(in) :: t
       integer, intent(in) :: found(:)
       integer :: i, k, side, struck(size(self%equations%rigid))
+      real(wp) :: before(self%system%n_dofs)
 
+      before = self%cvode%values(self%system%n_dofs + 1:)
       associate (equations => self%equations, y => self%cvode%values)
          call equations%gather(t, y)
          call equations%find_bounds()
@@ -285,7 +324,21 @@ contains
          end if
          if (any(struck /= 0)) call choose_branches(self, t)
       end associate
+      if (allocated(self%impact_times)) call list_impact(self, t, before)
    end subroutine change_branches
+
+   !> Lists the change of the velocities at an event, if there is one.
+   subroutine list_impact(self, t, before)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: before(:)                               !! velocities [m/s]
+      real(wp) :: jump(size(before))
+
+      jump = self%cvode%values(size(before) + 1:) - before
+      if (all(abs(jump) <= 0.0_wp)) return
+      self%impact_times = [self%impact_times, self%base + t]
+      self%impact_jumps = reshape([self%impact_jumps, jump], [size(jump), size(self%impact_times)])
+   end subroutine list_impact
 
    !> All impacts at one time. Bodies that touch several walls strike them one after the other, the fastest first, with the
    !> restitution of each, until none is approached: the limit of small gaps, as in Newton's cradle. What is then slower than the
@@ -581,6 +634,7 @@ contains
    subroutine integration_cvode_destroy(self)
       class(integration_cvode_t), intent(inout) :: self
 
+      if (allocated(self%flight) .and. associated(self%cvode%values)) deallocate (self%cvode%values)
       call self%cvode%destroy()
       if (associated(self%equations)) deallocate (self%equations)
    end subroutine integration_cvode_destroy

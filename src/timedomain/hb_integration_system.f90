@@ -69,6 +69,7 @@ module hb_integration_system
       type(integration_laws_t) :: laws
       type(integration_loads_t) :: loads                              !! F [N]
       real(wp) :: length = 0.0_wp                                     !! typical displacement [m]
+      logical :: lists_impacts = .false.                              !! with times and changes of velocity
       ! The following are divided by the mass, and only available after `divide_by_mass`
       type(integration_matrix_t) :: damping, stiffness                !! M^-1 D [1/s], M^-1 K [1/s**2]
       real(wp), allocatable :: shape(:, :)                            !! M^-1 S [1/kg], (n_dofs, n_coordinates)
@@ -86,6 +87,8 @@ module hb_integration_system
       integer(int64) :: n_steps = 0_int64                             !! since then
       integer, allocatable :: impacts(:)                              !! since then, on both sides of each rigid law; negative
                                                                       !! once bounces have ended in contact
+      real(wp), allocatable :: impact_times(:)                        !! [s], if they are to be listed: allocated at first
+      real(wp), allocatable :: impact_jumps(:, :)                     !! changes of velocity there [m/s], (n_dofs, n_listed)
    contains
       procedure :: start => integrator_start
       procedure :: advance => integrator_advance

@@ -144,7 +144,7 @@ contains
       call self%record_from(start, duration, n_steps_of(self, self%level), nothing, after, record, is_done)
    end subroutine state_map_advance
 
-   !> As `advance`, with a record of some displacements.
+   !> As `advance`, with a record of some displacements, and of impacts if there are any.
    subroutine state_map_record_from(self, start, duration, n_samples, dofs, x, record, is_done)
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: start, duration                         !! [s]
@@ -163,6 +163,7 @@ contains
          state%v = y(n + 1:2*n)
          state%s = y(2*n + 1:)
          self%config%duration = duration
+         system%lists_impacts = size(dofs) > 0
          call integrate_from(system, self%config, duration/n_samples, dofs, state, record, error)
       end associate
       is_done = .not. allocated(error)

@@ -33,6 +33,7 @@ module hb_time_stepping
       real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_retained_dofs)
       real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
       integer, allocatable :: impacts(:)                              !! as of the integrator; not allocated: not counted
+      real(wp), allocatable :: impact_times(:), impact_jumps(:, :)    !! likewise, if the system requests them
       real(wp) :: cpu_seconds = 0.0_wp                                !! processor time, including set-up of the method [s]
       logical :: is_under_way = .false.                               !! the method has started: an error is one of the motion
       logical :: is_out_of_work = .false.                             !! the error is that of the budget
@@ -62,6 +63,8 @@ contains
 
       call cpu_time(begun)
       call new_integrator(integrator, system, config, step/config%substeps, error)
+      if (.not. allocated(error) .and. system%lists_impacts) &
+         allocate (integrator%impact_times(0), integrator%impact_jumps(system%n_dofs, 0))
       if (.not. allocated(error)) call integrator%start(state, error)
       record%is_under_way = .not. allocated(error)
       record%step = step
@@ -70,6 +73,10 @@ contains
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) then
          if (allocated(integrator%impacts)) call move_alloc(integrator%impacts, record%impacts)
+         if (allocated(integrator%impact_times)) then
+            call move_alloc(integrator%impact_times, record%impact_times)
+            call move_alloc(integrator%impact_jumps, record%impact_jumps)
+         end if
          call integrator%destroy()
       end if
    end subroutine integrate_from
