@@ -13,6 +13,7 @@ module switched_inputs
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
+   use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind, response_keys
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
@@ -57,6 +58,9 @@ contains
       call document%begin()
       if (is_torus .and. model%system%tones%n_tones > 1) then
          call fail(error, "the motion has several tones")
+      else if (is_torus .and. model%options%lacks_impacts_of(model%system, outcome%impact)) then
+         call fail(error, "motions with impacts that have an additional tone are found by time integration alone; use a &sweep "// &
+                   "over '"//plan%curve%path//"'")
       else if (.not. is_torus .and. any([(model%system%laws(i)%law%n_phases > 0, i=1, size(model%system%laws))])) then
          call fail(error, "a law turns with a tone")
       end if

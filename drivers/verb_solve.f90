@@ -162,6 +162,8 @@ contains
                cycle
             end if
          end associate
+         if (leaving(i)%kind == curve_kind%grazing .and. &
+             study%model%options%lacks_impacts_of(study%model%system, outcome%impact)) cycle   ! the curve goes on by itself
          call run_one(leaving(i))
          if (allocated(error)) return
          if (its_status == incomplete .or. status == success) status = its_status
@@ -373,7 +375,9 @@ contains
                      " was not computed: the fastest harmonic has more than a million cycles in a period of the slowest tone")
          end if
       end if
-      if (size(study%model%options%gradient%by) > 0 .and. summary%counts(outcome%integrated) > 0) &
+      if (size(study%model%options%gradient%by) > 0 .and. summary%counts(outcome%integrated) > 0 .and. &
+          .not. (study%model%system%tones%n_tones == 1 .and. &
+                 study%model%options%lacks_impacts_of(study%model%system, outcome%impact))) &
          call say("warning: "//number_of(summary%counts(outcome%integrated), "point")// &
                   " found by time integration: without derivatives, which need a balance; compare runs at two values instead")
       if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)

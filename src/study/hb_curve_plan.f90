@@ -287,11 +287,9 @@ contains
          text = which//"needs one given tone; a &sweep integrates motions of several tones one by one"
       else if (.not. options%lacks_impacts_of(system, outcome%impact)) then
          text = which//"needs a restitution of every wall"
-      else if (allocated(self%over) .or. self%switches .or. size(self%others) > 0 .or. len(self%origin_path) > 0) then
-         text = which//"follows the motion from 'start' alone: 'follow', 'switch', 'others' and 'origin' need a balance; "// &
-                "leave them out, or replace the wall by an elastic_stop"
-      else if (size(options%gradient%by) > 0) then
-         text = which//"has no derivatives: leave &gradient out"
+      else if (allocated(self%over) .or. size(self%others) > 0) then
+         text = which//"follows the motion from 'start' or 'origin', and with 'switch' those that cross it: 'follow' and "// &
+                "'others' need a balance; leave them out, or replace the wall by an elastic_stop"
       end if
    end subroutine find_refusal_with_impacts
 

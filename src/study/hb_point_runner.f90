@@ -2,6 +2,7 @@
 module hb_point_runner
    use hb_error, only: error_t
    use hb_gradient, only: find_gradient
+   use hb_impact_gradient, only: find_impact_gradient, has_periodic_impacts
    use hb_kinds, only: wp
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
@@ -26,13 +27,24 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(level_t) :: below
       real(wp), allocatable :: start(:)
+      integer, allocatable :: dofs(:)
+      integer :: i
+      logical :: has_impacts
 
       if (model%options%accuracy%is_on) then
          call neighbour%predict_level(value, model, below)
       else if (model%options%chain%is_on) then
          call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
       end if
+      allocate (dofs, source=model%options%output%dofs)
+      has_impacts = has_periodic_impacts(model%system, model%options)
+      if (has_impacts) model%options%output%dofs = [(i, i=1, model%system%structure%n_dofs)]
       call solve_point(model, result, error, level, below, start, cached)
+      model%options%output%dofs = dofs
+      if (has_impacts) then
+         call find_impact_gradient(model, result)
+         if (allocated(result%coefficients)) result%coefficients = result%coefficients(:, :, dofs)
+      end if
       if (.not. allocated(error) .and. size(model%options%gradient%by) > 0) &
          call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)
       if (allocated(error)) call result%set_failure(error)

@@ -10,6 +10,7 @@ module hb_stored_origin
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t
    use hb_options, only: options_t
+   use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind
    use hb_results_record, only: refuse_damaged_rows
    use hb_stored_rows, only: stored_file_t
@@ -63,7 +64,9 @@ contains
       call stored%file%close(error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
-         if (any(position%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker])) then
+         if (options%lacks_impacts_of(system, outcome%impact)) then
+            call take_state(self, position, system, error)
+         else if (any(position%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker])) then
             call new_curve_origin(self, position%kind == curve_kind%neimark_sacker, position, tuples, system, discretisation, &
                                   options, error)
          else
@@ -73,4 +76,23 @@ contains
       end if
       if (allocated(error)) error%message = "point "//to_text(point)//" of '"//path//"': "//error%message
    end subroutine read_curve_origin
+
+   !> Takes the state of a motion with impacts whose period doubles; fails at other points.
+   subroutine take_state(self, position, system, error)
+      type(curve_origin_t), intent(inout) :: self
+      type(curve_position_t), intent(in) :: position
+      type(system_t), intent(in) :: system
+      type(error_t), allocatable, intent(out) :: error
+
+      if (position%kind /= curve_kind%period_doubling) then
+         call fail(error, "it is no 'period_doubling', the only origin of motions with impacts; 'nhbm info' lists those. A "// &
+                   "'neimark_sacker' leads to two tones: use a &sweep")
+      else if (size(position%unknowns) /= 4*system%structure%n_dofs + 2) then
+         call fail(error, "its motion does not fit the walls and degrees of freedom of this input")
+      else
+         self%multiple = 2
+         self%u = reshape(position%unknowns, [size(position%unknowns), 1])
+         self%further = position%unknowns(size(position%unknowns):)
+      end if
+   end subroutine take_state
 end module hb_stored_origin

@@ -10,13 +10,14 @@ module hb_impact_curve
    use hb_cancellation, only: verdict, verdict_on_work
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
-   use hb_curve_request, only: curve_request_t, located_response_t
-   use hb_curve_step, only: step
+   use hb_curve_request, only: curve_request_t, find_null_vector, located_response_t
+   use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: add_waiting, known_t, largest_load, waiting_t
+   use hb_followed_motion, only: add_waiting, known_t, largest_load, origin_t, waiting_t
    use hb_harmonics, only: harmonics_t
-   use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
+   use hb_impact_gradient, only: keep_slopes
+   use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
    use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
    use hb_integrated_result, only: keep_integrated
    use hb_kinds, only: wp
@@ -31,7 +32,7 @@ module hb_impact_curve
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_solved, outcome
    use hb_point, only: solve_point
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_system, only: system_t
@@ -122,6 +123,10 @@ contains
       real(wp), allocatable :: x(:)
       integer :: i
 
+      if (allocated(request%origin)) then
+         call begin_at_origin(self, model, request, result, error)
+         return
+      end if
       whole = model
       whole%options%output%dofs = [(i, i=1, model%system%structure%n_dofs)]
       whole%options%chain%is_on = .false.
@@ -151,6 +156,76 @@ contains
       call self%report_start(result, error)
    end subroutine impact_curve_begin
 
+   !> Begins where the period of another curve doubles, a short distance along the direction of the multiplier -1. The section is
+   !> that of the other curve, which is half as far in the period of this one.
+   subroutine begin_at_origin(self, model, request, result, error)
+      class(impact_curve_t), intent(inout), target :: self
+      type(model_t), intent(inout) :: model                           !! at the start
+      type(curve_request_t), intent(in) :: request
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), parameter :: parts(5) = [0.02_wp, 0.005_wp, 0.1_wp, 0.001_wp, 0.3_wp]   ! of the motion: departure from it
+      real(wp), allocatable :: across(:), direction(:), from(:), x(:)
+      type(report_t) :: report
+      integer :: i
+      logical :: is_found
+
+      self%request = request
+      associate (packed => request%origin%u(:, 1), n => (size(request%origin%u, 1) - 2)/2, orbit => self%orbit)
+         call put_orbit(self, model, request, packed(n + 1:2*n), error)
+         self%is_done = allocated(error)
+         if (self%is_done) return
+         from = unpacked(packed)
+         call orbit%put_section(0.5_wp*packed(2*n + 1))
+         self%first_section = orbit%section
+         call self%prepare(model%system, model%discretisation, model%options, request%origin%further, level_t(), error)
+         call orbit%set_parameters([1], from(n + 1:), is_found)
+         allocate (across(n))
+         if (is_found) call find_null_vector(orbit, from(:n), spread(1.0_wp, 1, n), spread(.true., 1, n), spread(0.0_wp, 1, n), &
+                                             across, is_found)
+         self%is_done = allocated(error) .or. .not. is_found
+         if (allocated(error)) return
+         direction = [across, 0.0_wp]
+         if (is_found) call self%make_curve(from, direction)
+         do i = 1, merge(size(parts), 0, is_found)
+            x = from + parts(i)*norm2(from(:n))*direction
+            call self%curve%put_plane(x, direction, 0.0_wp)
+            call solve_newton(self%curve%problem, self%curve%corrector, x, report)
+            is_found = report%status == outcome%converged .and. &
+                       norm2((x - from)/self%curve%units) <= longest_chord*parts(i)*norm2(from(:n))/self%largest
+            if (is_found) exit
+         end do
+      end associate
+      self%is_done = .not. is_found
+      if (self%is_done) then
+         result%status = outcome%stalled
+         result%message = "no bifurcating motion was found near the bifurcation point"
+         return
+      end if
+      self%first%x = x
+      self%first%direction = direction
+      call self%report_start(result, error)
+   end subroutine begin_at_origin
+
+   !> Creates the orbit of a stored curve, with its scales.
+   subroutine put_orbit(self, model, request, scale, error)
+      class(impact_curve_t), intent(inout), target :: self
+      type(model_t), intent(in) :: model
+      type(curve_request_t), intent(in) :: request
+      real(wp), intent(in) :: scale(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(motion_series_t) :: motion
+
+      associate (n_dofs => model%system%structure%n_dofs)
+         call new_motion_series(motion, reshape([1], [1, 1]), model%system%tones%omega, &
+                                cmplx(reshape(scale(:n_dofs), [n_dofs, 1]), kind=wp))
+      end associate
+      call new_impact_orbit(self%orbit, model%system, model%discretisation, model%options, motion, error)
+      if (allocated(error)) return
+      call self%orbit%move(request%moving, request%start)
+      self%orbit%map%scale = scale
+   end subroutine put_orbit
+
    !> Restores the state of a stored curve at its last point, a step.
    subroutine impact_curve_continue_from(self, model, request, stored, error)
       class(impact_curve_t), intent(inout), target :: self
@@ -159,22 +234,18 @@ contains
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t) :: bare(size(stored))
-      type(motion_series_t) :: motion
       integer :: i, n
 
-      associate (last => stored(size(stored))%unknowns, n_dofs => model%system%structure%n_dofs)
+      associate (last => stored(size(stored))%unknowns)
          n = (size(last) - 2)/2
-         call new_motion_series(motion, reshape([1], [1, 1]), model%system%tones%omega, &
-                                cmplx(reshape(last(n + 1:n + n_dofs), [n_dofs, 1]), kind=wp))
-         call new_impact_orbit(self%orbit, model%system, model%discretisation, model%options, motion, error)
+         call put_orbit(self, model, request, last(n + 1:2*n), error)
          if (allocated(error)) return
-         call self%orbit%move(request%moving, request%start)
-         self%orbit%map%scale = last(n + 1:2*n)
          self%first_section = stored(1)%unknowns(2*n + 1)
          bare = stored
          do i = 1, size(stored)
-            bare(i)%unknowns = [stored(i)%unknowns(:n), stored(i)%unknowns(2*n + 2)]
-            if (allocated(stored(i)%direction)) bare(i)%direction = [stored(i)%direction(:n), stored(i)%direction(2*n + 2)]
+            if (stored(i)%kind == curve_kind%branch) cycle            ! the origin of another branch, `start_branch`
+            bare(i)%unknowns = unpacked(stored(i)%unknowns)
+            if (allocated(stored(i)%direction)) bare(i)%direction = unpacked(stored(i)%direction)
          end do
          call motion_curve_continue_from(self, model, request, bare, error)
          if (allocated(error)) return
@@ -192,13 +263,35 @@ contains
       packed = [x(:size(x) - 1), self%orbit%map%scale, self%orbit%section, x(size(x))]
    end function impact_curve_pack
 
-   !> The section of the first motion is that of the start.
+   !> The state, and the value, of what `pack` has packed.
+   pure function unpacked(packed) result(x)
+      real(wp), intent(in) :: packed(:)
+      real(wp), allocatable :: x(:)
+
+      associate (n => (size(packed) - 2)/2)
+         x = [packed(:n), packed(2*n + 2)]
+      end associate
+   end function unpacked
+
+   !> The section of the first motion is that of the start, that of another branch the one stored with its origin.
    subroutine impact_curve_start_branch(self, error)
       class(impact_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
+      type(origin_t) :: packed
 
-      call self%orbit%put_section(self%first_section)
-      call motion_curve_start_branch(self, error)
+      if (self%branch == 0) then
+         call self%orbit%put_section(self%first_section)
+         call motion_curve_start_branch(self, error)
+         return
+      end if
+      associate (origin => self%origins(self%branch), n => self%orbit%n_unknowns)
+         packed = origin
+         call self%orbit%put_section(origin%x(2*n + 1))
+         origin%x = unpacked(packed%x)
+         origin%direction = unpacked(packed%direction)
+         call motion_curve_start_branch(self, error)
+         origin = packed
+      end associate
    end subroutine impact_curve_start_branch
 
    !> A state has no set; that of the points contains all candidates for a tolerance.
@@ -208,6 +301,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       self%level = level
+      if (allocated(self%model%options%gradient%by)) deallocate (self%model%options%gradient%by)
+      allocate (self%model%options%gradient%by(0))                    ! `describe` finds them, from the orbit
       self%set = self%model%discretisation%harmonics
       associate (accuracy => self%model%options%accuracy)
          if (accuracy%is_on) call new_lowest_set(self%set, 1, loaded_tuples(self%model%discretisation), error, &
@@ -319,6 +414,8 @@ contains
       type(discretisation_t) :: here
       type(options_t) :: options
       type(steady_motion_t) :: steady
+      integer, allocatable :: positions(:)
+      integer :: h
       logical :: is_done
 
       associate (orbit => self%orbit, n => self%orbit%n_unknowns, accuracy => self%model%options%accuracy)
@@ -339,13 +436,34 @@ contains
             call keep_lines(orbit%model%system, here, options, coordinates, share_of_integrated*accuracy%max_harmonics, steady, &
                             result, self%level)
             result%status = status_within(self%model%options, steady, result)
+            positions = [(here%harmonics%index_of(result%harmonics%tuples(:, h)), h=1, result%harmonics%n_harmonics)]
+            call differentiate(self, point, result%harmonics, steady%amplitudes(:, positions), result)
          else if (is_done) then
             call keep_integrated(orbit%model%system, here, options, coordinates, steady, result)
             result%status = steady%status
+            call differentiate(self, point, here%harmonics, steady%amplitudes, result)
          end if
          if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
       end associate
    end subroutine impact_curve_describe
+
+   !> Adds the derivatives of a point that stays at its value along the curve, if any are requested.
+   subroutine differentiate(self, point, set, c, result)
+      class(impact_curve_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(harmonics_t), intent(in) :: set                            !! that of the result
+      complex(wp), intent(in) :: c(:, :)                              !! amplitudes [m], (n_dofs, n_harmonics)
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable :: error
+      type(motion_slopes_t) :: slopes
+
+      associate (orbit => self%orbit, n => self%orbit%n_unknowns)
+         if (size(orbit%model%options%gradient%by) == 0 .or. curve_kinds(point%kind)%by /= located_by%nothing) return
+         call orbit%find_slopes(set, point%x(:n), orbit%model%options%gradient%by, slopes, error)
+         call keep_slopes(orbit%model, set, slopes, c, result)
+      end associate
+      if (allocated(error) .and. .not. allocated(result%message)) result%message = "no derivatives: "//error%message
+   end subroutine differentiate
 
    !> Updates the units of length at the present point.
    subroutine impact_curve_renew(self)

@@ -2,7 +2,6 @@
 submodule (hb_impact_curve) hb_impact_curve_grazing
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_curve, only: curve_t
-   use hb_curve_step, only: longest_chord
    implicit none
 
    integer, parameter :: max_halvings = 30

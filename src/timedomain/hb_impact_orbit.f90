@@ -11,13 +11,16 @@ module hb_impact_orbit
    use hb_coordinates, only: coordinates_t
    use hb_difference_limit, only: distance_at, limit_t
    use hb_discretisation, only: discretisation_t
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_floquet, only: stability_of_map
    use hb_harmonics, only: harmonics_t
    use hb_integration_laws, only: collect_rigid
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
+   use hb_lapack, only: dgetrf, dgetrs
    use hb_model, only: model_t
+   use hb_model_number, only: model_number_t
+   use hb_model_numbers, only: find_model_number
    use hb_model_problem, only: moving_value_t, refusal_t
    use hb_motion_series, only: motion_series_t
    use hb_movement, only: movement_t, new_movement, set_movement
@@ -27,11 +30,12 @@ module hb_impact_orbit
    use hb_state_map, only: at_rest, far_from_events, farthest_phase, new_state_map, state_map_t
    use hb_structure, only: max_dense
    use hb_system, only: system_t
+   use hb_thresholds, only: difference_step
    use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integration_record_t
    implicit none
    private
-   public :: accurate, impact_orbit_t, new_impact_orbit
+   public :: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
 
    real(wp), parameter :: accurate = 1.0e-10_wp                       !! residual of a periodic motion, scaled
 
@@ -40,9 +44,25 @@ module hb_impact_orbit
    real(wp), parameter :: enough = 1.0e-8_wp                          ! change of a derivative that needs no shorter distance
    real(wp), parameter :: nearer = 0.5_wp                             ! from one distance to the next: derivatives are large
    integer, parameter :: max_levels = 20                             ! distances; near a graze the long ones change the impacts
-   integer, parameter :: min_samples = 8192                        ! in a period: their coefficients err by 1e-8 at impacts
+   integer, parameter :: min_samples = 2048                        ! in a period: their coefficients, corrected for impacts, err by
+                                                                      ! 1e-10
    integer, parameter :: samples_of_harmonic = 64
    real(wp), parameter :: too_near = 0.5_wp                           ! to an event, relative to the farthest instant
+
+   !> Derivatives of a periodic motion with respect to numbers of the model, in their units.
+   type :: motion_slopes_t
+      complex(wp), allocatable :: amplitudes(:, :, :)                 !! cos - i sin [m], (n_dofs, n_harmonics, values)
+      real(wp), allocatable :: frequency(:, :)                        !! of base frequencies [rad/s], (n_tones, values)
+      real(wp), allocatable :: estimate(:)                            !! of their errors, relative (values)
+      real(wp), allocatable :: defect(:)                              !! as that of hb_motion_result%gradient_t, (values)
+   end type motion_slopes_t
+
+   !> A period from the section on.
+   type :: sampled_t
+      real(wp), allocatable :: q(:, :)                                ! displacements [m], (n_samples, n_dofs)
+      real(wp), allocatable :: impacts(:)                             ! part of a period at which there is one, (n_impacts)
+      real(wp), allocatable :: jumps(:, :)                            ! of the velocities [m per period], (n_dofs, n_impacts)
+   end type sampled_t
 
    !> Owns memory: call `destroy`. Its parameter 1 is the moving value.
    type, extends(problem_t) :: impact_orbit_t
@@ -73,6 +93,7 @@ module hb_impact_orbit
       procedure :: describe => impact_orbit_describe
       procedure :: series_of => impact_orbit_series_of
       procedure :: stability => impact_orbit_stability
+      procedure :: find_slopes => impact_orbit_find_slopes
       procedure :: move => impact_orbit_move
       procedure :: destroy => impact_orbit_destroy
    end type impact_orbit_t
@@ -135,29 +156,76 @@ contains
       if (.not. is_done) after = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine advance_part
 
-   !> Changes of the state after a part of a period, and the derivative along a change of state and value, by a central
-   !> difference.
-   subroutine differ(self, x, change, of_value, distance, part, slope, is_done)
+   !> State after a part of a period from the section on, at a value; with a set, its amplitudes over a period instead.
+   subroutine evaluate(self, x, value, part, set, y, is_done)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)                                    !! scaled
+      real(wp), intent(in) :: value, part
+      type(harmonics_t), intent(in), optional :: set
+      real(wp), allocatable, intent(out) :: y(:)                      !! scaled; of amplitudes real, then imaginary parts
+      logical, intent(out) :: is_done
+      complex(wp), allocatable :: c(:, :)
+      type(sampled_t) :: sampled
+
+      allocate (y(size(x)))
+      if (.not. present(set)) then
+         call advance_part(self, x, value, part, y, is_done)
+         return
+      end if
+      call self%set_parameters([1], [value], is_done)
+      if (is_done) call sample(self, x, sampled, is_done)
+      if (.not. is_done) return
+      c = transpose(harmonics_of(self, set, sampled%q, sampled))/spread(self%map%scale(:self%system%n_dofs), 2, set%n_harmonics)
+      y = [real(c), aimag(c)]
+   end subroutine evaluate
+
+   !> Derivative of what `evaluate` returns along a change of state and value, by a central difference, or by a one-sided one at
+   !> the end of the range of the value.
+   subroutine differ(self, x, change, of_value, distance, part, set, slope, is_done)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:), change(:), of_value, distance, part
-      real(wp), intent(out) :: slope(:)
+      type(harmonics_t), intent(in), optional :: set
+      real(wp), allocatable, intent(out) :: slope(:)
       logical, intent(out) :: is_done                                 !! and the walls are struck as often on both sides
-      real(wp) :: after(size(x), 2), value
-      integer, allocatable :: impacts(:)
-      logical :: is_possible
+      real(wp), parameter :: positions(3, 3) = reshape([-1, 0, 1, 0, 1, 2, -2, -1, 0], [3, 3])
+      real(wp), parameter :: weights(3, 3) = 0.5_wp*reshape([-1, 0, 1, -3, 4, -1, 1, -4, 3], [3, 3])
+      real(wp) :: value
+      integer :: k
+      logical :: is_possible(3)
 
-      slope = 0.0_wp
       value = self%value
-      call advance_part(self, x + distance*change, value + distance*of_value, part, after(:, 1), is_done)
-      if (is_done) then
-         allocate (impacts, source=self%map%impacts)
-         call advance_part(self, x - distance*change, value - distance*of_value, part, after(:, 2), is_done)
-         if (is_done) then
-            is_done = all(impacts == self%map%impacts)
-            slope = (after(:, 1) - after(:, 2))/(2.0_wp*distance)
-         end if
+      call combine(1)
+      if (.not. is_done .and. abs(of_value) > 0.0_wp) then
+         do k = 1, 3, 2
+            call self%set_parameters([1], [value + distance*positions(k, 1)*of_value], is_possible(k))
+         end do
+         if (is_possible(1) .neqv. is_possible(3)) call combine(merge(3, 2, is_possible(1)))
       end if
-      call self%set_parameters([1], [value], is_possible)
+      call self%set_parameters([1], [value], is_possible(1))
+
+   contains
+
+      !> The difference over three positions.
+      subroutine combine(k)
+         integer, intent(in) :: k                                     !! number of the positions
+         real(wp), allocatable :: y(:)
+         integer :: i, impacts(size(self%map%impacts))
+         logical :: is_first
+
+         is_first = .true.
+         do i = 1, 3
+            if (abs(weights(i, k)) <= 0.0_wp) cycle
+            associate (along => distance*positions(i, k))
+               call evaluate(self, x + along*change, value + along*of_value, part, set, y, is_done)
+            end associate
+            if (is_done .and. .not. is_first) is_done = all(impacts == self%map%impacts)
+            if (.not. is_done) return
+            if (is_first) slope = 0.0_wp*y
+            is_first = .false.
+            impacts = self%map%impacts
+            slope = slope + weights(i, k)/distance*y
+         end do
+      end subroutine combine
    end subroutine differ
 
    !> The state at the section that follows from one at another time.
@@ -206,33 +274,169 @@ contains
    subroutine differentiate(self, x)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      type(limit_t) :: limit
-      real(wp) :: axis(size(x) + 1), slopes(size(x), size(x) + 1)
-      integer :: k, level
-      logical :: is_done
+      real(wp), allocatable :: slopes(:, :)
+      real(wp) :: axes(size(x) + 1, size(x) + 1), estimate
+      integer :: k
 
       if (allocated(self%known)) then
          if (all(abs([x, self%value] - self%known) <= 0.0_wp)) return
       end if
       self%known = [x, self%value]
       if (allocated(self%slopes)) deallocate (self%slopes)
-      slopes = 0.0_wp
-      limit%ratio = nearer
-      do level = 1, max_levels
-         do k = 1, size(x) + merge(1, 0, allocated(self%moving))
-            axis = 0.0_wp
-            axis(k) = 1.0_wp
-            call differ(self, x, axis(:size(x)), axis(size(axis))*sum(self%parameter_scales([1])), distance_at(level, nearer), &
-                        1.0_wp, slopes(:, k), is_done)
-            if (.not. is_done) exit
-         end do
-         if (.not. is_done) limit = limit_t(nearer)
-         if (.not. is_done) cycle
-         call limit%add(slopes)
-         if (limit%estimate <= enough .or. limit%n_idle > 1) exit     ! rounding
+      axes = 0.0_wp
+      do k = 1, size(x)
+         axes(k, k) = 1.0_wp
       end do
-      if (allocated(limit%best)) self%slopes = limit%best
+      k = size(x) + merge(1, 0, allocated(self%moving))
+      axes(k, k) = merge(sum(self%parameter_scales([1])), axes(k, k), allocated(self%moving))
+      call find_limit(self, x, axes(:, :k), slopes=slopes, estimate=estimate)
+      if (allocated(slopes)) self%slopes = reshape([slopes, 0.0_wp*x], [size(x), size(x) + 1])
    end subroutine differentiate
+
+   !> The limit of differences along changes of state and value.
+   subroutine find_limit(self, x, changes, set, slopes, estimate, is_relative)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(in) :: changes(:, :)                           !! those of the value last, (n_unknowns + 1, any)
+      type(harmonics_t), intent(in), optional :: set                  !! as that of `evaluate`
+      real(wp), allocatable, intent(out) :: slopes(:, :)              !! not allocated: there is none
+      real(wp), intent(out) :: estimate                               !! of its error, relative
+      logical, intent(in), optional :: is_relative                    !! to the slopes themselves, however small; default no
+      type(limit_t) :: limit
+      real(wp), allocatable :: all_slopes(:), slope(:)
+      real(wp) :: unit
+      integer :: k, level, n_added
+      logical :: is_done
+
+      limit%ratio = nearer
+      n_added = 0
+      unit = 1.0_wp
+      do level = 1, max_levels
+         allocate (all_slopes(0))
+         do k = 1, size(changes, 2)
+            call differ(self, x, changes(:size(x), k), changes(size(x) + 1, k), distance_at(level, nearer), 1.0_wp, set, slope, &
+                        is_done)
+            if (.not. is_done) exit
+            all_slopes = [all_slopes, slope]
+         end do
+         if (is_done) then
+            n_added = n_added + 1
+            if (present(is_relative) .and. n_added == 1) unit = max(maxval(abs(all_slopes)), tiny(1.0_wp))
+            call limit%add(reshape(all_slopes/unit, [size(slope), size(changes, 2)]))
+         else
+            limit = limit_t(nearer)
+            n_added = 0
+         end if
+         deallocate (all_slopes)
+         if (is_done .and. (limit%estimate <= enough .or. limit%n_idle > 1)) exit     ! rounding
+      end do
+      estimate = limit%estimate
+      if (allocated(limit%best)) slopes = unit*limit%best
+   end subroutine find_limit
+
+   !> Derivatives of a periodic motion with respect to numbers of the model: of the state on the section by those of the map, of the
+   !> amplitudes by differences along the state and the number. There are none, not allocated, where the map has no derivative.
+   subroutine impact_orbit_find_slopes(self, set, x, by, slopes, error)
+      class(impact_orbit_t), intent(inout) :: self                    !! on return unchanged
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in), contiguous :: x(:)
+      type(model_number_t), intent(in) :: by(:)
+      type(motion_slopes_t), intent(out) :: slopes
+      type(error_t), allocatable, intent(out) :: error
+      type(moving_value_t), allocatable :: moving
+      type(movement_t) :: movement
+      real(wp) :: factor(size(x), size(x)), value
+      integer :: info, k, pivots(size(x))
+      logical :: is_found
+
+      call differentiate(self, x)
+      if (.not. allocated(self%slopes)) return
+      call self%tangent(x, factor)
+      call dgetrf(size(x), size(x), factor, size(x), pivots, info)
+      if (info /= 0) return
+      if (allocated(self%moving)) moving = self%moving
+      value = self%value
+      associate (n_tones => self%model%system%tones%n_tones)
+         allocate (slopes%amplitudes(self%system%n_dofs, set%n_harmonics, size(by)), slopes%frequency(n_tones, size(by)))
+         allocate (slopes%estimate(size(by)), slopes%defect(size(by)))
+      end associate
+      is_found = .true.
+      do k = 1, size(by)
+         call differentiate_by(by(k), slopes%amplitudes(:, :, k), slopes%estimate(k), slopes%defect(k), is_found)
+         if (is_found) call new_movement(movement, self%model, by(k), .false., error)
+         if (allocated(error) .or. .not. is_found) exit
+         slopes%frequency(:, k) = movement%omega_slopes(self%model%system%tones)
+      end do
+      if (allocated(error) .or. .not. is_found) slopes = motion_slopes_t()
+      if (allocated(self%moving)) deallocate (self%moving)
+      if (allocated(moving)) call self%move(moving, value)
+
+   contains
+
+      !> By one number.
+      subroutine differentiate_by(number, amplitudes, estimate, defect, is_found)
+         type(model_number_t), intent(in) :: number
+         complex(wp), intent(out) :: amplitudes(:, :)
+         real(wp), intent(out) :: estimate, defect
+         logical, intent(out) :: is_found
+         real(wp) :: along(size(x) + 1), at, by_value(size(x), 1), change(size(x)), typical
+         real(wp), allocatable :: of_amplitudes(:, :), of_map(:, :)
+         integer :: attempt
+
+         amplitudes = 0.0_wp
+         defect = 0.0_wp
+         call find_model_number(self%model, number, at, is_found)
+         if (.not. is_found) return
+         typical = abs(at)
+         if (.not. typical > 0.0_wp) typical = 1.0_wp
+         do attempt = 1, 2
+            call self%move(moving_value_t(number, typical), at)
+            along = 0.0_wp
+            along(size(along)) = typical
+            call find_limit(self, x, reshape(along, [size(along), 1]), slopes=of_map, estimate=estimate, is_relative=.true.)
+            is_found = allocated(of_map)
+            if (.not. is_found) exit
+            by_value = of_map
+            change = -by_value(:, 1)
+            call dgetrs("N", size(x), 1, factor, size(x), pivots, change, size(x), info)
+            if (abs(at) > 0.0_wp .or. .not. norm2(change) > 0.0_wp) exit
+            typical = typical*norm2(x)/norm2(change)                  ! of a value of zero: the change with a comparable effect
+         end do
+         if (.not. is_found) then
+            if (allocated(self%refusal%text)) call fail(error, trim(number%name)//" cannot change by itself: "//self%refusal%text)
+            return
+         end if
+         along(:size(x)) = change
+         call find_limit(self, x, reshape(along, [size(along), 1]), set, of_amplitudes, estimate, .true.)
+         is_found = allocated(of_amplitudes)
+         if (.not. is_found) return
+         associate (n => size(amplitudes))
+            amplitudes = reshape(cmplx(of_amplitudes(:n, 1), of_amplitudes(n + 1:, 1), wp), shape(amplitudes))
+         end associate
+         amplitudes = amplitudes*spread(self%map%scale(:size(amplitudes, 1)), 2, size(amplitudes, 2))/typical
+         defect = defect_after(along, difference_step)/max(difference_step*norm2(by_value), tiny(1.0_wp))
+      end subroutine differentiate_by
+
+      !> What is missing to a periodic motion after a small step along the derivative, to the side that is possible.
+      real(wp) function defect_after(along, step) result(defect)
+         real(wp), intent(in) :: along(:), step
+         real(wp) :: after(size(x), 0:1), at, start(size(x))
+         integer :: side
+         logical :: is_done
+
+         at = self%value
+         defect = ieee_value(1.0_wp, ieee_quiet_nan)
+         call advance_part(self, x, at, 1.0_wp, after(:, 0), is_done)
+         do side = 1, -1, -2
+            start = x + side*step*along(:size(x))
+            call advance_part(self, start, at + side*step*along(size(along)), 1.0_wp, after(:, 1), is_done)
+            if (.not. is_done) cycle
+            defect = norm2(after(:, 1) - start - (after(:, 0) - x))
+            exit
+         end do
+         call self%set_parameters([1], [at], is_done)
+      end function defect_after
+   end subroutine impact_orbit_find_slopes
 
    subroutine impact_orbit_parameter_derivative(self, x, which, derivative)
       class(impact_orbit_t), intent(inout) :: self
@@ -321,6 +525,7 @@ contains
 
       self%moving = moving
       self%value = value
+      if (allocated(self%known)) deallocate (self%known)
    end subroutine impact_orbit_move
 
    !> Stability of a periodic motion, with the multipliers of the map.
@@ -339,10 +544,11 @@ contains
       real(wp), intent(inout) :: x(:), direction(:)
       real(wp), intent(in) :: of_value                                !! change of the value along the direction
       logical, intent(out) :: is_done
-      real(wp) :: after(size(x)), slope(size(x))
+      real(wp), allocatable :: slope(:)
+      real(wp) :: after(size(x))
 
       associate (part => modulo(section - self%section, 1.0_wp))
-         call differ(self, x, direction, of_value, distance_at(1, nearer), part, slope, is_done)
+         call differ(self, x, direction, of_value, distance_at(1, nearer), part, slope=slope, is_done=is_done)
          if (is_done) call advance_part(self, x, self%value, part, after, is_done)
       end associate
       if (.not. is_done) return
@@ -364,23 +570,24 @@ contains
    real(wp) function impact_orbit_better_section(self, x) result(section)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      real(wp), allocatable :: far(:), q(:, :), v(:, :)
+      real(wp), allocatable :: far(:), v(:, :)
+      type(sampled_t) :: sampled
       logical :: is_done
 
       section = self%section
-      call sample(self, x, q, is_done)
+      call sample(self, x, sampled, is_done)
       if (.not. is_done) return
-      v = cshift(q, 1) - cshift(q, -1)
-      allocate (far, source=far_from_events(self%map, q, v))
+      v = cshift(sampled%q, 1) - cshift(sampled%q, -1)
+      allocate (far, source=far_from_events(self%map, sampled%q, v))
       if (far(1) > too_near*maxval(far)) return
       section = modulo(section + (maxloc(far, dim=1) - 1)/real(size(far), wp), 1.0_wp)
    end function impact_orbit_better_section
 
-   !> Displacements of a period from the section on, (n_samples, n_dofs).
-   subroutine sample(self, x, q, is_done)
+   !> Samples a period from the section on.
+   subroutine sample(self, x, sampled, is_done)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      real(wp), allocatable, intent(out) :: q(:, :)
+      type(sampled_t), intent(out) :: sampled
       logical, intent(out) :: is_done
       type(integration_record_t) :: record
       real(wp) :: after(size(x))
@@ -390,31 +597,61 @@ contains
       n = max(min_samples, samples_of_harmonic*maxval(self%model%discretisation%harmonics%highest))
       associate (period => self%period())
          call self%map%record_from(self%section*period, period, n, [(i, i=1, self%system%n_dofs)], after, record, is_done)
+         if (.not. is_done) return
+         sampled%q = record%every_displacement(:n, :)
+         allocate (sampled%impacts(0), sampled%jumps(self%system%n_dofs, 0))
+         if (.not. allocated(record%impact_times)) return
+         sampled%impacts = record%impact_times/period - self%section
+         sampled%jumps = record%impact_jumps*period
       end associate
-      if (is_done) q = record%every_displacement(:n, :)
    end subroutine sample
 
-   !> One turn of a harmonic from the section on, at as many samples.
-   pure function wave(self, order, n)
-      type(impact_orbit_t), intent(in) :: self
-      integer, intent(in) :: order, n
-      complex(wp) :: wave(n)
-      integer :: i
+   !> The roots of one, exp(i 2 pi j/n).
+   pure function roots_of_one(n) result(roots)
+      integer, intent(in) :: n
+      complex(wp) :: roots(0:n - 1)
+      integer :: j
 
-      wave = exp(cmplx(0.0_wp, two_pi*order*(self%section + [(i, i=0, n - 1)]/real(n, wp)), wp))
-   end function wave
+      roots = exp(cmplx(0.0_wp, [(two_pi*j/n, j=0, n - 1)], wp))
+   end function roots_of_one
 
    !> Amplitudes, cos - i sin, of samples of a period from the section on, (n_harmonics, columns of z).
-   pure function harmonics_of(self, set, z) result(amplitudes)
+   !>
+   !> The sum over samples differs from the integral by h**2/2 B2 jump for each jump of the slope, B2 the Bernoulli polynomial at
+   !> its position between two samples, and by h**3/6 B3 for that of the second derivative (formula of Euler and Maclaurin).
+   pure function harmonics_of(self, set, z, sampled) result(amplitudes)
       type(impact_orbit_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: z(:, :)                                 !! (n_samples, any)
+      type(sampled_t), intent(in) :: sampled                          !! with jumps of the same columns
       complex(wp) :: amplitudes(set%n_harmonics, size(z, 2))
-      integer :: h
+      complex(wp) :: correction, roots(0:size(z, 1) - 1), total, turn
+      real(wp) :: between, h
+      integer :: c, i, j, k, n
 
-      do h = 1, set%n_harmonics
-         associate (order => set%tuples(1, h), n => size(z, 1))
-            amplitudes(h, :) = matmul(merge(1.0_wp, 2.0_wp, order == 0)/n*conjg(wave(self, order, n)), z)
+      n = size(z, 1)
+      h = 1.0_wp/n
+      roots = roots_of_one(n)
+      do k = 1, set%n_harmonics
+         associate (order => set%tuples(1, k))
+            do c = 1, size(z, 2)
+               total = 0.0_wp
+               j = 0
+               do i = 1, n
+                  total = total + z(i, c)*conjg(roots(j))
+                  j = j + order
+                  if (j >= n) j = j - n
+               end do
+               correction = 0.0_wp
+               do i = 1, size(sampled%impacts)
+                  between = modulo(n*sampled%impacts(i), 1.0_wp)
+                  turn = exp(cmplx(0.0_wp, -two_pi*order*sampled%impacts(i), wp))
+                  correction = correction + sampled%jumps(c, i)*turn*(0.5_wp*h**2*(between**2 - between + 1.0_wp/6.0_wp) + &
+                     h**3/3.0_wp*(between**3 - 1.5_wp*between**2 + 0.5_wp*between)*cmplx(0.0_wp, two_pi*order, wp))
+               end do
+               turn = exp(cmplx(0.0_wp, -two_pi*order*self%section, wp))
+               amplitudes(k, c) = merge(1.0_wp, 2.0_wp, order == 0)*turn*(h*total + correction)
+            end do
          end associate
       end do
    end function harmonics_of
@@ -426,12 +663,14 @@ contains
       integer, intent(in) :: dof
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable :: c(:)                                ! (n_harmonics)
-      real(wp), allocatable :: q(:, :)
+      type(sampled_t) :: sampled
       logical :: is_done
 
       allocate (c(0))
-      call sample(self, x, q, is_done)
-      if (is_done) c = reshape(harmonics_of(self, set, q(:, [dof])), [set%n_harmonics])
+      call sample(self, x, sampled, is_done)
+      if (.not. is_done) return
+      sampled%jumps = sampled%jumps([dof], :)
+      c = reshape(harmonics_of(self, set, sampled%q(:, [dof]), sampled), [set%n_harmonics])
    end function impact_orbit_series_of
 
    !> Derivative of the map and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
@@ -443,19 +682,33 @@ contains
       real(wp), intent(in) :: x(:)
       type(steady_motion_t), intent(inout) :: steady
       logical, intent(out) :: is_done
-      real(wp), allocatable :: q(:, :), remainder(:, :), z(:, :)
-      integer :: h
+      complex(wp), allocatable :: roots(:)
+      complex(wp) :: turn
+      type(sampled_t) :: sampled
+      real(wp), allocatable :: remainder(:, :), z(:, :)
+      integer :: c, h, i, j
 
-      call sample(self, x, q, is_done)
+      call sample(self, x, sampled, is_done)
       if (.not. is_done) return
-      z = coordinates%values_of(q(:, coordinates%dofs))
+      z = coordinates%values_of(sampled%q(:, coordinates%dofs))
       remainder = z
-      associate (set => discretisation%harmonics, n => size(q, 1))
-         steady%amplitudes = transpose(harmonics_of(self, set, q))
-         steady%averages = harmonics_of(self, set, z)
+      associate (set => discretisation%harmonics, n => size(z, 1))
+         steady%amplitudes = transpose(harmonics_of(self, set, sampled%q, sampled))
+         sampled%jumps = transpose(coordinates%values_of(transpose(sampled%jumps(coordinates%dofs, :))))
+         steady%averages = harmonics_of(self, set, z, sampled)
+         roots = [roots_of_one(n)]
          do h = 1, set%n_harmonics
-            remainder = remainder - real(spread(wave(self, set%tuples(1, h), n), 2, size(z, 2))* &
-                                         spread(steady%averages(h, :), 1, n), wp)
+            associate (order => set%tuples(1, h))
+               do c = 1, size(z, 2)
+                  turn = exp(cmplx(0.0_wp, two_pi*order*self%section, wp))*steady%averages(h, c)
+                  j = 0
+                  do i = 1, n
+                     remainder(i, c) = remainder(i, c) - real(roots(j + 1)*turn, wp)
+                     j = j + order
+                     if (j >= n) j = j - n
+                  end do
+               end do
+            end associate
          end do
       end associate
       steady%left_out = maxval(norm2(remainder, 1)/max(norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1), &

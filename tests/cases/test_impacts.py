@@ -211,6 +211,63 @@ def curve(directory, more, gap, e, options=()):
     return path.with_suffix(".h5")
 
 
+def closed_line(w, e, gap, k):
+    """First harmonic, cos - i sin, of the orbit with one impact per period at any gap and stiffness, in closed form."""
+    turn = 2 * np.pi / w
+    matrix = np.array([[0.0, 1.0], [-k, -D]])
+    flow, steady = expm(matrix * turn), 1 / (k - w**2 + 1j * w * D)
+    inverse = np.linalg.inv(np.eye(2) - flow)
+    rest, along = inverse @ (np.eye(2) - flow) @ [gap, 0.0], inverse @ ([0.0, 1.0] + flow @ [0.0, e])
+    norm = np.diag([1.0, w**-2])
+    v = np.roots([along @ norm @ along, 2 * along @ norm @ rest, rest @ norm @ rest - abs(steady) ** 2]).max()
+    forced = rest + v * along
+    t0 = (np.arctan2(-forced[1] / w, forced[0]) - np.angle(steady)) / w
+    # of the free part after the impact, in closed form: the integral of exp(matrix t) exp(-i w t) over a period
+    free = np.linalg.solve(matrix - 1j * w * np.eye(2), (flow - np.eye(2)) @ (np.array([gap, -e * v]) - forced))[0]
+    return steady + 2 / turn * free * np.exp(-1j * w * t0)
+
+
+NUMBERS = ("tones%frequency", "law(1)%restitution", "law(1)%gap", "structure%ground_stiffness")
+AT = (W, E, 0.0, 1.0)
+BY = "&harmonics order=12 /\n&gradient by=" + ", ".join(f"'{name}'" for name in NUMBERS) + " /\n"
+
+
+def derivative(k, at=AT):
+    """Of the first harmonic by one of the numbers, by fourth-order differences of the closed form."""
+    way = 1e-3 * np.eye(4)[k]
+    near = [closed_line(*(np.array(at) + step * way)) for step in (2, 1, -1, -2)]
+    return (-near[0] + 8 * near[1] - 8 * near[2] + near[3]) / 12e-3
+
+
+def test_derivatives_of_an_orbit_are_those_of_its_closed_form(tmp_path):
+    """And those of two points nearby."""
+    result = solve(tmp_path, f", restitution={E}", BY)
+    found, of_frequency, estimate, defect = (
+        a[0] for a in read(result, "gradient", "frequency_gradient", "gradient_estimate", "gradient_defect")
+    )
+    slopes = found[:, 0, 1, 0] - 1j * found[:, 0, 1, 1]
+    for k in range(4):
+        assert slopes[k] == pytest.approx(derivative(k), rel=1e-6), NUMBERS[k]
+    np.testing.assert_allclose(of_frequency[:, 0], [1.0, 0.0, 0.0, 0.0])
+    assert estimate.max() < 1e-5 and defect.max() < 1e-3
+    sides = []
+    for e in (E - 1e-4, E + 1e-4):
+        (tmp_path / f"{e}").mkdir()
+        sides.append(read(solve(tmp_path / f"{e}", f", restitution={e}", "&harmonics order=12 /\n"), "coefficients")[0])
+    np.testing.assert_allclose(found[1], (sides[1] - sides[0]) / 2e-4, atol=1e-5)
+
+
+def test_derivatives_along_a_curve_are_those_of_the_closed_form(tmp_path):
+    """Of each point at its value."""
+    curve = "&curve parameter='tones%frequency', from=2.6, to=2.62, points=4 /\n"
+    w, status, slopes = read(solve(tmp_path, f", restitution={E}", BY + curve), "tones_frequency", "status", "gradient")
+    points = np.flatnonzero(status == INTEGRATED)
+    assert len(points) > 1
+    for i, k in np.ndindex(len(points), 4):
+        slope = slopes[points[i], k, 0, 1]
+        assert slope[0] - 1j * slope[1] == pytest.approx(derivative(k, (w[points[i]], *AT[1:])), rel=1e-6), NUMBERS[k]
+
+
 def points_of(result):
     names = ("curve_kind", "status", "frequency", "is_stable", "multiplier_real", "multiplier_imag", "coefficients")
     kind, status, w, *values = read(result, *names)
@@ -248,6 +305,42 @@ def test_a_curve_locates_the_flip_of_shaw_and_holmes(tmp_path):
     place = [kind for kind, *_ in found].index("period_doubling")
     assert found[place][1] == pytest.approx(flip, abs=1e-8)
     assert [stable for _, _, stable, *_ in found] == [1] * place + [0] + [-1] * (len(found) - place - 1)
+
+
+def test_the_doubled_period_is_followed_from_its_flip(tmp_path, monkeypatch):
+    """Orbits with two impacts in two periods, between which and the single one the flight map alternates."""
+    text = MODEL.format(tone=2.6, tuple=1, law=f", restitution={E}") + "&harmonics order=12 /\n"
+    (tmp_path / "one.nml").write_text(text + "&curve parameter='tones%frequency', from=2.6, to=2.7, points=20 /\n")
+    run("solve", "one.nml", "--quiet", cwd=tmp_path)
+    kinds = [kind for kind, *_ in points_of(tmp_path / "one.h5")]
+    flip = kinds.index("period_doubling")
+    w = brentq(lambda w: np.linalg.eigvals(closed_orbit(w)[2]).real.min() + 1, 2.6, 2.7, xtol=1e-14) + 2e-2
+    text = text.replace("frequency=2.6", "frequency=2.6, subharmonic=2").replace("tuple=1", "tuple=2")
+    text = text.replace("order=12", "order=24")
+    (tmp_path / "two.nml").write_text(
+        text + f"&curve parameter='tones%frequency', from=2.6, to={w!r}, points=30, origin='one.h5', origin_point={flip} /\n"
+    )
+    done = run("solve", "two.nml", cwd=tmp_path)
+    assert done.status == 0, done.stdout + done.stderr
+    last = points_of(tmp_path / "two.h5")[-1]
+    assert last[:3] == ("end", pytest.approx(w / 2), 1)
+    monkeypatch.setattr("test_impacts.W", w)
+    t0, v, turn = closed_orbit(w)[0], closed_orbit(w)[1], 2 * np.pi / w
+    impacts = [np.array([t0 + 0.02, v])]
+    for _ in range(400):  # to the orbit that attracts
+        impacts.append(next_impact(impacts[-1], impacts[-1][0] + turn))
+    np.testing.assert_allclose(impacts[-1] - impacts[-3], [2 * turn, 0.0], atol=1e-10)
+    lines = np.zeros(6, complex)
+    for before, after in ((impacts[-3], impacts[-2]), (impacts[-2], impacts[-1])):
+        nodes, weights = leggauss(200)
+        length = after[0] - before[0]
+        t = before[0] + length * (nodes + 1) / 2
+        x = flight(before[0], 0.0, -E * before[1], t)[0]
+        lines += length / 2 / (2 * turn) * np.array([(2 if k else 1) * (weights * x) @ np.exp(-0.5j * k * w * t) for k in range(6)])
+    found = last[-1][0, :6, 0] - 1j * last[-1][0, :6, 1]
+    odd = (-1.0) ** np.arange(6)  # a period later it is the same orbit
+    assert min(abs(found - lines).max(), abs(found - odd * lines).max()) < 1e-8
+    assert abs(found[1]) > 1e-3
 
 
 @pytest.mark.parametrize(
@@ -303,9 +396,7 @@ def test_a_curve_interrupted_at_a_graze_goes_on_to_the_same_bits(tmp_path):
     [
         ("&tones frequency=1.3,2.1 /", "needs one given tone; a &sweep integrates motions of several tones one by one"),
         ("&tones frequency=1.3,2.1, unknown=.false.,.true. /", "needs one given tone"),
-        ("switch=.true.", "'switch'"),
         ("others=0.5", "'others'"),
-        ("&gradient by='law(1)%gap' /", "has no derivatives: leave &gradient out"),
         ("follow='fold', over='load(1)%cos', over_from=1.0, over_to=2.0", "'follow'"),
     ],
 )
@@ -315,8 +406,6 @@ def test_what_a_curve_with_impacts_cannot_do_is_refused(more, says, tmp_path):
     text = MODEL.format(tone=1.3, tuple=1, law=", restitution=0.7") + "&harmonics order=5 /\n"
     if "tones" in more:
         text = text.replace("&tones frequency=1.3 /", more).replace("tuple=1", "tuple=1,0").replace("order=5", "order=5,5")
-    if "gradient" in more:
-        text += more + "\n"
     path.write_text(text + f"&curve parameter='law(1)%gap', from=0.0, to=1.0, points=5{of_curve} /\n")
     ended = run("solve", path, "--overwrite", cwd=tmp_path)
     assert ended.status == 2
@@ -425,6 +514,28 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     (place,) = np.flatnonzero(kind == KINDS.index("branch"))
     branch = brentq(lambda coupling: largest_of_difference(coupling, 2.3) - 1, 0.15, 0.25, xtol=1e-13)
     assert value[place] == pytest.approx(branch, abs=1e-6)
+
+
+@pytest.mark.long
+def test_the_branch_of_motions_that_differ_is_followed(tmp_path):
+    """From the branch point of equal masses, to both sides: their images under exchange of the masses."""
+    both = "".join(
+        f"&load dof='x{i}', tuple=1, cos=1.0 /\n&law type='rigid_wall', dof='x{i}', gap=0.0, restitution={E} /\n" for i in (1, 2)
+    )
+    (tmp_path / "equal.nml").write_text(
+        "&structure type='chain', n_masses=2, ends='free', mass=1.0, coupling_stiffness=0.2, ground_stiffness=1.0,\n"
+        f"           damping_mass=0.1 /\n&tones frequency=2.3 /\n{both}&harmonics order=12 /\n"
+        "&curve parameter='structure%coupling_stiffness', from=0.2, to=0.206, max_step=0.3, points=18, switch=.true. /\n"
+    )
+    run("solve", "equal.nml", "--quiet", cwd=tmp_path)
+    kind, value, branch, residual, stable, found = read(
+        tmp_path / "equal.h5", "curve_kind", "structure_coupling_stiffness", "curve_branch", "residual", "is_stable", "coefficients"
+    )
+    assert np.count_nonzero(kind == KINDS.index("branch")) == 1
+    others = np.flatnonzero((branch == 1) & (kind != KINDS.index("start")))
+    assert len(others) > 4 and residual[others].max() < 1e-9
+    apart = np.abs(found[:, 0] - found[:, 1]).max(axis=(1, 2))
+    assert apart[others].max() > 1e-2 and apart[branch == 0].max() < 1e-6
 
 
 @pytest.mark.long  # 10 s each
