@@ -730,21 +730,24 @@ def two_tone_flights(w, loads, damping, gap, e, duration, step=0.02):
         return np.array([sum((c * (1j * tone) ** k * np.exp(1j * tone * t)).real for c, tone in zip(steady, w)) for k in (0, 1)])
 
     def after(y, t, s):
-        return (vectors @ (np.exp(values * s) * (inverse @ y))).real + forced(t + s)
+        """States at t + s of the free motion that is y at t, (2, s.size)."""
+        return (vectors @ (np.exp(np.outer(values, s)) * (inverse @ y)[:, None])).real + forced(t + s)
 
-    t, state, record = 0.0, np.zeros(2), []
+    t, state, record, steps = 0.0, np.zeros(2), [], step * np.arange(1, 401)
     while t < duration:
         y = state - forced(t)
-        end = after(y, t, step)
-        if end[0] > gap:
-            s = brentq(lambda s, y=y, t=t: after(y, t, s)[0] - gap, 0.0, step)
-            state = after(y, t, s) * np.array([1.0, -e])
-            state[0] = gap - 1e-14
-            t += s
-            continue
-        t, state = t + step, end
-        record.append((t, state[0]))
-    return np.array(record)
+        found = after(y, t, steps)[0]
+        struck = np.flatnonzero(found > gap)
+        n = struck[0] if struck.size else found.size
+        record.append(np.array([t + steps[:n], found[:n]]).T)
+        if n < found.size:
+            s = brentq(lambda s, y=y, t=t: after(y, t, np.array([s]))[0, 0] - gap, n * step, (n + 1) * step)
+            state = np.array([gap - 1e-14, -e * after(y, t, np.array([s]))[1, 0]])
+        else:
+            s = steps[-1]
+            state = after(y, t, steps[-1:])[:, 0]
+        t += s
+    return np.concatenate(record)
 
 
 def test_impacts_under_two_tones_are_integrated(tmp_path):
