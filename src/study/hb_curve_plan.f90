@@ -283,10 +283,14 @@ contains
       character(*), parameter :: which = "with walls that have a restitution, a curve "
 
       text = ""
-      if (system%tones%n_tones > 1 .or. any(system%tones%is_unknown)) then
-         text = which//"needs one given tone; a &sweep integrates motions of several tones one by one"
+      if (any(system%tones%is_unknown)) then
+         text = which//"needs a given tone; replace the wall by an elastic_stop, or give the frequency"
+      else if (system%tones%n_tones > 1) then
+         text = which//"needs one tone, for motions of several tones have no period; integrate them one by one: "// &
+                "&sweep parameter = '"//shown(self%path)//"', from = "//to_text(self%from)//", to = "//to_text(self%to)// &
+                ", n = 20 /"
       else if (.not. options%lacks_impacts_of(system, outcome%impact)) then
-         text = which//"needs a restitution of every wall"
+         text = which//"needs a restitution of every wall: its own, or that of &integration"
       else if (allocated(self%over) .or. size(self%others) > 0) then
          text = which//"follows the motion from 'start' or 'origin', and with 'switch' those that cross it: 'follow' and "// &
                 "'others' need a balance; leave them out, or replace the wall by an elastic_stop"

@@ -394,8 +394,8 @@ def test_a_curve_interrupted_at_a_graze_goes_on_to_the_same_bits(tmp_path):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("&tones frequency=1.3,2.1 /", "needs one given tone; a &sweep integrates motions of several tones one by one"),
-        ("&tones frequency=1.3,2.1, unknown=.false.,.true. /", "needs one given tone"),
+        ("&tones frequency=1.3,2.1 /", "one by one: &sweep parameter = 'law(1)%gap', from = 0.0, to = 1.0, n = 20 /"),
+        ("&tones frequency=1.3,2.1, unknown=.false.,.true. /", "needs a given tone; replace the wall by an elastic_stop"),
         ("others=0.5", "'others'"),
         ("follow='fold', over='load(1)%cos', over_from=1.0, over_to=2.0", "'follow'"),
     ],
