@@ -57,6 +57,7 @@ contains
                            .not. system%laws%has_turning .and. size(system%loads%course) == 0
    end function is_made_of_flights
 
+   !> Flights of a model with walls; its time is counted in units of the fastest motion.
    subroutine new_flight(self, equations)
       type(flight_t), intent(out) :: self
       type(integration_equations_t), intent(in), target :: equations

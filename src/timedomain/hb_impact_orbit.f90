@@ -181,9 +181,10 @@ contains
 
    !> Derivative of what `evaluate` returns along a change of state and value, by a central difference, or by a one-sided one at
    !> the end of the range of the value.
-   subroutine differ(self, x, change, of_value, distance, part, set, slope, is_done)
+   subroutine differ(self, x, change, distance, part, set, slope, is_done)
       class(impact_orbit_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:), change(:), of_value, distance, part
+      real(wp), intent(in) :: x(:), distance, part
+      real(wp), intent(in) :: change(:)                               !! of the state and the value along the direction
       type(harmonics_t), intent(in), optional :: set
       real(wp), allocatable, intent(out) :: slope(:)
       logical, intent(out) :: is_done                                 !! and the walls are struck as often on both sides
@@ -195,9 +196,9 @@ contains
 
       value = self%value
       call combine(1)
-      if (.not. is_done .and. abs(of_value) > 0.0_wp) then
+      if (.not. is_done .and. abs(change(size(x) + 1)) > 0.0_wp) then
          do k = 1, 3, 2
-            call self%set_parameters([1], [value + distance*positions(k, 1)*of_value], is_possible(k))
+            call self%set_parameters([1], [value + distance*positions(k, 1)*change(size(x) + 1)], is_possible(k))
          end do
          if (is_possible(1) .neqv. is_possible(3)) call combine(merge(3, 2, is_possible(1)))
       end if
@@ -216,7 +217,7 @@ contains
          do i = 1, 3
             if (abs(weights(i, k)) <= 0.0_wp) cycle
             associate (along => distance*positions(i, k))
-               call evaluate(self, x + along*change, value + along*of_value, part, set, y, is_done)
+               call evaluate(self, x + along*change(:size(x)), value + along*change(size(x) + 1), part, set, y, is_done)
             end associate
             if (is_done .and. .not. is_first) is_done = all(impacts == self%map%impacts)
             if (.not. is_done) return
@@ -314,8 +315,7 @@ contains
       do level = 1, max_levels
          allocate (all_slopes(0))
          do k = 1, size(changes, 2)
-            call differ(self, x, changes(:size(x), k), changes(size(x) + 1, k), distance_at(level, nearer), 1.0_wp, set, slope, &
-                        is_done)
+            call differ(self, x, changes(:, k), distance_at(level, nearer), 1.0_wp, set, slope, is_done)
             if (.not. is_done) exit
             all_slopes = [all_slopes, slope]
          end do
@@ -548,7 +548,7 @@ contains
       real(wp) :: after(size(x))
 
       associate (part => modulo(section - self%section, 1.0_wp))
-         call differ(self, x, direction, of_value, distance_at(1, nearer), part, slope=slope, is_done=is_done)
+         call differ(self, x, [direction, of_value], distance_at(1, nearer), part, slope=slope, is_done=is_done)
          if (is_done) call advance_part(self, x, self%value, part, after, is_done)
       end associate
       if (.not. is_done) return
