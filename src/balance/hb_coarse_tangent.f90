@@ -1,9 +1,11 @@
 !> The tangent restricted to a few harmonics of all degrees of freedom, factorised: the part of the preconditioner with the
 !> coupling of harmonics. Source: docs/why/theory.md, section 6.6.
 !> Unknowns are ordered degree of freedom by degree of freedom, so that a narrow structure gives a band. Factors are in single
-!> precision: iterations correct them, and time goes into reading them.
+!> precision: iterations correct them, and time goes into reading them. Numbers below the range of that precision are zero:
+!> processors take many times as long for gradual underflow, and slopes without kinks have such coefficients.
 module hb_coarse_tangent
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use, intrinsic :: ieee_arithmetic, only: ieee_get_underflow_mode, ieee_is_finite, ieee_set_underflow_mode, &
+      ieee_support_underflow_control
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: sp, wp
@@ -99,8 +101,10 @@ contains
       real(wp), intent(in) :: block(:, :)                             !! (n_coefficients, n_coefficients) of `set`
       real(wp), parameter :: smallest = 1.0e-30_wp                    ! of a unit in this precision [N/m]
       integer :: column, m, row
+      logical :: was_gradual
 
       if (.not. any(abs(block) > 0.0_wp)) return                      ! no unit
+      call underflow_to_zero(was_gradual)
       m = self%set%n_coefficients
       if (.not. self%unit > 0.0_sp) self%unit = real(min(max(maxval(abs(block)), smallest), 1.0_wp/smallest), sp)
       do column = 1, m
@@ -110,19 +114,23 @@ contains
             entries = entries + real(block(:, column)/self%unit, sp)
          end associate
       end do
+      call restore_underflow(was_gradual)
    end subroutine coarse_tangent_add
 
    !> Factorises the sum.
    subroutine coarse_tangent_factorise(self)
       class(coarse_tangent_t), intent(inout) :: self
       integer :: info
+      logical :: was_gradual
 
       if (.not. all(ieee_is_finite(self%matrix))) return              ! NaN must not reach LAPACK if exceptions stop it
+      call underflow_to_zero(was_gradual)
       if (is_banded(self)) then
          call sgbtrf(self%n, self%n, self%half_bandwidth, self%half_bandwidth, self%matrix, size(self%matrix, 1), self%pivots, info)
       else
          call sgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
       end if
+      call restore_underflow(was_gradual)
       self%is_usable = info == 0
    end subroutine coarse_tangent_factorise
 
@@ -139,8 +147,10 @@ contains
       real(wp), intent(in) :: r(:, :)                                 !! (n_coefficients of the full set, n_dofs)
       real(wp), intent(inout) :: step(:, :)                           !! as r; other harmonics are unchanged
       integer :: i, info, m
+      logical :: was_gradual
       real(wp) :: largest
 
+      call underflow_to_zero(was_gradual)
       largest = maxval(abs(r(self%positions, :)))
       if (.not. largest > 0.0_wp) largest = 1.0_wp
       m = size(self%positions)
@@ -156,5 +166,22 @@ contains
       do i = 1, size(r, 2)
          step(self%positions, i) = (largest/self%unit)*self%rhs((i - 1)*m + 1:i*m)
       end do
+      call restore_underflow(was_gradual)
    end subroutine coarse_tangent_solve
+
+   !> Makes results below the range of their precision zero in the calling thread, until `restore_underflow`.
+   subroutine underflow_to_zero(was_gradual)
+      logical, intent(out) :: was_gradual
+
+      was_gradual = .false.
+      if (.not. ieee_support_underflow_control(0.0_sp)) return
+      call ieee_get_underflow_mode(was_gradual)
+      if (was_gradual) call ieee_set_underflow_mode(gradual=.false.)
+   end subroutine underflow_to_zero
+
+   subroutine restore_underflow(was_gradual)
+      logical, intent(in) :: was_gradual
+
+      if (was_gradual) call ieee_set_underflow_mode(gradual=.true.)
+   end subroutine restore_underflow
 end module hb_coarse_tangent
