@@ -36,6 +36,7 @@ module hb_level
    real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
    real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid; multipliers were less accurate after 1.8
+   real(wp), parameter :: more_to_check = 4.0_wp                    ! samples, where a level only checks the estimate of another
    real(wp), parameter :: decay = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: min_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
@@ -76,7 +77,10 @@ contains
          finer = 1.0_wp
          if (degree_of(system) == 0) then
             finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
-            finer = max(clearly_smaller, min(finer, largest_refinement))*1.3_wp**n_failures
+            finer = max(clearly_smaller, min(finer, largest_refinement))
+            if (estimate_of_wanted(result) <= margin*options%accuracy%tolerance) &
+               finer = min(finer, more_to_check**(1.0_wp/top%set%n_tones))
+            finer = finer*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
          if (degree_of(system) > 0) next%n_samples = least
