@@ -475,13 +475,17 @@ contains
       is_accurate = self%estimate <= self%options%accuracy%tolerance*merge(margin, minor, self%is_checked)
    end function refined_motion_is_accurate
 
-   !> A larger set does not reveal the restitution of walls that are struck.
+   !> A larger set does not reveal the restitution of walls that are struck. Within the tolerance a level is begun for its margin
+   !> alone: no longer if all levels with their error estimates have taken the permitted work.
    logical function refined_motion_is_over(self) result(is_over)
       class(refined_motion_t), intent(inout) :: self
 
-      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%options%accuracy%max_work .or. &
-                self%solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status) .or. &
-                (self%result%status == outcome%impact .and. self%own_estimate <= margin*self%options%accuracy%tolerance)
+      associate (accuracy => self%options%accuracy, solver => self%solver)
+         is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. solver%work > accuracy%max_work .or. &
+                   solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status) .or. &
+                   (self%result%status == outcome%impact .and. self%own_estimate <= margin*accuracy%tolerance) .or. &
+                   (self%estimate <= accuracy%tolerance .and. self%is_checked .and. solver%work_spent > accuracy%max_work)
+      end associate
    end function refined_motion_is_over
 
    !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
