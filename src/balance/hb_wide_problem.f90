@@ -183,16 +183,19 @@ contains
 
       !> Finds both steps with the preconditioner of the wide balance, as far as the products go: the components that need
       !> more, along which the tangent is almost singular, would be far too large in a linear step. What a first step leaves
-      !> of the residual after all of its products is what a second one would be spent on, in vain.
+      !> of the residual after all of its products is what a second one would be spent on, in vain: it counts in proportion.
       subroutine find_whole_steps()
          logical :: is_complete
 
          is_lost = .false.
-         second = 0.0_wp
          call self%find_whole_step(motion, r, residual_of_first, first, is_found)
-         if (.not. is_found .or. self%krylov%residual > largest_of_first) return
-         call self%find_residual(moved(), first, r_there, is_lost)
-         if (.not. is_lost) call self%find_whole_step(moved(), r_there, residual_of_second, second, is_complete)
+         if (.not. is_found) return
+         if (self%krylov%residual > largest_of_first) then
+            second = self%krylov%residual*first
+         else
+            call self%find_residual(moved(), first, r_there, is_lost)
+            if (.not. is_lost) call self%find_whole_step(moved(), r_there, residual_of_second, second, is_complete)
+         end if
       end subroutine find_whole_steps
 
       !> Adds a third block step to the second; `is_found` becomes false if it is no smaller.
