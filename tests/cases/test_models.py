@@ -561,3 +561,27 @@ def test_all_nodes_of_a_reduced_model_are_recovered(net):
         fields.append(structure.displacement(coefficients[:, h].real))
     assert np.abs(fields[1][:, 2]).min() > 0.0
     assert largest_difference(*fields) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("solid", "--n-x", "0"), "--n-x must be above 0, not 0"),
+        (("solid", "--poisson", "0.7"), "--poisson must be above -1 and below 0.5, not 0.7"),
+        (("beam", "--young", "inf"), "--young must be above 0, not inf"),
+        (("beam", "--node-set", "tip=9,9,9"), "no node is near 9, 9, 9: the closest is at 1, 0, 0"),
+        (("beam", "--node-set", "tip"), "--node-set tip: give NAME=X,Y,Z"),
+        (("rotor", "--bearing", "0"), "--bearing 0: give POSITION,STIFFNESS,DAMPING"),
+    ],
+)
+def test_options_of_examples_are_checked(words, told, tmp_path, capsys):
+    pytest.importorskip("skfem")
+    assert nhbm_model([*words, "-o", str(tmp_path / "q.h5")]) == 2
+    assert capsys.readouterr().err == f"nhbm-model: {told}\n" and not list(tmp_path.iterdir())
+
+
+def test_a_warning_of_the_command_is_one_line(tmp_path, capsys):
+    assert nhbm_model(["rotor", "--bearing", "0,-1e6,100", "-o", str(tmp_path / "r.h5")]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith("nhbm-model: warning: bearing at 0 m: stiffness -1000000.0 is negative") and told.count("\n") == 1
+    assert nhbm_model(["info", str(tmp_path / "r.h5")]) == 0 and "set bearing1: 1 node; " in capsys.readouterr().out

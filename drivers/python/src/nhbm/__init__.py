@@ -45,7 +45,10 @@ __all__ = ["ModelError", "__version__", *_LATER]
 
 def __getattr__(name: str) -> Any:
     if name not in _LATER:
-        raise AttributeError(f"module 'nhbm' has no attribute '{name}'")
+        import difflib
+
+        close = difflib.get_close_matches(name, _LATER, 1)
+        raise AttributeError(f"module 'nhbm' has no attribute '{name}'" + (f"; did you mean '{close[0]}'?" if close else ""))
     import importlib
 
     return getattr(importlib.import_module(f"nhbm.{_LATER[name]}"), name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 import warnings
@@ -20,6 +21,9 @@ from nhbm.factors import dense_modes, symmetric_part
 from nhbm.structure import MATRICES, Structure
 
 OK, NOT_GOOD, WRONG = 0, 1, 2
+_UNITS = {"young": "[Pa]", "density": "[kg/m3]"} | dict.fromkeys(
+    ("length", "width", "height", "thickness", "hub", "rim", "platform", "tip", "inner", "outer"), "[m]"
+)
 
 
 def main_in_child_process() -> int:
@@ -39,7 +43,9 @@ def main(arguments: Any = None) -> int:
     try:
         if "output" in options:
             _check_output(options)
-        return options.run(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print(f"{program}: warning: {message}", file=sys.stderr)
+            return options.run(options)
     except ModelError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return WRONG
@@ -110,7 +116,7 @@ def parser() -> argparse.ArgumentParser:
         verb.set_defaults(run=run_example, make=make)
         for key, default in zip(make.__code__.co_varnames, make.__defaults__ or ()):
             verb.add_argument(f"--{key.replace('_', '-')}", dest=key, type=type(default), default=default,
-                              help=f"(default: {default})")  # fmt: skip
+                              help=f"{_UNITS.get(key, '')} (default: {default})".strip())  # fmt: skip
         verb.add_argument("--node-set", action="append", default=[], metavar="NAME=X,Y,Z",
                           help="set of the nodes closest to positions; X,Y,Z;X,Y,Z for several")  # fmt: skip
         _loads(verb)
@@ -236,7 +242,7 @@ def run_import(options: Any) -> int:
     if options.mesh:
         importing.add_mesh(model, options.mesh)
     for text in options.set:
-        name, numbers = _named(text, "NAME=N,N,...")
+        name, numbers = _named("--set", text, "NAME=N,N,...")
         index = {int(number): i for i, number in enumerate(model.node_numbers)}
         try:
             model.sets[name] = np.array([index[int(number)] for number in numbers.split(",")])
@@ -250,7 +256,7 @@ def run_import(options: Any) -> int:
 
 def _add_loads(model: Structure, texts: list[str]) -> None:
     for text in texts:
-        name, parts = _named(text, "NAME=LABEL:VALUE,...")
+        name, parts = _named("--load", text, "NAME=LABEL:VALUE,...")
         try:
             pairs = [part.rsplit(":", 1) for part in parts.split(",")]
             entries = [(dof, float(value)) for label, value in pairs for dof in model.dofs_of(label)]
@@ -259,10 +265,10 @@ def _add_loads(model: Structure, texts: list[str]) -> None:
         model.loads[name] = (np.array([dof for dof, _ in entries]), np.array([value for _, value in entries]))
 
 
-def _named(text: str, form: str) -> tuple[str, str]:
+def _named(option: str, text: str, form: str) -> tuple[str, str]:
     name, equals, rest = text.partition("=")
     if not (name and equals and rest):
-        raise ModelError(f"'{text}': give {form}")
+        raise ModelError(f"{option} {text}: give {form}".strip())
     return name, rest
 
 
@@ -316,7 +322,7 @@ def run_info(options: Any) -> int:
         chosen = set(np.asarray(nodes).tolist())
         found = [d for node, d in zip(model.dof_node, model.dof_direction) if node in chosen]
         directions = ", ".join(f"{name}.{d}" for d in dict.fromkeys(found))
-        print(f"set {name}: {len(nodes)} nodes; {directions}")
+        print(f"set {name}: {len(nodes)} node{'s' * (len(nodes) != 1)}; {directions}")
     for name, (dofs, _) in model.loads.items():
         print(f"load {name}: {len(dofs)} entries")
     if model.recovery is not None:
@@ -333,9 +339,12 @@ def run_check(options: Any) -> int:
 
 def run_example(options: Any) -> int:
     names = options.make.__code__.co_varnames[: len(options.make.__defaults__)]
-    model = options.make(**{name: getattr(options, name) for name in names})
+    try:
+        model = options.make(**{name: getattr(options, name) for name in names})
+    except ModelError as error:
+        raise ModelError(re.sub(rf"^({'|'.join(names)})(?= must)", lambda name: f"--{name[1].replace('_', '-')}", str(error))) from None
     for text in options.node_set:
-        name, positions = _named(text, "NAME=X,Y,Z")
+        name, positions = _named("--node-set", text, "NAME=X,Y,Z")
         model.sets[name] = np.array([examples.nearest_node(model, _position(text, position)) for position in positions.split(";")])
     _add_loads(model, options.load)
     model.validate()
@@ -352,27 +361,27 @@ def _position(text: str, position: str) -> tuple[float, ...]:
 
 
 def _two_sets(text: str) -> tuple[str, str, str]:
-    name, sets = _named(text, "NAME=SET,SET")
+    name, sets = _named("--pair", text, "NAME=SET,SET")
     first, comma, second = sets.partition(",")
     if not comma:
-        raise ModelError(f"'{text}': give NAME=SET,SET")
+        raise ModelError(f"--pair {text}: give NAME=SET,SET")
     return name, first, second
 
 
-def _numbers(text: str, form: str) -> list[float]:
+def _numbers(option: str, text: str, form: str) -> list[float]:
     """Numbers of an option such as `--disk`, as many as its form has."""
     try:
         values = [float(number) for number in text.split(",")]
     except ValueError:
         values = []
     if len(values) != len(form.split(",")):
-        raise ModelError(f"'{text}': give {form}")
+        raise ModelError(f"{option} {text}: give {form}")
     return values
 
 
 def run_rotor(options: Any) -> int:
-    disks = [_numbers(text, "POSITION,MASS,DIAMETRAL,POLAR") for text in options.disk]
-    bearings = [_numbers(text, "POSITION,STIFFNESS,DAMPING") for text in options.bearing]
+    disks = [_numbers("--disk", text, "POSITION,MASS,DIAMETRAL,POLAR") for text in options.disk]
+    bearings = [_numbers("--bearing", text, "POSITION,STIFFNESS,DAMPING") for text in options.bearing]
     model = rotors.rotor(options.length, options.diameter, options.n_elements, disks, bearings, options.speed)
     _add_loads(model, options.load)
     _write(model, options)
@@ -417,7 +426,7 @@ def run_wheel(options: Any) -> int:
 
 
 def _wave(text: str) -> tuple[str, cyclic.Wave]:
-    name, rest = _named(text, "NAME=SET:DIAMETERS")
+    name, rest = _named("--wave", text, "NAME=SET:DIAMETERS")
     where, colon, diameter = rest.rpartition(":")
     if not (colon and diameter.isdigit()):
         raise ModelError(f"--wave {text}: give NAME=SET:DIAMETERS")
@@ -427,9 +436,9 @@ def _wave(text: str) -> tuple[str, cyclic.Wave]:
 def run_assemble(options: Any) -> int:
     parts = {}
     for text in options.parts:
-        name, path = _named(text, "NAME=FILE")
+        name, path = _named("", text, "NAME=FILE")
         parts[name] = Structure.read(path)
-    offsets = {name: _position(text, offset) for text in options.at for name, offset in [_named(text, "NAME=X,Y,Z")]}
+    offsets = {name: _position(text, offset) for text in options.at for name, offset in [_named("--at", text, "NAME=X,Y,Z")]}
     model = assembly.assemble(parts, offsets)
     for text in options.pair:
         name, first, second = _two_sets(text)

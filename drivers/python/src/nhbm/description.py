@@ -56,7 +56,7 @@ class Description(Laws):
             )
         if isinstance(tones, Mapping):
             self.set("tones", **tones)
-        elif np.size(tones) > 0:
+        elif not (isinstance(tones, tuple) and len(tones) == 0):
             try:
                 self.set("tones", frequency=numbers_of("tones", tones))
             except ModelError:
@@ -65,6 +65,10 @@ class Description(Laws):
                     f"not {tones!r}"
                 ) from None
         for name, keys in groups.items():
+            if name in ("frequency", "hertz", "unknown"):
+                raise ModelError(f"'{name}' is a key of the tones: write tones={{'{name}': {keys!r}}}")
+            if not isinstance(keys, Mapping):
+                raise ModelError(f"{name} must be a dict of keys, such as harmonics={{'order': 5}}, not {keys!r}")
             self.set(name, **keys)
 
     def __repr__(self) -> str:
@@ -398,6 +402,8 @@ class Description(Laws):
     def _add(self, name: str, keys: dict[str, Any]) -> None:
         check_keys(name, keys)
         group = Group(name, keys)
+        if not isinstance(keys.get("label", ""), (str, type(None))):
+            raise ModelError(f"&{name}: label must be a text, not {keys['label']!r}")
         if group.label and any(other.label == group.label for other in self._groups.named(name)):
             raise ModelError(f"&{name}: there is another group with the label '{group.label}'; labels name one each")
         self._check(group)

@@ -58,7 +58,7 @@ def plate(
     """Kirchhoff plate in the plane of x and y that bends along z, by the rectangle of Bogner, Fox and Schmit: `z`, its slopes `zx`
     and `zy` and its twist `zxy` at each node. Edges are `clamped`, `supported`, `cantilever` (clamped at x = 0) or `free`."""
     fem = _skfem()
-    _above_zero(length=length, width=width, thickness=thickness, n_x=n_x, n_y=n_y, young=young, density=density)
+    _above_zero(length=length, width=width, thickness=thickness, n_x=n_x, n_y=n_y, young=young, poisson=poisson, density=density)
     mesh = fem.MeshQuad.init_tensor(np.linspace(0, length, int(n_x) + 1), np.linspace(0, width, int(n_y) + 1))
     basis = fem.Basis(mesh, fem.ElementQuadBFS(), intorder=8)
     bending = young * thickness**3 / (12 * (1 - poisson**2))
@@ -105,7 +105,7 @@ def solid(
 ) -> Structure:
     """Block of quadratic tetrahedra with `x`, `y`, `z` at each node."""
     fem = _skfem()
-    _above_zero(length=length, width=width, height=height, n_x=n_x, n_y=n_y, n_z=n_z, young=young, density=density)
+    _above_zero(length=length, width=width, height=height, n_x=n_x, n_y=n_y, n_z=n_z, young=young, poisson=poisson, density=density)
     mesh = fem.MeshTet.init_tensor(*(np.linspace(0, side, int(n) + 1) for side, n in ((length, n_x), (width, n_y), (height, n_z))))
     stiffness, mass, dofs, points, cells = _elastic(mesh, young, poisson, density)
     sets = {
@@ -129,7 +129,7 @@ def sector(
     """Sector of a bladed disk about the axis z: disk, neck, platform and blade of quadratic tetrahedra, `clamped` at the hub or not
     at all (`none`)."""
     fem = _skfem()
-    _above_zero(hub=hub, height=height, young=young, density=density)
+    _above_zero(hub=hub, height=height, young=young, poisson=poisson, density=density)
     if n_sectors < 3:
         raise ModelError(f"a wheel has three sectors or more, not {n_sectors}")
     if not hub < rim < platform < tip:
@@ -172,7 +172,7 @@ def ring(
     """Sector of a casing, a ring about the axis z that nothing holds, of quadratic tetrahedra; the set `inside` is the node of its
     middle that the blade of a `sector` meets."""
     fem = _skfem()
-    _above_zero(inner=inner, height=height, young=young, density=density)
+    _above_zero(inner=inner, height=height, young=young, poisson=poisson, density=density)
     if n_sectors < 3:
         raise ModelError(f"a wheel has three sectors or more, not {n_sectors}")
     if not inner < outer:
@@ -284,10 +284,17 @@ def _clamped(ends: str) -> list[str]:
 def nearest_node(model: Structure, position: Any) -> int:
     """Index of the node that moves and is closest to a position."""
     moving = np.unique(model.dof_node[model.dof_node >= 0])
-    return int(moving[np.argmin(((model.coordinates[moving] - np.asarray(position)) ** 2).sum(axis=1))])
+    distance = np.linalg.norm(model.coordinates[moving] - np.asarray(position), axis=1)
+    nearest, extent = int(np.argmin(distance)), float(np.ptp(model.coordinates, axis=0).max())
+    if not distance[nearest] <= 0.5 * extent:
+        at = ", ".join(f"{x:g}" for x in model.coordinates[moving[nearest]])
+        raise ModelError(f"no node is near {', '.join(f'{x:g}' for x in position)}: the closest is at {at}")
+    return int(moving[nearest])
 
 
 def _above_zero(**values: Any) -> None:
     for name, value in values.items():
-        if not value > 0:
+        if name == "poisson" and not -1 < value < 0.5:
+            raise ModelError(f"poisson must be above -1 and below 0.5, not {value}")
+        if name != "poisson" and not 0 < value < np.inf:
             raise ModelError(f"{name} must be above 0, not {value}")

@@ -96,9 +96,15 @@ def opened(path: str | Path) -> xr.Dataset:
     return split(data, source)
 
 
+_NOT_HDF5 = (".csv", ".gif", ".html", ".json", ".mat", ".nml", ".pdf", ".png", ".svg", ".txt", ".xlsx")
+
+
 def save(data: xr.Dataset, record: tuple[xr.Dataset, Source], path: Path) -> None:
     """Writes a dataset of motions as a result file."""
     details, source = record
+    if path.suffix.lower() in _NOT_HDF5:
+        hint = "; dataset.nhbm.to_dataframe() gives a table" if path.suffix.lower() in (".csv", ".txt") else ""
+        raise ModelError(f"file '{path}': a result file is HDF5, give it the ending .h5{hint}")
     text, libraries = source.text, source.libraries
     if not text or data.sizes.get("point") != source.n_points:
         raise ModelError("a file has all points of its input: save the whole result, not a selection of it")

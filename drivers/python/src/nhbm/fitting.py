@@ -421,14 +421,17 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
     if "amplitude" not in given or len(given & {"frequency", "hertz"}) != 1:
         known = ", ".join(sorted(given))
         raise ModelError(f"data need the columns 'amplitude' and 'frequency' [rad/s] or 'hertz' [Hz]; there are: {known}")
+    if table.empty:
+        raise ModelError("data have no rows")
     others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
     for column in [name for name in table.columns if name != "sweep"]:
         wrong = [value for value in table[column].values if isinstance(value, str) and not _is_number(value)]
         if wrong:
             raise ModelError(f"column '{column}' must be numbers, not '{wrong[0]}'")
-        numbers = np.array(numbers_of(f"column '{column}'", table[column].values))
-        if not np.isfinite(numbers).all() or (column in ("amplitude", "sigma") and not (numbers > 0).all()):
-            raise ModelError(f"column '{column}' must have finite{' positive' if column in ('amplitude', 'sigma') else ''} numbers")
+        numbers = np.array(numbers_of(f"column '{column}'", table[column].values.tolist()))
+        is_above_zero = column in ("amplitude", "frequency", "hertz", "sigma")
+        if not np.isfinite(numbers).all() or (is_above_zero and not (numbers > 0).all()):
+            raise ModelError(f"column '{column}' must have finite{' positive' if is_above_zero else ''} numbers")
         table[column] = numbers
     if "sweep" in given:
         wrong = sorted(set(table["sweep"].astype(str)) - set(_SWEEPS))

@@ -60,10 +60,15 @@ def as_input(value: Any) -> str:
     return repr(value)
 
 
+def _flat(values: Any) -> list[Any]:
+    """The values of a list, or a single one; as they are, without a common type."""
+    return [values] if isinstance(values, (str, bytes)) or np.ndim(values) == 0 else list(np.asarray(values, dtype=object).ravel())
+
+
 def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
     """Values as a flat list of float or int, one for a single value; ModelError, which names the argument, for others."""
     try:
-        if np.iscomplexobj(values):
+        if np.iscomplexobj(values) or any(isinstance(value, (str, bytes, bool, np.bool_)) for value in _flat(values)):
             raise ValueError
         numbers = [kind(value) for value in np.ravel(values)]
         if not numbers or (kind is int and numbers != [float(value) for value in np.ravel(values)]):
@@ -114,7 +119,7 @@ def path_of(path: Any) -> InputPath:
     if key is None:
         if name != "tones":
             hint = "; did you mean 'tones[0]'?" if name in ("frequency", "omega", "tone") else ""
-            raise ModelError(f"unknown path '{path}'{hint or ', write wall.gap or load[1].cos'}")
+            raise ModelError(f"path '{path}' has no key{hint or ', as in wall.gap or load[1].cos'}")
         key, element, number = "frequency", number, None
     indices = tuple(int(i) + 1 for i in (element, column) if i is not None)
     if number is None and name not in GROUPS:

@@ -101,7 +101,9 @@ class Law:
         length_scale: float = 0.0, odd: bool = False, phases: bool = False, frequencies: bool = False, states: int = 0,
         advance: Any = None,
     ) -> None:  # fmt: skip
-        self.function, self.odd = function, odd
+        if not isinstance(odd, (bool, np.bool_)):
+            raise ModelError(f"odd must be True or False, not {odd!r}")
+        self.function, self.odd = function, bool(odd)
         self.__name__ = str(getattr(function, "__name__", type(function).__name__))
         self.__module__ = str(getattr(function, "__module__", __name__))
         self._options = {"arguments": arguments, "velocity": velocity, "degree": degree, "length_scale": length_scale, "odd": odd,
@@ -313,6 +315,8 @@ class _Force(_Caller):
 
         answer = call(z, v, s)
         given = answer if isinstance(answer, tuple) else (answer,)
+        if len(given) > 3:
+            raise ModelError(f"law '{self.function.__name__}' gives {len(given)} values, not (force, df_dq) or (force, df_dq, df_dv)")
         _columns(block.f, n, block)[:] = _shaped(self.function, "forces", given[0], z.shape)
         wanted = [(block.df_dz, z, lambda x: call(x, v, s)), (block.df_dv, v, lambda x: call(z, x, s)),
                   (block.df_ds, s, lambda x: call(z, v, x))]  # fmt: skip
