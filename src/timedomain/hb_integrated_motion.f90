@@ -448,14 +448,15 @@ contains
       if (steady%is_out_of_work) call end_without_work(steady)
    end subroutine check_work
 
-   !> Sets the status of the windows so far, which have a message. A motion that repeats after several periods is found once
-   !> transients have decayed, and remains so.
+   !> Sets the status of the windows so far, if there are any. A motion that repeats after several periods is found once transients
+   !> have decayed, and remains so.
    subroutine end_without_work(steady)
       type(steady_motion_t), intent(inout) :: steady
 
       if (any(steady%status == [outcome%integrated, outcome%subharmonic])) return
       steady%status = outcome%pending
-      steady%message = steady%message//"; the work limit was reached"//more_work
+      if (len(steady%message) > 0) steady%message = steady%message//"; "
+      steady%message = steady%message//"the work limit was reached"//more_work
    end subroutine end_without_work
 
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
