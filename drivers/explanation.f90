@@ -3,7 +3,7 @@
 !> what to do next.
 module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_attempts, only: attempt_rules, attempts_text
+   use hb_attempts, only: attempt_rules, describe_attempts
    use hb_document, only: document_t
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text
@@ -202,7 +202,7 @@ contains
       type(run_names_t), intent(in) :: names
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
-      character(:), allocatable :: text, advice, command
+      character(:), allocatable :: text, advice, command, tried
       type(attempt_t), allocatable :: attempts(:)
       integer :: n
 
@@ -217,7 +217,8 @@ contains
       if (n > 0) advice = kind%message(:n - 1)
       if (len_trim(advice) > 0) text = text//new_line("a")//"Message: "//trim(advice)
       call attempts_of(names%result, kind%first, attempts)
-      if (size(attempts) > 0) text = text//new_line("a")//"Attempts: "//attempts_text(attempts)
+      call describe_attempts(attempts, tried)
+      if (size(attempts) > 0) text = text//new_line("a")//"Attempts: "//tried
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
       text = text//new_line("a")//"What to do: "//remedy_of(kind%status)
       command = command_to_try(kind, names, plan, document)

@@ -6,19 +6,20 @@ module hb_namelist_difference
    use hb_text, only: join, split, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: input_differences
+   public :: list_differences
 
    integer, parameter :: max_lines = 20                     !! of a list of differences
    integer, parameter :: max_shown = 60                     !! characters of a value
+   character(*), parameter :: ellipsis = "..."
 
 contains
 
-   !> Returns a line for each key whose value differs between two inputs, or that one of them lacks; empty if there is
+   !> Lists a line for each key whose value differs between two inputs, or that one of them lacks; empty if there is
    !> none. Both are texts of `write_complete_text`.
-   function input_differences(one, other, name_of_one, name_of_other) result(text)
+   subroutine list_differences(one, other, name_of_one, name_of_other, text)
       character(*), intent(in) :: one, other
       character(*), intent(in) :: name_of_one, name_of_other !! for the lines
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       type(document_t) :: ours, theirs
       type(error_t), allocatable :: ignored
       type(text_builder_t) :: lines
@@ -69,9 +70,9 @@ contains
          n = n + 1
          if (n > max_lines) return
          if (n > 1) call lines%add(new_line("a"))
-         call lines%add(location//": "//our_value//" in "//name_of_one//", "//their_value//" in "//name_of_other)
+         call lines%add(location//": "//trim(our_value)//" in "//name_of_one//", "//trim(their_value)//" in "//name_of_other)
       end subroutine add
-   end function input_differences
+   end subroutine list_differences
 
    !> Returns the values of a key as they are spelt, in one line; not allocated if the input does not have the key.
    subroutine get_value(document, name, number, key, value)
@@ -111,14 +112,14 @@ contains
    pure function shown(value, around) result(text)
       character(*), intent(in) :: value
       integer, intent(in), optional :: around
-      character(:), allocatable :: text
+      character(min(len(value), max_shown) + 2*len(ellipsis)) :: text !! with blanks behind it
       integer :: first, last
 
       first = 1
       if (present(around) .and. len(value) > max_shown) first = max(1, min(around, len(value)) - max_shown/2)
       last = min(len(value), first + max_shown - 1)
       text = value(first:last)
-      if (first > 1) text = "..."//text
-      if (last < len(value)) text = text//"..."
+      if (first > 1) text = ellipsis//text
+      if (last < len(value)) text = trim(text)//ellipsis
    end function shown
 end module hb_namelist_difference

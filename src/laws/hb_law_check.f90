@@ -28,7 +28,7 @@ module hb_law_check
       logical :: is_wrongly_odd = .false.                       !! it is declared odd, and its forces are not
    contains
       procedure :: is_sound => derivative_check_is_sound
-      procedure :: verdict => derivative_check_verdict
+      procedure :: describe => derivative_check_describe
    end type derivative_check_t
 
    !> Samples z, rates v and reactions p, their magnitudes, and the phases of the tones.
@@ -157,10 +157,10 @@ contains
          .not. self%is_wrongly_odd .and. self%n_skipped < self%n_compared
    end function derivative_check_is_sound
 
-   !> The result as text.
-   function derivative_check_verdict(self) result(verdict)
+   !> Describes the result.
+   subroutine derivative_check_describe(self, verdict)
       class(derivative_check_t), intent(in) :: self
-      character(:), allocatable :: verdict
+      character(:), allocatable, intent(out) :: verdict
 
       if (self%has_touched_inputs) then
          verdict = "wrong: it writes to its inputs"
@@ -175,7 +175,7 @@ contains
       else
          verdict = "right"
       end if
-   end function derivative_check_verdict
+   end subroutine derivative_check_describe
 
    !> Whether two results agree up to rounding; NaN agrees with NaN.
    pure logical function are_the_same(a, b)

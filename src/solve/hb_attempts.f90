@@ -13,7 +13,8 @@ module hb_attempts
    use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
    implicit none
    private
-   public :: attempt_conditions_t, attempt_rules, attempts_t, attempts_text, is_fallback, make_attempts, plan_attempts, row_after
+   public :: attempt_conditions_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, plan_attempts, &
+      row_after
    public :: row_of
 
    integer, parameter :: max_stagnant_iterations = 10 ! without a clear gain, where other attempts remain
@@ -190,9 +191,9 @@ contains
 
    !> Describes attempts in one line: the name of each with its outcome, and after a colon those within it, such as
    !> `first_set converged: whole_set converged: direct converged; refinement converged`.
-   pure function attempts_text(made) result(text)
+   pure subroutine describe_attempts(made, text)
       type(attempt_t), intent(in) :: made(:)                          !! as in `attempts_t`
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       type(attempt_rule_t) :: rule
       integer :: i, stage_before
 
@@ -204,7 +205,7 @@ contains
          text = text//trim(rule%name)//" "//outcome_name(made(i)%status)
          stage_before = rule%stage
       end do
-   end function attempts_text
+   end subroutine describe_attempts
 
    !> Returns the rows of the solver that apply, in the order in which they are tried.
    pure function plan_attempts(conditions) result(plan)

@@ -3,7 +3,7 @@
 module hb_resume
    use hb_error, only: error_t, fail
    use hb_mpi, only: broadcast_integers, comm_t, rank_of, share_error
-   use hb_namelist_difference, only: input_differences
+   use hb_namelist_difference, only: list_differences
    use hb_operating_system, only: exists
    use hb_outcome, only: outcome
    use hb_results_record, only: open_points, read_record, record_t
@@ -78,7 +78,7 @@ contains
       character(:), allocatable :: differences
       logical :: has_same_tuples
 
-      differences = input_differences(self%complete, record%input_complete, "the input", "the file")
+      call list_differences(self%complete, record%input_complete, "the input", "the file", differences)
       has_same_tuples = all(shape(self%tuples) == shape(record%tuples))
       if (record%has_own_tuples) then                                 ! a complete file may have room for fewer of them
          has_same_tuples = size(self%tuples, 1) == size(record%tuples, 1) .and. size(self%tuples, 2) >= size(record%tuples, 2)

@@ -257,6 +257,26 @@ def test_procedures_have_few_arguments(path):
             assert n <= MAX_ARGUMENTS, f"{match.group(1)}, line {number}, has {n} arguments, more than {MAX_ARGUMENTS}"
 
 
+FUNCTION = re.compile(r"(?:(?:pure|elemental|impure|recursive)\s+)*function\s+(\w+)\s*\([^)]*\)(?:\s*result\s*\((\w+)\))?", re.I)
+DEFERRED_LENGTH = re.compile(r"character\s*\(\s*:\s*\)[^:]*allocatable[^:]*::(.*)", re.IGNORECASE)
+IN_ONE_THREAD = "extern", "files", "study"  # their texts are made by the command, which has one thread
+
+
+@SOURCES
+def test_functions_return_no_text_of_deferred_length(path):
+    """Gfortran stores the length in static memory, which threads would share."""
+    if layer_of(path) in IN_ONE_THREAD:
+        return
+    name, found = "", ""
+    for number, statement in statements(path):
+        if match := FUNCTION.match(statement):
+            name, found = match.group(1), match.group(2) or match.group(1)
+        elif re.match(r"end\s+(?:function|subroutine)|contains", statement, re.IGNORECASE):
+            name = found = ""
+        elif found and (match := DEFERRED_LENGTH.match(statement)):
+            assert found not in re.findall(r"\w+", match.group(1)), f"{name}, line {number}: make it a subroutine"
+
+
 def _documented() -> set[str]:
     """Procedures with a line of documentation before them, in any file; for bodies of submodules it is in the interface."""
     heads = r"(?:subroutine|function|module\s+procedure)"
