@@ -23,7 +23,6 @@ module hb_session
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
-   use hb_model_files, only: list_model_files
    use hb_model_reader, only: group_names, read_model, update_model
    use hb_model_tones, only: read_tones
    use hb_model_warnings, only: describe_warnings
@@ -239,7 +238,7 @@ contains
       character(:), allocatable, intent(out) :: text
 
       text = ""
-      if (self%model%is_read) call list_model_files(self%model%system, text)
+      if (self%model%is_read) call self%model%system%list_files(text)
    end subroutine session_libraries
 
    !> Warnings about the model with its present values, one per line; empty: none.

@@ -38,6 +38,7 @@ module hb_system
    contains
       procedure :: has_restitution => system_has_restitution
       procedure :: check_balance => system_check_balance
+      procedure :: list_files => system_list_files
       procedure :: may_jump_within_period => system_may_jump_within_period
    end type system_t
 
@@ -98,4 +99,24 @@ contains
       if (may_jump) may_jump = maxval(abs(self%tones%omega)) > far*minval(abs(self%tones%omega)) .and. &
                                any([(self%laws(i)%law%degree == 0, i=1, size(self%laws))])
    end function system_may_jump_within_period
+
+   !> Lists the files besides the input on which the system depends, with their checksums, one per line: libraries of user laws, the
+   !> model, its stored reduction.
+   subroutine system_list_files(self, text)
+      class(system_t), intent(in) :: self
+      character(:), allocatable, intent(out) :: text
+      character(:), allocatable :: fingerprint
+      integer :: i
+
+      text = ""
+      do i = 1, size(self%laws)
+         fingerprint = trim(self%laws(i)%law%fingerprint())
+         if (len(fingerprint) == 0) cycle
+         if (len(text) > 0) text = text//new_line("a")
+         text = text//self%laws(i)%law%label//": "//fingerprint
+      end do
+      if (.not. allocated(self%structure%origin)) return
+      if (len(text) > 0) text = text//new_line("a")
+      text = text//self%structure%origin
+   end subroutine system_list_files
 end module hb_system

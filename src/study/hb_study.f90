@@ -10,7 +10,6 @@ module hb_study
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
-   use hb_model_files, only: list_model_files
    use hb_model_reader, only: group_names, read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
@@ -325,7 +324,7 @@ contains
       class(study_t), intent(in) :: self
       character(:), allocatable :: text
 
-      call list_model_files(self%model%system, text)
+      call self%model%system%list_files(text)
    end function study_libraries
 
    !> Size of one point in the result file, and the number of datasets to which it is written.
