@@ -589,7 +589,8 @@ contains
             end do
          end associate
       end do
-      self%impact = impact_energy(structure, wide, big)
+      if (any([(wide%law_set%laws(i)%law%is_multiplier, i=1, size(self%power_laws))])) &
+         self%impact = impact_energy(structure, wide, big)
    end subroutine check_contact
 
    !> Mean of force times rate: sum over harmonics of w/2 (f_cos x_sin - f_sin x_cos), rate = w (x_sin cos - x_cos sin).
