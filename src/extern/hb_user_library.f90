@@ -13,8 +13,8 @@ module hb_user_library
    use hb_text, only: to_text
    implicit none
    private
-   public :: any_number, api_version, check_law_info, dynamic_library_t, law_info_t, law_input_t, law_samples_t, law_step_t, &
-      load_user_library, open_library, register_law, register_law_of_c, unregister_law, unregister_law_of_c, user_library_t
+   public :: any_number, api_version, check_law_info, law_info_t, law_input_t, law_samples_t, law_step_t, &
+      load_user_library, register_law, register_law_of_c, unregister_law, unregister_law_of_c, user_library_t
 
    !> A shared library. It remains loaded until the process ends, so that addresses are valid in every copy of their
    !> holder. Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.

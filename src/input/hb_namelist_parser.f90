@@ -10,8 +10,7 @@ module hb_namelist_parser
    use hb_text, only: is_name, lower, parse_integer, parse_real, shown, to_text
    implicit none
    private
-   public :: blanks, line_feed, next_group, parse_body, quote_marks, rest_is_empty, return, scan_t, skip_blanks, skip_comment, &
-      stop_at, tab, word_last
+   public :: blanks, line_feed, next_group, parse_body, return, scan_t, stop_at, tab
 
    character(*), parameter :: tab = achar(9), line_feed = achar(10), return = achar(13)
    character(*), parameter :: blanks = " "//tab//line_feed//return

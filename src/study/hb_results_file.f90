@@ -15,7 +15,7 @@ module hb_results_file
    use hb_text, only: to_text
    implicit none
    private
-   public :: copy_rows, make_file, schema_version
+   public :: make_file, schema_version
 
    real(wp), parameter :: max_bytes = 1.6e7_wp                       ! [B] of rows that are copied together
 
