@@ -58,7 +58,7 @@ contains
             is_stable = damping(1) > damping_before(1)
             if (is_stable .or. .not. allocated(crossing%u)) then
                motion = last
-               call land(self, curve, motion, is_found)
+               call correct_at_value(self, curve, motion, is_found)
                if (is_found .and. is_stable) then
                   point = motion
                   exit
@@ -201,7 +201,7 @@ contains
 
    !> Finds the limit cycle on the step on which the damping changed its sign, and tries it without artificial damping
    !> as early as possible.
-   subroutine land(self, curve, from, is_found)
+   subroutine correct_at_value(self, curve, from, is_found)
       type(search_t), intent(inout) :: self
       type(curve_t), intent(inout) :: curve
       type(path_point_t), intent(inout) :: from                        !! start of the step, on return the motion found
@@ -235,5 +235,5 @@ contains
          end if
       end do
       is_found = .false.
-   end subroutine land
+   end subroutine correct_at_value
 end module hb_amplitude_curve

@@ -17,8 +17,8 @@ module hb_accurate_motion
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
-   use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      level_t, margin, max_failures, min_goal, trim_for_neighbour, trim_set, with_caution
+   use hb_level, only: apply_safety_factor, caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
+      estimate_of_wanted, is_rigid, level_t, margin, max_failures, min_goal, trim_for_neighbour, trim_set
    use hb_level_stability, only: add_stability
    use hb_model, only: model_t
    use hb_motion_result, only: effort_t, motion_result_t
@@ -169,7 +169,7 @@ contains
             end if
          case (set_choice%finer)
             applies = .not. self%is_finer .and. options%accuracy%grows_set .and. .not. work_is_over() .and. &
-                      is_denied(system, motion%result)
+                      lacks_verdict(system, motion%result)
          case default
             applies = .false.
          end select
@@ -257,26 +257,26 @@ contains
    !> Whether the errors of the motion leave its stability open: they move its largest multiplier as far as the unit
    !> circle or, with several tones and laws with kinks, its largest exponent to zero, or there is no periodic motion
    !> near it.
-   pure logical function is_denied(system, result)
+   pure logical function lacks_verdict(system, result)
       type(system_t), intent(in) :: system
       type(motion_result_t), intent(in) :: result
       real(wp) :: unit
       integer :: i
 
-      is_denied = .false.
+      lacks_verdict = .false.
       if (result%status /= outcome%converged) return
       associate (found => result%stability)
          if (.not. allocated(found%multipliers)) then
             unit = 1.0_wp
             if (size(result%frequency) > 1) unit = minval(result%frequency)
-            is_denied = found%verdict == stability_verdict%unknown .and. found%estimate > clear_change*unit .and. &
+            lacks_verdict = found%verdict == stability_verdict%unknown .and. found%estimate > clear_change*unit .and. &
                any([(system%laws(i)%law%n_switches + system%laws(i)%law%n_states > 0, i=1, size(system%laws))])
             return
          end if
-         is_denied = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
+         lacks_verdict = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
                      (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < 2.0_wp*found%estimate))
       end associate
-   end function is_denied
+   end function lacks_verdict
 
    !> Refines to a tenth, then a hundredth of the tolerance for a verdict on stability, within a limit of work; without a verdict
    !> the motion remains unchanged.
@@ -291,7 +291,7 @@ contains
          if (allocated(finer)) deallocate (finer)
          allocate (finer)
          associate (motion => self%motion)
-            if (work_is_over() .or. .not. is_denied(motion%system, motion%result)) exit
+            if (work_is_over() .or. .not. lacks_verdict(motion%system, motion%result)) exit
             sharper = motion%options
             sharper%may_integrate = .false.
             sharper%accuracy%tolerance = 10.0_wp**(-i)*motion%options%accuracy%tolerance
@@ -716,7 +716,7 @@ contains
          call self%add(result%effort_t)
          solver%preconditioner_level = result%preconditioner_level
          if (allocated(error)) return
-         call with_caution(self%system, result)
+         call apply_safety_factor(self%system, result)
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_solve

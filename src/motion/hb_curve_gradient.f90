@@ -220,7 +220,7 @@ contains
       step = faint                                                    ! of the secant, in units of lengths
       here = 0.0_wp
       do i = 1, nearby_steps
-         call curve%find_on_plane(x, direction, is_found)
+         call curve%correct_on_plane(x, direction, is_found)
          if (.not. is_found) return
          before = here
          here = event%value(curve%curve, x)

@@ -230,7 +230,7 @@ contains
             direction = transferred(before%set, self%next%set, self%direction, size(motion%problem%which))
             call motion%put_on(self%next, self%error)
             if (allocated(self%error)) return
-            call motion%find_on_plane(x, direction, is_solved)
+            call motion%correct_on_plane(x, direction, is_solved)
             if (.not. is_solved) then
                call motion%put_on(before, self%error)
                return
@@ -420,7 +420,7 @@ contains
       is_found = is_at_branch_point
       roughness = self%roughness ! a curve that continues from a stored row has the roughness of the start
       is_rough = self%is_rough
-      if (.not. is_found) call self%find_on_plane(x, direction, is_found)
+      if (.not. is_found) call self%correct_on_plane(x, direction, is_found)
       self%roughness = roughness
       self%is_rough = is_rough
       if (.not. is_found) return

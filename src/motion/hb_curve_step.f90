@@ -3,7 +3,7 @@
 module hb_curve_step
    use hb_curve, only: curve_t, event_t
    use hb_event_location, only: find_events, retained_doubling
-   use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, max_tolerance_factor, waiting_t
+   use hb_followed_motion, only: add_waiting, event_values_t, followed_motion_t, max_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind
@@ -31,7 +31,7 @@ contains
    !> Performs one step, and appends the events on it and its end to the waiting points.
    subroutine step(self)
       class(followed_motion_t), intent(inout), target :: self
-      type(known_t) :: known
+      type(event_values_t) :: known
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
       logical :: is_balance, is_lost, is_near, is_short, is_taken
@@ -59,7 +59,7 @@ contains
             is_short = curve%last_step <= short*curve%config%longest_step
             is_near = norm2((curve%x - curve%last_x)/curve%units) <= longest_chord*curve%last_step
             is_taken = is_short .or. (curve%angle <= largest_turn .and. is_near)
-            if (is_taken .and. is_balance) is_taken = .not. has_leapt(self)
+            if (is_taken .and. is_balance) is_taken = .not. has_switched_branch(self)
             if (is_taken) then
                if (is_balance) self%has_collapsed = self%tone_vanishes()
                if (self%has_collapsed) then
@@ -98,7 +98,7 @@ contains
             if (abs(gap) > next_to_none*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
             x = curve%x + gap/curve%direction(n)*curve%direction
             x(n) = ends(i)
-            call self%land(x, is_there)
+            call self%correct_at_value(x, is_there)
             if (.not. is_there) cycle
             curve%status = outcome%pending
             self%waiting = [waiting_t ::]
@@ -117,7 +117,7 @@ contains
    !> zero. Therefore the curve is examined in between, where the chord is closest to zero: it must exist there and be
    !> near the chord. The gap between two parts may be far shorter than the step, so the zero itself is located as well:
    !> between two parts there is none.
-   logical function has_leapt(self)
+   logical function has_switched_branch(self)
       class(followed_motion_t), intent(inout), target :: self
       type(coefficient_event_t) :: event
       complex(wp) :: before, behind
@@ -126,10 +126,10 @@ contains
       integer :: d, h
       logical :: is_on_curve
 
-      has_leapt = .false.
+      has_switched_branch = .false.
       if (self%curve%last_step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
-      has_leapt = abs(retained_doubling(self)) <= faint                       ! to the motion of the whole period
-      if (has_leapt) return
+      has_switched_branch = abs(retained_doubling(self)) <= faint                       ! to the motion of the whole period
+      if (has_switched_branch) return
       if (size(self%problem%which) > 1) return                                ! unknown tones have no given phases
       allocate (middles(0))
       associate (curve => self%curve, set => self%problem%model%discretisation%harmonics, n => self%problem%n_unknowns)
@@ -145,18 +145,18 @@ contains
                if (share <= 0.0_wp .or. share >= 1.0_wp .or. any(abs(middles - share) < 0.1_wp)) cycle
                middles = [middles, share]
                call curve%point_at(share*curve%last_step, x, is_on_curve)
-               has_leapt = .not. is_on_curve
-               if (.not. has_leapt) has_leapt = norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units) > &
-                                                off_the_line*curve%last_step
-               if (.not. has_leapt) has_leapt = abs(coefficient_of(x) - (before + share*(behind - before))) > &
+               has_switched_branch = .not. is_on_curve
+               if (.not. has_switched_branch) has_switched_branch = off_the_line*curve%last_step < &
+                  norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units)
+               if (.not. has_switched_branch) has_switched_branch = abs(coefficient_of(x) - (before + share*(behind - before))) > &
                                                 largest_change*max(abs(before), abs(behind))
-               if (.not. has_leapt .and. curve%status == outcome%pending) then
+               if (.not. has_switched_branch .and. curve%status == outcome%pending) then
                   event = zero_of_coefficient()
                   call curve%find_zero(event, [0.0_wp, curve%last_step], [event%value(curve, curve%last_x), &
                                                                           event%value(curve, curve%x)], x, position, is_on_curve)
-                  has_leapt = .not. is_on_curve
+                  has_switched_branch = .not. is_on_curve
                end if
-               if (has_leapt .or. curve%status /= outcome%pending) return
+               if (has_switched_branch .or. curve%status /= outcome%pending) return
             end do
          end do
       end associate
@@ -181,7 +181,7 @@ contains
             end associate
          end associate
       end function coefficient_of
-   end function has_leapt
+   end function has_switched_branch
 
    real(wp) function coefficient_event_value(self, curve, x) result(value)
       class(coefficient_event_t), intent(inout) :: self

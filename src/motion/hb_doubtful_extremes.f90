@@ -12,7 +12,7 @@ module hb_doubtful_extremes
    use hb_thresholds, only: max_bisections, safety
    implicit none
    private
-   public :: drop_doubtful
+   public :: remove_doubtful_extremes
 
    real(wp), parameter :: finer = 0.25_wp                             ! a smaller step, relative to that of the curve
 
@@ -31,7 +31,7 @@ contains
    !> slightly wavy and has extrema that the exact one does not have. A maximum is accepted if the curve falls on
    !> either side by more than the estimated errors of both ends of the fall, before it has risen by as much. Of
    !> several maxima on the same peak the first is reported. A minimum is the maximum of the negative function.
-   subroutine drop_doubtful(self, error)
+   subroutine remove_doubtful_extremes(self, error)
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(extreme_t) :: extreme
@@ -55,7 +55,7 @@ contains
       end do
       call self%renew()
       if (.not. all(is_retained)) self%waiting = pack(self%waiting, is_retained)
-   end subroutine drop_doubtful
+   end subroutine remove_doubtful_extremes
 
    !> The function at a point of the curve: the moving value, or the square of a response.
    real(wp) function function_at(self, response, x) result(value)

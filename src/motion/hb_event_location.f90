@@ -6,7 +6,7 @@ module hb_event_location
    use hb_curve_events, only: branch_event_t, fold_event_t, grazing_event_t, value_event_t
    use hb_curve_request, only: located_response_t
    use hb_curve_return, only: has_images, image_of, nearest_phases
-   use hb_followed_motion, only: add_waiting, followed_motion_t, known_t, waiting_t
+   use hb_followed_motion, only: add_waiting, event_values_t, followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: transferred
    use hb_point_kinds, only: curve_kind, curve_kinds
@@ -21,7 +21,7 @@ module hb_event_location
 
    !> The step, and the state of the search.
    type :: search_t
-      type(known_t) :: known                                          ! at the end of the step
+      type(event_values_t) :: known                                          ! at the end of the step
       logical :: has_branched = .false.                               ! a branch point was passed
       logical :: has_fold = .false.                                   ! its point is in the list
       logical :: is_lost = .false.                                    ! an event was not located
@@ -66,7 +66,7 @@ contains
    !> Finds folds, peaks, bifurcations, wanted values and ends on the completed step, and lists them in their order.
    subroutine find_events(self, known, has_branched, is_lost)
       class(followed_motion_t), intent(inout), target :: self
-      type(known_t), intent(in) :: known                              !! at the end of the step
+      type(event_values_t), intent(in) :: known                              !! at the end of the step
       logical, intent(in) :: has_branched                             !! a branch point was passed
       logical, intent(out) :: is_lost                                 !! an event was not located because the step is too long
       type(search_t) :: search
@@ -509,7 +509,7 @@ contains
                if (.not. is_found) search%is_lost = search%is_lost .or. i <= 2     ! nothing lies beyond the ends
                if (.not. is_found) cycle
                x(n) = wanted(i)
-               call self%land(x, is_there)
+               call self%correct_at_value(x, is_there)
                call add(self, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
             end do
          end do
@@ -641,7 +641,7 @@ contains
       class(count_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
-      type(known_t) :: known
+      type(event_values_t) :: known
       type(stability_t) :: there
 
       value = ieee_value(value, ieee_quiet_nan)

@@ -17,7 +17,7 @@ module hb_followed_motion
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, level_t, put_on_level, transferred, with_caution
+   use hb_level, only: apply_safety_factor, estimate_of, level_t, put_on_level, transferred
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
@@ -36,7 +36,7 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint, rounding
    implicit none
    private
-   public :: add_origin, add_waiting, curve_state_t, followed_motion_t, known_t, largest_load, max_tolerance_factor, &
+   public :: add_origin, add_waiting, curve_state_t, event_values_t, followed_motion_t, largest_load, max_tolerance_factor, &
       n_further, origin_t, reported_extreme_t, waiting_t
 
    integer, parameter :: max_corrections = 10
@@ -68,19 +68,19 @@ module hb_followed_motion
    end type reported_extreme_t
 
    !> Quantities at the point of the curve that events compare with those at the end of the next step.
-   type :: known_t
+   type :: event_values_t
       real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
       real(wp), allocatable :: functions(:)                           !! of the responses, hb_curve_events
       real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
       integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_impact_curve)
       type(stability_t) :: stability                                  !! without multipliers if none are searched for
-   end type known_t
+   end type event_values_t
 
    !> A curve at one of its points, to which it can go back.
    type :: curve_state_t
       type(level_t) :: level                                          !! present set and grid
       type(curve_t) :: curve
-      type(known_t) :: known                                          !! at its point
+      type(event_values_t) :: known                                          !! at its point
       real(wp) :: largest = faint                                     !! motion so far, in units of typical ones
    end type curve_state_t
 
@@ -117,9 +117,9 @@ module hb_followed_motion
       procedure :: make_curve => followed_motion_make_curve
       procedure :: config => followed_motion_config
       procedure :: keep_symmetry => followed_motion_keep_symmetry
-      procedure :: find_on_plane => followed_motion_find_on_plane
+      procedure :: correct_on_plane => followed_motion_correct_on_plane
       procedure :: find_roughness => followed_motion_find_roughness
-      procedure :: land => followed_motion_land
+      procedure :: correct_at_value => followed_motion_correct_at_value
       procedure :: put_conditions => followed_motion_put_conditions
       procedure :: tone_vanishes => followed_motion_tone_vanishes
       procedure :: units_at => followed_motion_units_at
@@ -336,7 +336,7 @@ contains
    end subroutine followed_motion_keep_symmetry
 
    !> Corrects a motion in the plane across a direction.
-   subroutine followed_motion_find_on_plane(self, x, direction, is_found)
+   subroutine followed_motion_correct_on_plane(self, x, direction, is_found)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(inout) :: x(:)
       real(wp), intent(in) :: direction(:)
@@ -367,7 +367,7 @@ contains
          corrector%tolerance = 10.0_wp*corrector%tolerance
          x = self%curve%x
       end do
-   end subroutine followed_motion_find_on_plane
+   end subroutine followed_motion_correct_on_plane
 
    !> Finds the roughness of the residual at a point.
    subroutine followed_motion_find_roughness(self, x, is_possible)
@@ -385,7 +385,7 @@ contains
    end subroutine followed_motion_find_roughness
 
    !> Solves for the motion at the value of x, near x.
-   subroutine followed_motion_land(self, x, is_there)
+   subroutine followed_motion_correct_at_value(self, x, is_there)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_there                                !! if false, x is unchanged
@@ -406,7 +406,7 @@ contains
       there(size(x)) = x(size(x))
       is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < agreement ! else near a fold
       if (is_there) x = there
-   end subroutine followed_motion_land
+   end subroutine followed_motion_correct_at_value
 
    !> Sets the conditions of the curve: for the phases of unknown tones, from the present motion, and for the
    !> amplitude or the energy of a normal mode.
@@ -491,7 +491,7 @@ contains
    !> Computes the quantities at the point of the curve that events compare.
    subroutine followed_motion_evaluate_here(self, known)
       class(followed_motion_t), intent(inout), target :: self
-      type(known_t), intent(out) :: known
+      type(event_values_t), intent(out) :: known
       integer :: i
 
       associate (x => self%curve%x, responses => self%request%responses)
@@ -633,7 +633,7 @@ contains
    subroutine followed_motion_find_contact(self, x, known)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:)
-      type(known_t), intent(inout) :: known
+      type(event_values_t), intent(inout) :: known
 
       call find_extremes(self%problem, x, known%extremes)
    end subroutine followed_motion_find_contact
@@ -684,7 +684,7 @@ contains
          if (model%system%normal_mode%is_requested) result%artificial_damping = balance%xi
          result%n_harmonics = model%discretisation%harmonics%n_harmonics
          result%n_unknowns = n
-         if (model%options%error_estimate%is_on) call put_across(self, point)
+         if (model%options%error_estimate%is_on) call set_normal_plane(self, point)
          basis = whole_basis(model%discretisation%harmonics, model%discretisation%torus)
          solution%basis => basis
          solution%balance => self%problem%balance_t
@@ -694,7 +694,7 @@ contains
       end associate
       if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
       if (allocated(error) .or. .not. self%model%options%accuracy%is_on) return
-      call with_caution(self%model%system, result)
+      call apply_safety_factor(self%model%system, result)
       if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
          result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%options%accuracy%tolerance)
       result%harmonics = self%level%set
@@ -705,7 +705,7 @@ contains
    !> Makes the last equation the plane across the tangent at a point, in units of the motion there: it does not
    !> depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
    !> tangent, steps are across both; at a given value this is held.
-   subroutine put_across(self, point)
+   subroutine set_normal_plane(self, point)
       class(followed_motion_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
       type(report_t) :: report
@@ -730,7 +730,7 @@ contains
          call problem%rescale()
          if (is_crossed) problem%units_across = units
       end associate
-   end subroutine put_across
+   end subroutine set_normal_plane
 
    !> The unknown tones whose phases are arbitrary: all but those of a normal mode, whose amplitude has a phase.
    pure function followed_motion_free_phases(self) result(tones)

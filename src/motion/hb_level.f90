@@ -19,15 +19,15 @@ module hb_level
    use hb_tuple_choice, only: chosen_tuples, largest_indices, tuple_union_t
    implicit none
    private
-   public :: caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
-   public :: is_rigid, join, level_of, margin, max_failures, min_goal, needed_samples, put_on_level, put_on_set
-   public :: coarsen, level_t, same_set, transferred, trim_for_neighbour, trim_set, with_caution
+   public :: apply_safety_factor, caution, choose_next, choose_smaller, coarsen, degree_of, distance, estimate_of, &
+      estimate_of_motion, estimate_of_wanted, is_rigid, join, level_of, level_t, margin, max_failures, min_goal, needed_samples, &
+      put_on_level, put_on_set, same_set, transferred, trim_for_neighbour, trim_set
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
    real(wp), parameter :: min_goal = 0.03_wp !! of the estimate: smallest goal for the error of the next level
-   real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be removed
+   real(wp), parameter :: max_removable = 0.02_wp                     ! errors of first order that can be removed
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of neglected tuples by the response to them
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, or the orders of a box, from one level to the next
    real(wp), parameter :: min_growth = 1.1_wp                       ! of a set that is too small for the motion
@@ -70,7 +70,7 @@ contains
       next%n_samples = top%n_samples
       if (options%accuracy%grows_set) &
          call choose_set(discretisation, options, result, top, goal, n_failures == max_failures - 1 .or. &
-         raised_by(result)*result%error_estimate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
+         raised_by(result)*result%error_estimate%truncation >= merge(reliable, max_removable, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
          allocate (least, source=needed_samples(next%set%highest, degree_of(system)))
@@ -103,11 +103,11 @@ contains
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
       if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
-         call take_errors_out(result, top, next)
+         call apply_first_order_correction(result, top, next)
    end subroutine choose_next
 
    !> Removes first-order errors from the start on a level if they are small, whatever the estimate is.
-   subroutine take_errors_out(result, top, next)
+   subroutine apply_first_order_correction(result, top, next)
       type(motion_result_t), intent(in) :: result                     !! on `top`
       type(level_t), intent(in) :: top
       type(level_t), intent(inout) :: next                            !! with the motion of `top`
@@ -116,8 +116,8 @@ contains
       corrected%set = next%set
       corrected%unknowns = transferred(result%error_estimate%around, next%set, [result%error_estimate%first_order, &
                                        top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], top%set%n_tones)
-      if (distance(next, corrected, .false.) < near) next%unknowns = corrected%unknowns
-   end subroutine take_errors_out
+      if (distance(next, corrected, .false.) < max_removable) next%unknowns = corrected%unknowns
+   end subroutine apply_first_order_correction
 
    !> Chooses the set of the next level.
    subroutine choose_set(discretisation, options, result, top, goal, as_box, set, error)
@@ -440,7 +440,7 @@ contains
 
    !> Increases the estimated errors of a motion with rigid laws, which error estimates underestimate; the truncation estimate under
    !> rigid friction has its factor already.
-   pure subroutine with_caution(system, result)
+   pure subroutine apply_safety_factor(system, result)
       type(system_t), intent(in) :: system
       type(motion_result_t), intent(inout) :: result
       integer :: i
@@ -449,7 +449,7 @@ contains
       if (any([(system%laws(i)%law%is_multiplier .and. .not. system%laws(i)%law%is_rigid_friction(), i=1, size(system%laws))])) &
          result%level_estimate = min(1.0_wp, hypot(caution*result%error_estimate%truncation, result%error_estimate%aliasing))
       if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
-   end subroutine with_caution
+   end subroutine apply_safety_factor
 
    !> Whether a law is rigid.
    pure logical function is_rigid(system)

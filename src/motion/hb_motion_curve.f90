@@ -15,7 +15,7 @@ module hb_motion_curve
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
    use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
-   use hb_doubtful_extremes, only: drop_doubtful
+   use hb_doubtful_extremes, only: remove_doubtful_extremes
    use hb_error, only: error_t
    use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
@@ -177,7 +177,7 @@ contains
       end associate
       do i = 1, size(first_parts)                                     ! for forces with kinks there may be none very close to it
          self%first%x = from + first_parts(i)*self%first%direction
-         call self%find_on_plane(self%first%x, self%first%direction, is_found)
+         call self%correct_on_plane(self%first%x, self%first%direction, is_found)
          if (is_found) is_found = norm2((self%first%x - from)/self%units_at(from)) <= longest_chord*first_parts(i)
          if (is_found) exit
       end do
@@ -203,7 +203,7 @@ contains
              bifurcation_value(bifurcation%doubling, at_origin%multipliers) > 0.0_wp) return
          nearer = self%first
          nearer%x = from + 0.5_wp*(self%first%x - from)
-         call self%find_on_plane(nearer%x, nearer%direction, is_found)
+         call self%correct_on_plane(nearer%x, nearer%direction, is_found)
          if (is_found) is_found = norm2((nearer%x - from)/self%units_at(from)) < norm2((self%first%x - from)/self%units_at(from))
          if (.not. is_found) return
          self%first = nearer
@@ -232,7 +232,7 @@ contains
          self%first%x = position%unknowns - run_up*request%longest_step*direction/norm2(direction/self%units_at(position%unknowns))
          self%first%direction = direction
       end associate
-      call self%find_on_plane(self%first%x, self%first%direction, is_found)
+      call self%correct_on_plane(self%first%x, self%first%direction, is_found)
       if (is_found) call self%start_branch(error)
       self%first_waiting = 1
    end subroutine motion_curve_begin_next_to
@@ -557,7 +557,7 @@ contains
          call step(self)
       end if
       if (allocated(error) .or. self%curve%status /= outcome%pending .or. work_is_over()) return
-      call drop_doubtful(self, error)
+      call remove_doubtful_extremes(self, error)
    end subroutine make_step
 
    !> Computes the result of one of the waiting points.

@@ -5,7 +5,7 @@
 !> signs of the previous set.
 module hb_passed_events
    use hb_event_location, only: find_events, n_outside
-   use hb_followed_motion, only: curve_state_t, followed_motion_t, known_t, waiting_t
+   use hb_followed_motion, only: curve_state_t, event_values_t, followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kinds, located_by

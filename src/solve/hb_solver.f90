@@ -416,7 +416,7 @@ contains
          n_steps = n_steps + 1
          associate (position => curve%x(n + 1))
             if (position >= 1.0_wp) then                              ! from the point of the chord where it is 1
-               call land(problem, config, kind, curve, trial, last)
+               call correct_at_end(problem, config, kind, curve, trial, last)
             else if (position < 0.0_wp) then
                curve%status = outcome%stalled                         ! back at the easy problem
             else
@@ -442,7 +442,7 @@ contains
 
    !> Solves the problem itself from the chord of the last step, which has passed it; if that fails, the step was too
    !> long.
-   subroutine land(problem, config, kind, curve, x, report)
+   subroutine correct_at_end(problem, config, kind, curve, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: kind                                     !! one of hb_problem%deformation
@@ -464,5 +464,5 @@ contains
             call curve%retreat()                                ! the step was too long for convergence
          end if
       end associate
-   end subroutine land
+   end subroutine correct_at_end
 end module hb_solver

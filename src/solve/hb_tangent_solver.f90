@@ -40,7 +40,7 @@ module hb_tangent_solver
       integer :: patience = 100 !! least number of products before the preconditioner is strengthened
       integer, private :: level = 0                                   ! of the preconditioner
       logical, private :: is_fresh = .false.                          ! computed for this tangent
-      logical, private :: is_tired = .true.                           ! another one would save more products than it costs
+      logical, private :: needs_update = .true.                       ! another one would save more products than it costs
       real(wp), private :: fresh_pace = 0.0_wp                        ! of the first solution with it, see `pace`
       logical, private :: is_strongest = .false.
       type(tangent_factor_t), allocatable, private :: factor          ! from the first tangent for which products cost more
@@ -282,7 +282,7 @@ contains
 
       self%max_products = max_products
       self%level = problem%preconditioner_level
-      self%is_tired = .not. problem%has_preconditioner
+      self%needs_update = .not. problem%has_preconditioner
       call new_gmres(self%gmres, problem%n_unknowns, n_vectors)
    end subroutine new_tangent_krylov
 
@@ -316,7 +316,7 @@ contains
          call self%solve_by_factors(problem, b, s)
          return
       end if
-      if (.not. self%is_fresh .and. (self%level == 0 .or. self%is_tired)) call self%renew(problem)
+      if (.not. self%is_fresh .and. (self%level == 0 .or. self%needs_update)) call self%renew(problem)
       s = 0.0_wp
       products = 0
       most = self%products_of_factors(problem)
@@ -335,9 +335,9 @@ contains
       end do
       self%residual = self%gmres%residual
       self%n_products = self%n_products + products
-      self%is_tired = self%is_outdated(problem)
+      self%needs_update = self%is_outdated(problem)
       problem%preconditioner_level = self%level
-      problem%has_preconditioner = .not. self%is_tired
+      problem%has_preconditioner = .not. self%needs_update
       if (self%residual <= accuracy .or. products < most .or. .not. self%is_strongest .or. work_is_over()) return
       allocate (self%factor)
       call new_tangent_factor(self%factor, problem%n_unknowns)

@@ -14,7 +14,7 @@ module hb_impact_curve
    use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: add_waiting, known_t, largest_load, origin_t, waiting_t
+   use hb_followed_motion, only: add_waiting, event_values_t, largest_load, origin_t, waiting_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_gradient, only: keep_slopes
    use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
@@ -535,7 +535,7 @@ contains
    subroutine impact_curve_find_contact(self, x, known)
       class(impact_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:)
-      type(known_t), intent(inout) :: known
+      type(event_values_t), intent(inout) :: known
 
       known%impacts = self%impacts_at(x)
    end subroutine impact_curve_find_contact

@@ -17,7 +17,7 @@ contains
    !> alone. Source: A. B. Nordmark, J. Sound Vib. 145 (1991) 279-297.
    module procedure pass_grazing
       type(curve_t) :: here
-      type(known_t) :: known
+      type(event_values_t) :: known
       integer, allocatable :: beyond(:)
       real(wp), dimension(size(self%curve%x)) :: ahead, corner, found, tangent
       real(wp) :: along
@@ -69,7 +69,7 @@ contains
    !> Adds folds and extreme responses at a corner, with what is known before it.
    subroutine add_corners(self, before, position, x)
       class(impact_curve_t), intent(inout) :: self
-      type(known_t), intent(in) :: before
+      type(event_values_t), intent(in) :: before
       real(wp), intent(in) :: position, x(:)
       integer :: i, sense
 
@@ -262,9 +262,9 @@ contains
       class(impact_curve_t), intent(inout), target :: self
       type(curve_t), intent(in) :: here                               !! at its point
       real(wp), intent(in) :: corner(:), inward(:)
-      type(known_t), intent(inout) :: known                           !! on entry at the point
+      type(event_values_t), intent(inout) :: known                           !! on entry at the point
       logical, intent(out) :: is_clear
-      type(known_t) :: before
+      type(event_values_t) :: before
       real(wp) :: sign_there
       logical :: is_singular
 
