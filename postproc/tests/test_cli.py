@@ -350,3 +350,12 @@ def test_a_misspelt_command_is_recognised(capsys):
 def test_a_page_has_the_ending_of_a_page(sweep, tmp_path, capsys):
     status, _, err = run(capsys, "report", sweep, "-o", tmp_path / "page.png")
     assert status == 2 and "the name must end in .html" in err and not (tmp_path / "page.png").exists()
+
+
+def test_numbers_and_nouns_agree(tmp_path, capsys):
+    path = single(tmp_path / "a.h5", 1)
+    assert main(["value", str(path), "--tuple", "1,0"]) == 2
+    assert "has 2 entries; the file has 1 tone\n" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["time", str(path), "--dpi", "100000"])
+    assert "100000 is more than 2400" in capsys.readouterr().err

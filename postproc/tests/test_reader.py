@@ -197,7 +197,7 @@ def test_harmonics_outside_the_set_are_left_out(sweep):
             match=r"tuple \(3,0\) is not in the set of point 0; it has 13 tuples with \|j1\| <= 2",
         ):
             results.coefficients(0, "v3", (3, 0))
-        with pytest.raises(ReaderError, match=r"tuple \(1\) has 1 entries; the file has 2 tones"):
+        with pytest.raises(ReaderError, match=r"tuple \(1\) has 1 entry; the file has 2 tones"):
             results.coefficients(0, "v3", (1,))
 
 

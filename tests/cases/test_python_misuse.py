@@ -475,19 +475,23 @@ def with_law(function, **keys):
     return model
 
 
+def chain(**keys):
+    return Model(nhbm.Chain(n_masses=1, ends="fixed", mass=1.0, coupling_stiffness=1.0), **keys)
+
+
 @pytest.mark.parametrize("made, message", [
     (lambda: duffing().load("x1", "1", cos=1.0), "tuple_ must be whole numbers, not '1'"),
     (lambda: duffing().load("x1", True, cos=1.0), "tuple_ must be whole numbers, not True"),
-    (lambda: Model(nhbm.Chain(n_masses=1, ends="fixed", mass=1.0, coupling_stiffness=1.0), tones="1.0"), "tones are frequencies"),
-    (lambda: Model(nhbm.Chain(n_masses=1, ends="fixed", mass=1.0, coupling_stiffness=1.0), tones=[]), r"\}, not \[\]"),
-    (lambda: Model(nhbm.Chain(n_masses=1, ends="fixed", mass=1.0, coupling_stiffness=1.0), hertz=[2.0]), "write tones=.'hertz'"),
-    (lambda: Model(nhbm.Chain(n_masses=1, ends="fixed", mass=1.0, coupling_stiffness=1.0), harmonics=5), "a dict of keys"),
+    (lambda: chain(tones="1.0"), "tones are frequencies"),
+    (lambda: chain(tones=[]), r"\}, not \[\]"),
+    (lambda: chain(hertz=[2.0]), "write tones=.'hertz': .2.0"),
+    (lambda: chain(harmonics=5), "a dict of keys"),
     (lambda: duffing().law("cubic_spring", "x1", stiffness=1.0, label=5), "label must be a text, not 5"),
     (lambda: with_law(lambda q: (q, q, q, q)).solve(order=3), "gives 4 values, not "),
     (lambda: nhbm.law(odd="yes")(cubic), "odd must be True or False, not 'yes'"),
     (lambda: duffing().solve(order=3).nhbm.save("x.csv"), "give it the ending .h5; dataset.nhbm.to_dataframe"),
     (lambda: duffing()["spring"], "path 'spring' has no key, as in wall.gap"),
-    (lambda: nhbm.fit(duffing(), {"hertz": [-0.1, 0.2], "amplitude": [0.1, 0.2]}, ["load[0].cos"], "x1 (1)"), "'hertz' must have"),
+    (lambda: nhbm.fit(duffing(), {"hertz": [-0.1, 0.2], "amplitude": [0.1, 0.2]}, ["load[0].cos"], "x1 (1)"), "'hertz' must"),
     (lambda: nhbm.fit(duffing(), {"hertz": [], "amplitude": []}, ["load[0].cos"], "x1 (1)"), "data have no rows"),
 ])
 def test_wrong_types_are_refused(made, message, tmp_path, monkeypatch):

@@ -133,7 +133,7 @@ def add_model(sub):
 def add_output(sub):
     sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="picture to write: .png, .pdf or .svg")
     sub.add_argument(
-        "--dpi", type=count(20), default=200, metavar="N", help="dots per inch of a .png (default 200)"
+        "--dpi", type=count(20, 2400), default=200, metavar="N", help="dots per inch of a .png (default 200)"
     )
     sub.add_argument("--title", metavar="TEXT", help="heading, in place of the picture's own; '' for none")
     sub.add_argument(
@@ -147,9 +147,11 @@ def add_output(sub):
     )  # fmt: skip
 
 
-def count(least):
+def count(least, most=None):
     def convert(text):
         number = int(text)
+        if most is not None and number > most:
+            raise argparse.ArgumentTypeError(f"{text} is more than {most}")
         if number < least:
             raise argparse.ArgumentTypeError(f"{text} is less than {least}")
         return number

@@ -19,7 +19,7 @@ from .hdf5 import open_file, strings_of, text_of
 from .outcome import ANSWERS, CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
 from .parameter import Parameter
 from .series import Series
-from .text import list_text, range_text, tuple_text
+from .text import counted, list_text, range_text, tuple_text
 
 SCHEMA_VERSION = 1
 
@@ -480,7 +480,8 @@ class Results:
         series = self.series(point, dof, quantity, allow_unconverged)
         if len(j) != self.n_tones:
             raise ReaderError(
-                f"{self.path}: tuple {tuple_text(j)} has {len(j)} entries; the file has {self.n_tones} tones"
+                f"{self.path}: tuple {tuple_text(j)} has {counted(len(j), 'entry', 'entries')}; "
+                f"the file has {counted(self.n_tones, 'tone')}"
             )
         try:
             return series.harmonic(j)

@@ -27,6 +27,11 @@ def number_text(value) -> str:
     return "-" + text if value < 0.0 else text
 
 
+def counted(n: int, one: str, many: str = "") -> str:
+    """A number with its noun: `1 tone`, `2 tones`."""
+    return f"{n} {one if n == 1 else many or one + 's'}"
+
+
 def list_text(items: Sequence, limit: int = 12) -> str:
     """Items separated by commas; a long list is shortened to its ends and its length."""
     texts = [str(item) for item in items]

@@ -13,7 +13,7 @@ from . import integration
 from .measure import Measure
 from .outcome import CONVERGED, words
 from .reader import QUANTITIES, Results
-from .text import list_text, number_text
+from .text import counted, list_text, number_text
 
 # matplotlib takes a second to load, so only the verbs that draw import nhbm_post.draw.
 
@@ -236,7 +236,8 @@ def _measure(arguments, results: Results):
     if arguments.tone and name != "frequency":
         raise UsageError("--tone belongs to --measure frequency")
     if arguments.tuple and len(arguments.tuple) != results.n_tones:
-        raise UsageError(f"--tuple has {len(arguments.tuple)} entries; {results.path} has {results.n_tones} tones")
+        entries = counted(len(arguments.tuple), "entry", "entries")
+        raise UsageError(f"--tuple has {entries}; {results.path} has {counted(results.n_tones, 'tone')}")
     tone = _tone(arguments, results) if name == "frequency" else 0
     return Measure(name, arguments.tuple, tone, arguments.quantity)
 

@@ -254,7 +254,8 @@ class Accessor:
         wanted = np.array(numbers_of("tuple_", tuple_, int))
         tuples = self._tuples()
         if len(wanted) != data.sizes["tone"]:
-            raise ModelError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
+            needed = data.sizes["tone"]
+            raise ModelError(f"tuple {tuple_} has the length {len(wanted)}; it needs {needed}, a whole number for each tone")
         sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
         has = (tuples == sign * wanted).all("tone") & self._in_use()
         if bool(self._has_motion().any()) and not bool(has.any()):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import time
 import warnings
@@ -342,8 +341,8 @@ def run_example(options: Any) -> int:
     try:
         model = options.make(**{name: getattr(options, name) for name in names})
     except ModelError as error:
-        pattern = rf"^({'|'.join(names)})(?= must)"
-        raise ModelError(re.sub(pattern, lambda name: f"--{name[1].replace('_', '-')}", str(error))) from None
+        name, must, rest = str(error).partition(" must ")
+        raise ModelError(f"--{name.replace('_', '-')}{must}{rest}" if name in names else str(error)) from None
     for text in options.node_set:
         name, positions = _named("--node-set", text, "NAME=X,Y,Z")
         model.sets[name] = np.array([examples.nearest_node(model, _position(text, position)) for position in positions.split(";")])

@@ -316,8 +316,7 @@ class _Force(_Caller):
         answer = call(z, v, s)
         given = answer if isinstance(answer, tuple) else (answer,)
         if len(given) > 3:
-            name = self.function.__name__
-            raise ModelError(f"law '{name}' gives {len(given)} values, not (force, df_dq) or (force, df_dq, df_dv)")
+            raise ModelError(f"law '{self.function.__name__}' gives {len(given)} values, not (force, df_dq[, df_dv])")
         _columns(block.f, n, block)[:] = _shaped(self.function, "forces", given[0], z.shape)
         wanted = [(block.df_dz, z, lambda x: call(x, v, s)), (block.df_dv, v, lambda x: call(z, x, s)),
                   (block.df_ds, s, lambda x: call(z, v, x))]  # fmt: skip

@@ -84,8 +84,8 @@ def reduce(
     if not retained:
         raise ModelError("no degrees of freedom are retained; name those of laws and loads")
     if len(retained) + len(model.loads) + (n_modes if method in MODAL else 0) > LARGEST_REDUCED:
-        sizes = f"{len(retained)} retained degrees of freedom and {n_modes} modes"
-        raise ModelError(f"{sizes} are more than a reduced model may have, {LARGEST_REDUCED}")
+        many = f"{len(retained)} retained degrees of freedom and {n_modes} modes"
+        raise ModelError(f"{many} are more than a reduced model may have, {LARGEST_REDUCED}")
     n_modes = min(n_modes, model.n_dofs - len(retained))
     if method == "krylov":
         space = _KrylovSpace(model, retained, up_to)

@@ -24,7 +24,7 @@ def response_of(session: Session, of: str) -> float:
     if wanted is None:
         return float(np.sqrt((motion[tuples.any(axis=1)] ** 2).sum() / 2))
     if len(wanted) != tuples.shape[1]:
-        raise ModelError(f"'{of}' has a tuple of {len(wanted)} entries, there are {tuples.shape[1]} tones")
+        raise ModelError(f"'{of}' has a tuple of {len(wanted)}; it needs {tuples.shape[1]}, a whole number for each tone")
     # not ==, in which NumPy takes a KeyboardInterrupt during the conversion of `wanted` for a comparison that is false
     found = np.equal(tuples, wanted).all(axis=1) | np.equal(tuples, np.negative(wanted)).all(axis=1)
     return float(np.sqrt((motion[found] ** 2).sum())) if found.any() else float("nan")
