@@ -283,9 +283,25 @@ def test_a_motion_with_impacts_is_verified_as_by_the_command(tmp_path):
     assert verdict["integration_verdict"] == "agrees"
 
 
-def test_a_motion_with_impacts_has_no_derivatives():
+def test_a_motion_with_impacts_has_derivatives():
+    """Those of two motions beside it."""
+
+    def gradient(gap):
+        model = Model.from_namelist(IMPACTS)
+        model["law[0].gap"] = gap
+        with pytest.warns(nhbm.NotConverged, match="integrated") as said:
+            found = model.gradient("x1 (1)", ["law[0].gap"])
+        assert not any("no derivatives" in str(warning.message) for warning in said)
+        return found
+
+    sides = [gradient(0.02 + step).value for step in (-1e-5, 1e-5)]
+    assert gradient(0.02).slopes[0] == pytest.approx((sides[1] - sides[0]) / 2e-5, rel=1e-5)
+
+
+def test_a_motion_by_integration_alone_has_no_derivatives():
+    text = STOP + "&solver primary_method = 'integration' /\n"
     with pytest.warns(nhbm.NotConverged, match="no derivatives of this motion: time integration over"):
-        value, slopes = Model.from_namelist(IMPACTS).gradient("x1 (1)", ["law[0].gap"])
+        value, slopes = Model.from_namelist(text).gradient("x1 (1)", ["law[0].gap"])
     assert value > 0.02 and np.isnan(slopes).all()
 
 
