@@ -17,11 +17,12 @@ module hb_results_record
    use hb_text, only: join, number_of, split, string_t, texts_t, to_text
    implicit none
    private
-   public :: attempts_of, count_pending, fail_where_damaged, message_of, messages_of, numbers_of, open_points, read_record
-   public :: read_units, record_t, refuse_damaged_rows
+   public :: attempts_of, count_pending, fail_where_damaged, keep_law_doubt, message_of, messages_of, numbers_of, open_points
+   public :: read_record, read_units, record_t, refuse_damaged_rows
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
+      character(:), allocatable :: law_doubt            !! what is wrong with user laws, if a run found anything
       integer :: n_ranks = 0                            !! of the run that created the file
       integer :: n_points = 0
       character(:), allocatable :: input_name           !! name of the input file, for messages
@@ -179,8 +180,8 @@ contains
       type(record_t), intent(inout) :: self
       type(h5_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: without_kind
-      character(:), allocatable :: kind
+      type(error_t), allocatable :: without_doubt, without_kind
+      character(:), allocatable :: kind, doubt
       integer :: version
 
       call file%get_attribute("kind", kind, without_kind)
@@ -199,7 +200,32 @@ contains
       if (.not. allocated(error)) call file%get_attribute("program_version", self%program_version, error)
       if (.not. allocated(error)) call file%get_attribute("git_commit", self%git_commit, error)
       if (.not. allocated(error)) call file%get_attribute("created_utc", self%created_utc, error)
+      if (allocated(error)) return
+      call file%get_attribute("law_doubt", doubt, without_doubt)
+      if (.not. allocated(without_doubt)) self%law_doubt = doubt
    end subroutine read_attributes
+
+   !> Stores what is wrong with user laws in a file of results, for runs that continue it; if an earlier run has found anything and
+   !> this one has not, the text becomes that one.
+   subroutine keep_law_doubt(path, text, error)
+      character(*), intent(in) :: path                                !! which must be closed
+      character(:), allocatable, intent(inout) :: text                !! not allocated: nothing is known to be wrong
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_file_t) :: file
+      type(error_t), allocatable :: without_doubt
+      character(:), allocatable :: before
+
+      call open_file(file, path, error, for_writing=allocated(text))
+      if (allocated(error)) return
+      call file%get_attribute("law_doubt", before, without_doubt)
+      if (allocated(without_doubt)) then
+         if (allocated(text)) call file%set_attribute("law_doubt", text, error)
+      else if (.not. allocated(text)) then
+         text = before
+      end if
+      if (allocated(error)) return
+      call file%close(error)
+   end subroutine keep_law_doubt
 
    !> Reads the input and the labels.
    subroutine read_origin(self, file, error)

@@ -24,7 +24,7 @@ module hb_sweep
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, results_t
    use hb_results_layout, only: rank_times_t
-   use hb_results_record, only: count_pending, read_record, record_t
+   use hb_results_record, only: count_pending, keep_law_doubt, read_record, record_t
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_run_summary, only: count_point, count_retained, has_answer, number_solved, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
@@ -127,7 +127,10 @@ contains
       if (rank_of(comm) == 0 .and. run%before%is_there .and. allocated(self%plan%curve) .and. .not. allocated(error)) &
          call recount(options%path, summary, error)
       if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) call remove_padding(self, options%path)
+      if (rank_of(comm) == 0 .and. (run%before%is_there .or. allocated(summary%law_doubt)) .and. .not. allocated(error)) &
+         call keep_law_doubt(options%path, summary%law_doubt, error)
       call share_error(comm, error)
+      call broadcast_text(comm, summary%law_doubt)
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
