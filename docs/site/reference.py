@@ -42,13 +42,13 @@ def command() -> str:
 def python() -> str:
     """Public names of the package with their signatures and docstrings."""
     import nhbm
-    import nhbm.dataset
+    import nhbm.accessor
 
     parts = ["# Python\n\nPublic names of the package `nhbm`; introduction: [nhbm from Python](../docs/user/library.md).\n"]
     for name in sorted(nhbm.__all__, key=str.lower):
         parts.append(described(name, getattr(nhbm, name), "##"))
-    parts.append("## Accessor dataset.nhbm\n\n" + block(inspect.getdoc(nhbm.dataset.Accessor) or ""))
-    parts += members("dataset.nhbm", nhbm.dataset.Accessor)
+    parts.append("## Accessor dataset.nhbm\n\n" + block(inspect.getdoc(nhbm.accessor.Accessor) or ""))
+    parts += members("dataset.nhbm", nhbm.accessor.Accessor)
     return "\n".join(part for part in parts if part)
 
 

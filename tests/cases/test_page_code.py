@@ -17,7 +17,7 @@ import nhbm
 import nhbm.command
 import nhbm_post.cli
 import pytest
-from nhbm.dataset import Accessor
+from nhbm.accessor import Accessor
 from program import ALL_CONVERGED, run
 
 ROOT = Path(__file__).resolve().parents[2]
