@@ -353,8 +353,8 @@ def test_quiet_says_nothing(tmp_path):
 @pytest.mark.parametrize(
     "tones, loads, told",
     [
-        ("1.0, 2.0", "tuple = 1, 0", "(2, -1) has the frequency 0; use one tone of 1.0 rad/s"),
-        ("1.0, 1.0", "tuple = 1, 0", "(1, -1) has the frequency 0; use one tone of 1.0 rad/s"),
+        ("1.0, 2.0", "tuple = 1, 0", "(2,-1) has the frequency 0; use one tone of 1.0 rad/s"),
+        ("1.0, 1.0", "tuple = 1, 0", "(1,-1) has the frequency 0; use one tone of 1.0 rad/s"),
         ("1.0, 1.4142", None, "no load acts"),
         ("1.0, 1.4142", "tuple = 1, 0", None),
     ],
