@@ -72,8 +72,8 @@ program nhbm
    if (.not. allocated(error)) call start_workers(options%n_workers, status, error)
    if (status >= 0) call hb_exit(int(status, c_int))                  ! of the process that has started others, which have ended
    call protect_outside_code()
-   call hb_refuse_exit("nhbm: a library has called exit(), maybe a law of the user's own; the work is not done"// &
-      new_line("a")//c_null_char, int(bad_input, c_int))
+   call hb_refuse_exit("nhbm: a library has called exit(): a law of the user's own, or one that met a limit on memory "// &
+      "(ulimit -v); the work is not done"//new_line("a")//c_null_char, int(bad_input, c_int))
    if (.not. allocated(error)) call expect_signals()
    call start_mpi()
    comm = world()

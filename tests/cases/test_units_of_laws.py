@@ -60,7 +60,7 @@ def text_of(law, key, keys, force, length):
     if all(isinstance(value, int) for value in values) and not UNITS[f"law {law}", key]:
         return f"{key} = " + ", ".join(map(str, values))
     scales = [force**of_force * length**of_length for of_force, of_length in units(law, key, keys)]
-    return f"{key} = " + ", ".join(repr(value * scale) for value, scale in zip(values, scales))
+    return f"{key} = " + ", ".join(repr(float(value * scale)) for value, scale in zip(values, scales))
 
 
 def model(law, method, force=1.0, length=1.0):
