@@ -497,17 +497,22 @@ def largest_of_difference(coupling, w):
     return np.linalg.eigvals(expm(np.array([[0.0, 1.0], [-1.0 - 2 * coupling, -D]]) * turn) @ saltation).real.max()
 
 
-@pytest.mark.long  # half a minute
-def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
-    """Their common motion loses its stability to motions in which they differ."""
+def equal_masses(coupling, way):
+    """Two masses with a wall each, and a curve over the spring between them."""
     both = "".join(
         f"&load dof='x{i}', tuple=1, cos=1.0 /\n&law type='rigid_wall', dof='x{i}', gap=0.0, restitution={E} /\n" for i in (1, 2)
     )
-    (tmp_path / "equal.nml").write_text(
-        "&structure type='chain', n_masses=2, ends='free', mass=1.0, coupling_stiffness=0.1, ground_stiffness=1.0,\n"
+    return (
+        f"&structure type='chain', n_masses=2, ends='free', mass=1.0, coupling_stiffness={coupling}, ground_stiffness=1.0,\n"
         f"           damping_mass=0.1 /\n&tones frequency=2.3 /\n{both}&harmonics order=12 /\n"
-        "&curve parameter='structure%coupling_stiffness', from=0.18, to=0.33, points=12 /\n"
+        f"&curve parameter='structure%coupling_stiffness', {way} /\n"
     )
+
+
+@pytest.mark.long  # half a minute
+def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
+    """Their common motion loses its stability to motions in which they differ."""
+    (tmp_path / "equal.nml").write_text(equal_masses(0.1, "from=0.18, to=0.33, points=12"))
     run("solve", "equal.nml", "--quiet", cwd=tmp_path)
     kind, value = read(tmp_path / "equal.h5", "curve_kind", "structure_coupling_stiffness")
     assert KINDS.index("grazing") not in kind, "both masses strike at the same instant, each once a period"
@@ -519,14 +524,7 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
 @pytest.mark.long
 def test_the_branch_of_motions_that_differ_is_followed(tmp_path):
     """From the branch point of equal masses, to both sides: their images under exchange of the masses."""
-    both = "".join(
-        f"&load dof='x{i}', tuple=1, cos=1.0 /\n&law type='rigid_wall', dof='x{i}', gap=0.0, restitution={E} /\n" for i in (1, 2)
-    )
-    (tmp_path / "equal.nml").write_text(
-        "&structure type='chain', n_masses=2, ends='free', mass=1.0, coupling_stiffness=0.2, ground_stiffness=1.0,\n"
-        f"           damping_mass=0.1 /\n&tones frequency=2.3 /\n{both}&harmonics order=12 /\n"
-        "&curve parameter='structure%coupling_stiffness', from=0.2, to=0.206, max_step=0.3, points=18, switch=.true. /\n"
-    )
+    (tmp_path / "equal.nml").write_text(equal_masses(0.2, "from=0.2, to=0.206, max_step=0.3, points=18, switch=.true."))
     run("solve", "equal.nml", "--quiet", cwd=tmp_path)
     kind, value, branch, residual, stable, found = read(
         tmp_path / "equal.h5", "curve_kind", "structure_coupling_stiffness", "curve_branch", "residual", "is_stable", "coefficients"
