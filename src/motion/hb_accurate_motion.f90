@@ -10,28 +10,27 @@
 module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_attempts, only: attempts_t, make_attempts
-   use hb_cancellation, only: cancellation_t, note_level, verdict, work_is_over
+   use hb_cancellation, only: cancellation_t, note_level, work_is_over
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
-   use hb_level, only: apply_safety_factor, caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
-      estimate_of_wanted, is_rigid, level_t, margin, max_failures, min_goal, trim_for_neighbour, trim_set
+   use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
+      level_t, margin, max_failures, min_goal, trim_for_neighbour, trim_set
+   use hb_level_solver, only: level_solver_t, solver_tolerance
    use hb_level_stability, only: add_stability
    use hb_model, only: model_t
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
-   use hb_outcome, only: is_answer => is_solved, outcome, reason
+   use hb_outcome, only: is_answer => is_solved, outcome
    use hb_refinement, only: refinable_t, refine
-   use hb_solve_level, only: solve_level
    use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
-   use hb_text, only: rounded
    use hb_threads, only: use_threads
-   use hb_thresholds, only: minor, reliable, well_solved
+   use hb_thresholds, only: minor, reliable
    use hb_time_domain, only: evaluation_work, primary_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
@@ -41,25 +40,10 @@ module hb_accurate_motion
 
    integer, parameter :: max_idle = 4                                ! consecutive levels without improvement
    real(wp), parameter :: share_of_guess = 0.25_wp                    ! of the work of fallbacks, for each time integration
-   real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
-   integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: max_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
    real(wp), parameter :: min_work_of_verdict = 5.0e7_wp            ! limit beyond which no level is begun, at least
-   integer, parameter :: patience = 3                                 ! steps without improvement from the level below
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
-
-   !> Solves the levels of a point and counts their work.
-   type, extends(effort_t) :: level_solver_t
-      type(system_t), pointer :: system => null()
-      type(discretisation_t), pointer :: whole => null()              ! has all loads
-      type(options_t), pointer :: options => null()                   ! of the point
-      type(options_t) :: level_options
-      logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
-   contains
-      procedure :: prepare => level_solver_prepare
-      procedure :: solve => level_solver_solve
-   end type level_solver_t
 
    !> A motion whose set and grid are refined: the level solved last, the level it was compared with, the best level.
    type, extends(refinable_t) :: refined_motion_t
@@ -631,15 +615,6 @@ contains
       n = int(min(share_of_guess*options%solver%max_fallback_work/work, 1.0e18_wp), int64)
    end function evaluations_of_guess
 
-   !> Residual at which the equations of a level are solved: far below the permitted error of its motion, unless a
-   !> residual was requested.
-   pure real(wp) function solver_tolerance(options) result(tolerance)
-      type(options_t), intent(in) :: options
-
-      tolerance = options%solver%tolerance
-      if (.not. options%solver%has_tolerance) tolerance = max(tolerance, well_solved*options%accuracy%tolerance)
-   end function solver_tolerance
-
    !> Whether the point has ended.
    pure logical function has_ended(result)
       type(motion_result_t), intent(in) :: result
@@ -663,75 +638,6 @@ contains
       call new_lowest_set(level%set, system%tones%n_tones, loaded, error, order)
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(system))
    end subroutine other_first
-
-   !> Prepares the levels of a point.
-   subroutine level_solver_prepare(self, system, discretisation, options)
-      class(level_solver_t), intent(inout) :: self
-      type(system_t), intent(in), target :: system
-      type(discretisation_t), intent(in), target :: discretisation
-      type(options_t), intent(in), target :: options
-
-      self%system => system
-      self%whole => discretisation
-      self%options => options
-      self%level_options = options
-      associate (level_options => self%level_options)
-         level_options%primary_method = primary_method%balance
-         level_options%may_integrate = .false.
-         level_options%error_estimate%is_on = .true.
-         level_options%stability%method = stability_method%off
-         level_options%solver%tolerance = solver_tolerance(options)
-         level_options%solver%krylov_patience = patience_with_products
-         level_options%solver%fallback_share = 0.0_wp                      ! other sets remain to be tried
-         level_options%error_estimate%improvement_steps = 0
-         if (allocated(level_options%output%samples)) level_options%output%samples = level_options%output%samples(:0)
-      end associate
-   end subroutine level_solver_prepare
-
-   !> Solves the model on a level, starting from its motion if it has one. Afterwards the level contains a motion if
-   !> the solution succeeded.
-   subroutine level_solver_solve(self, level, with_fallback, result, error)
-      class(level_solver_t), intent(inout) :: self
-      type(level_t), intent(inout) :: level
-      logical, intent(in) :: with_fallback
-      type(motion_result_t), intent(out) :: result
-      type(error_t), allocatable, intent(out) :: error
-      type(cancellation_t), target :: limit
-      real(wp), allocatable :: first_guess(:), found(:)
-
-      call move_alloc(level%unknowns, first_guess)
-      associate (options => self%options, solver => self%level_options%solver)
-         solver%fallback = options%solver%fallback .and. with_fallback
-         solver%patience = merge(0, patience, with_fallback)
-         solver%max_fallback_work = min(options%solver%max_fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
-         if (self%n_levels > 0) solver%max_fallback_work = share_of_fallback*solver%max_fallback_work
-         call limit%enter(huge(1.0_wp), max(options%max_work() - self%work_spent, &
-                                            merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
-         call solve_level(self%system, self%whole, self%level_options, level, first_guess, result, error, found)
-         call limit%leave()
-         result%work_spent = limit%budget%spent
-         self%is_out_of_work = limit%verdict == verdict%out_of_work
-         if (self%is_out_of_work) call end_level(result, error, allocated(found))
-         result%n_levels = 1
-         call self%add(result%effort_t)
-         solver%preconditioner_level = result%preconditioner_level
-         if (allocated(error)) return
-         call apply_safety_factor(self%system, result)
-      end associate
-      if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
-   end subroutine level_solver_solve
-
-   !> Ends a level that its limit of work has interrupted: without a motion, or with one whose error is not known.
-   subroutine end_level(result, error, has_motion)
-      type(motion_result_t), intent(inout) :: result
-      type(error_t), allocatable, intent(inout) :: error
-      logical, intent(in) :: has_motion
-
-      if (allocated(error)) deallocate (error)                        ! of the partial results
-      result%status = merge(outcome%truncated, outcome%out_of_budget, has_motion)
-      if (.not. has_motion) result%reason = reason%max_fallback_work
-      result%error_estimate%truncation = 1.0_wp
-   end subroutine end_level
 
    !> Sets status and estimates of the last level, and adds the results that were omitted on the levels.
    subroutine finish(self)

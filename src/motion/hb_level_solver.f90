@@ -1,0 +1,115 @@
+!> The levels of a point that is refined to a tolerance: each is solved with the same settings, within what is left of the work.
+module hb_level_solver
+   use hb_cancellation, only: cancellation_t, verdict
+   use hb_discretisation, only: discretisation_t
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_level, only: apply_safety_factor, level_t
+   use hb_motion_result, only: effort_t, motion_result_t
+   use hb_options, only: options_t
+   use hb_outcome, only: is_answer => is_solved, outcome, reason
+   use hb_solve_level, only: solve_level
+   use hb_stability, only: stability_method
+   use hb_system, only: system_t
+   use hb_thresholds, only: well_solved
+   use hb_time_domain, only: primary_method
+   implicit none
+   private
+   public :: level_solver_t, solver_tolerance
+
+   real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
+   integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
+   integer, parameter :: patience = 3                                 ! steps without improvement from the level below
+
+   !> Solves the levels of a point and counts their work.
+   type, extends(effort_t) :: level_solver_t
+      type(system_t), pointer :: system => null()
+      type(discretisation_t), pointer :: whole => null()              ! has all loads
+      type(options_t), pointer :: options => null()                   ! of the point
+      type(options_t) :: level_options
+      logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
+   contains
+      procedure :: prepare => level_solver_prepare
+      procedure :: solve => level_solver_solve
+   end type level_solver_t
+
+contains
+
+   !> Residual at which the equations of a level are solved: far below the permitted error of its motion, unless a
+   !> residual was requested.
+   pure real(wp) function solver_tolerance(options) result(tolerance)
+      type(options_t), intent(in) :: options
+
+      tolerance = options%solver%tolerance
+      if (.not. options%solver%has_tolerance) tolerance = max(tolerance, well_solved*options%accuracy%tolerance)
+   end function solver_tolerance
+
+   !> Prepares the levels of a point.
+   subroutine level_solver_prepare(self, system, discretisation, options)
+      class(level_solver_t), intent(inout) :: self
+      type(system_t), intent(in), target :: system
+      type(discretisation_t), intent(in), target :: discretisation
+      type(options_t), intent(in), target :: options
+
+      self%system => system
+      self%whole => discretisation
+      self%options => options
+      self%level_options = options
+      associate (level_options => self%level_options)
+         level_options%primary_method = primary_method%balance
+         level_options%may_integrate = .false.
+         level_options%error_estimate%is_on = .true.
+         level_options%stability%method = stability_method%off
+         level_options%solver%tolerance = solver_tolerance(options)
+         level_options%solver%krylov_patience = patience_with_products
+         level_options%solver%fallback_share = 0.0_wp                      ! other sets remain to be tried
+         level_options%error_estimate%improvement_steps = 0
+         if (allocated(level_options%output%samples)) level_options%output%samples = level_options%output%samples(:0)
+      end associate
+   end subroutine level_solver_prepare
+
+   !> Solves the model on a level, starting from its motion if it has one. Afterwards the level contains a motion if
+   !> the solution succeeded.
+   subroutine level_solver_solve(self, level, with_fallback, result, error)
+      class(level_solver_t), intent(inout) :: self
+      type(level_t), intent(inout) :: level
+      logical, intent(in) :: with_fallback
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(cancellation_t), target :: limit
+      real(wp), allocatable :: first_guess(:), found(:)
+
+      call move_alloc(level%unknowns, first_guess)
+      associate (options => self%options, solver => self%level_options%solver)
+         solver%fallback = options%solver%fallback .and. with_fallback
+         solver%patience = merge(0, patience, with_fallback)
+         solver%max_fallback_work = min(options%solver%max_fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
+         if (self%n_levels > 0) solver%max_fallback_work = share_of_fallback*solver%max_fallback_work
+         call limit%enter(huge(1.0_wp), max(options%max_work() - self%work_spent, &
+                                            merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
+         call solve_level(self%system, self%whole, self%level_options, level, first_guess, result, error, found)
+         call limit%leave()
+         result%work_spent = limit%budget%spent
+         self%is_out_of_work = limit%verdict == verdict%out_of_work
+         if (self%is_out_of_work) call end_level(result, error, allocated(found))
+         result%n_levels = 1
+         call self%add(result%effort_t)
+         solver%preconditioner_level = result%preconditioner_level
+         if (allocated(error)) return
+         call apply_safety_factor(self%system, result)
+      end associate
+      if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
+   end subroutine level_solver_solve
+
+   !> Ends a level that its limit of work has interrupted: without a motion, or with one whose error is not known.
+   subroutine end_level(result, error, has_motion)
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(inout) :: error
+      logical, intent(in) :: has_motion
+
+      if (allocated(error)) deallocate (error)                        ! of the partial results
+      result%status = merge(outcome%truncated, outcome%out_of_budget, has_motion)
+      if (.not. has_motion) result%reason = reason%max_fallback_work
+      result%error_estimate%truncation = 1.0_wp
+   end subroutine end_level
+end module hb_level_solver
