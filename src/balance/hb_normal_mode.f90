@@ -21,18 +21,7 @@ module hb_normal_mode
    use hb_thresholds, only: agreement, faint, rounding
    implicit none
    private
-   public :: amplitude_functionals, find_mode_of_energy, find_normal_mode, normal_mode_t
-
-   type :: normal_mode_t
-      logical :: is_requested = .false.
-      logical :: has_energy = .false.                                 !! prescribed instead of an amplitude
-      integer :: dof = 0                                              !! of the structure, at which the amplitude is measured
-      integer :: mode = 0                                             !! linear mode to start from, by frequency; 0: nearest to
-                                                                      !! the first guess of the frequency, otherwise the first
-      real(wp) :: amplitude = 0.0_wp                                  !! [m], of either sign
-      real(wp) :: energy = 0.0_wp                                     !! [J], > 0
-      logical :: is_peak = .true.                                     !! displacement at rest at tau = 0, otherwise first harmonic
-   end type normal_mode_t
+   public :: amplitude_functionals, find_mode_of_energy, find_normal_mode
 
    !> The goal: an amplitude with its phase condition, or an energy. Half of the path is half of the amplitude and a
    !> quarter of the energy.

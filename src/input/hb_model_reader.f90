@@ -14,13 +14,14 @@ module hb_model_reader
    use hb_model, only: model_t
    use hb_model_laws, only: read_laws
    use hb_model_loads, only: loaded_tuples, read_initial, read_loads, read_starts
-   use hb_model_number, only: follower_t, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
-      relation_t, tie_t, values_at
+   use hb_model_number, only: follower_t, followers_of_changes, has_number, model_number_t, moving_groups, relation_t, tie_t, &
+      values_at
    use hb_model_numbers, only: find_model_number, set_model_numbers
    use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
    use hb_options, only: callbacks_t, options_t
+   use hb_parameter_number, only: find_number, locate_number, movable_groups
    use hb_properties, only: properties_t
    use hb_response, only: new_response, response_t
    use hb_solver_types, only: share_of_solver
@@ -33,7 +34,7 @@ module hb_model_reader
    use hb_truncation_reader, only: read_harmonics, read_lowest_set
    implicit none
    private
-   public :: find_number, group_names, movable_groups, read_model, update_model
+   public :: group_names, read_model, update_model
 
    !> All groups that an input file may contain.
    character(17), parameter :: group_names(20) = [character(17) :: &
@@ -138,58 +139,6 @@ contains
          call group%note_number(trim(parameter%key), parameter%element, value)
       end associate
    end subroutine note_number
-
-   !> The number of a model that a parameter of a document, from which the model was read, is; without an object if it is
-   !> none, such as a word or an integer.
-   subroutine find_number(document, parameter, number)
-      type(document_t), intent(in) :: document
-      type(parameter_t), intent(in) :: parameter
-      type(model_number_t), intent(out) :: number
-
-      call locate_number(document, parameter, number)
-      associate (group => document%groups%holders(parameter%i_group)%group)
-         number%name = group%name
-         if (group%is_repeated) number%name = trim(number%name)//"("//to_text(group%number)//")"
-         number%name = trim(number%name)//"%"//trim(parameter%key)
-      end associate
-      if (all(parameter%element > 0)) then
-         number%name = trim(number%name)//"("//to_text(parameter%element(1))//", "//to_text(parameter%element(2))//")"
-      else if (parameter%element(1) > 0) then
-         number%name = trim(number%name)//"("//to_text(parameter%element(1))//")"
-      end if
-   end subroutine find_number
-
-   !> The groups whose numbers may move, for messages.
-   pure function movable_groups() result(text)
-      character(160) :: text
-      integer :: i
-
-      text = "&"//moving_groups(1)
-      do i = 2, size(moving_groups)
-         if (i < size(moving_groups)) text = trim(text)//", &"//moving_groups(i)
-         if (i == size(moving_groups)) text = trim(text)//" or &"//moving_groups(i)
-      end do
-   end function movable_groups
-
-   !> The same without its name, for every point of a sweep.
-   subroutine locate_number(document, parameter, number)
-      type(document_t), intent(in) :: document
-      type(parameter_t), intent(in) :: parameter
-      type(model_number_t), intent(out) :: number
-      logical :: is_number
-
-      associate (group => document%groups%holders(parameter%i_group)%group)
-         call group%find_limits(trim(parameter%key), parameter%element, is_number, number%minimum, number%maximum, number%above)
-         if (is_number) number%object = findloc(numbered_groups%name == group%name, .true., dim=1)
-         number%i = group%number
-      end associate
-      if (number%object == has_number%tones) then                     ! only an unknown tone may have the frequency 0
-         number%minimum = -huge(1.0_wp)
-         number%above = 0.0_wp
-      end if
-      number%key = parameter%key
-      number%element = parameter%element
-   end subroutine locate_number
 
    !> Tuples of loads, first guesses and outputs with a requested accuracy, (n_tones, any).
    function wanted_tuples(system, options, document) result(tuples)

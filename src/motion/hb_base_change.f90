@@ -7,7 +7,8 @@ module hb_base_change
    use hb_characteristic, only: samples_along_time
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_error_estimate, only: error_estimate_t, near_commensurate
+   use hb_error_estimate, only: near_commensurate
+   use hb_estimated_errors, only: error_estimate_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_harmonics
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp

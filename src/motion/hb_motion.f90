@@ -13,7 +13,8 @@ module hb_motion
    use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: annotate, error_t, fail
-   use hb_error_estimate, only: error_estimate_t, estimate_linear_error
+   use hb_error_estimate, only: estimate_linear_error
+   use hb_estimated_errors, only: error_estimate_t
    use hb_integrated_result, only: guess_from, is_lost, keep_integrated
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at

@@ -7,7 +7,8 @@ module hb_motion_description
    use hb_clock, only: wall_clock
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
-   use hb_error_estimate, only: choose_wider_set, error_estimate_t, estimate_error, wanted_motions_t
+   use hb_error_estimate, only: choose_wider_set, estimate_error
+   use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp

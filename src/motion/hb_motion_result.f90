@@ -1,7 +1,7 @@
 !> The result of the search for a motion.
 module hb_motion_result
    use hb_error, only: error_t
-   use hb_error_estimate, only: error_estimate_t
+   use hb_estimated_errors, only: error_estimate_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome, reason

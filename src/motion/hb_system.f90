@@ -6,14 +6,13 @@ module hb_system
    use hb_law, only: hold_t, law_box_t
    use hb_load, only: load_t
    use hb_model_number, only: tie_t
-   use hb_normal_mode, only: normal_mode_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
    use hb_text, only: to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: only_in_time, shared_walls, system_t
+   public :: normal_mode_t, only_in_time, shared_walls, system_t
 
    !> Why a load with a course over time has no balance.
    character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
@@ -21,6 +20,18 @@ module hb_system
    !> Why two rigid walls that share a degree of freedom have no balance.
    character(*), parameter :: shared_walls = "are both rigid and share a degree of freedom, which only time integration knows "// &
       "(nhbm integrate); use one two-sided wall, or an elastic stop for one of them"
+
+   !> The wanted motion of free vibration: by its amplitude or its energy.
+   type :: normal_mode_t
+      logical :: is_requested = .false.
+      logical :: has_energy = .false.                                 !! prescribed instead of an amplitude
+      integer :: dof = 0                                              !! of the structure, at which the amplitude is measured
+      integer :: mode = 0                                             !! linear mode to start from, by frequency; 0: nearest to
+                                                                      !! the first guess of the frequency, otherwise the first
+      real(wp) :: amplitude = 0.0_wp                                  !! [m], of either sign
+      real(wp) :: energy = 0.0_wp                                     !! [J], > 0
+      logical :: is_peak = .true.                                     !! displacement at rest at tau = 0, otherwise first harmonic
+   end type normal_mode_t
 
    type :: system_t
       class(structure_builder_t), allocatable :: builder              !! of the structure without bearings

@@ -9,10 +9,10 @@ module hb_curve_plan
    use hb_model, only: model_t
    use hb_model_number, only: moving_groups
    use hb_model_problem, only: moving_value_t
-   use hb_model_reader, only: find_number, movable_groups
    use hb_movement, only: movement_t, new_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome
+   use hb_parameter_number, only: find_number, movable_groups
    use hb_point_kinds, only: curve_kind_names, curve_kinds, located_by, response_keys, response_kinds, target_keys
    use hb_properties, only: properties_t
    use hb_response, only: new_response

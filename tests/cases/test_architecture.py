@@ -149,6 +149,19 @@ def test_sources_with_directives_are_compiled_with_threads():
     assert set(re.findall(r"^\s+(\w+/\w+\.f90)", threaded, re.MULTILINE)) == with_directives
 
 
+def test_types_of_a_model_and_its_motion_need_no_solver():
+    """gfortran writes into the file of a module all types of all modules that it uses, and reads them for each user."""
+    users = {name_of(path): {module for _, module in used_modules(path)} for path in sources()}
+    for name in ("hb_model", "hb_motion_result", "hb_level"):
+        needed, reached = {name}, set()
+        while needed:
+            module = needed.pop()
+            reached.add(module)
+            needed |= users.get(module, set()) - reached
+        assert "hb_system" in reached or "hb_estimated_errors" in reached
+        assert not reached & {"hb_balance", "hb_solver", "hb_curve", "hb_time_stepping"}, name
+
+
 def test_integration_is_independent_of_the_balance():
     paths = {name_of(path): path for path in sources()}
     left, seen = list(INTEGRATION), set(INTEGRATION)
