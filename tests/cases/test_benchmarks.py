@@ -41,9 +41,9 @@ def benchmarks(*words, new=None):
 
 
 @pytest.mark.parametrize("before, seconds, limit, status, expected, text", [
-    (0.5, 0.5, 10, 1, 0, "0 of 2 are slower by more than 10, 0 have another result"),
-    (0.02, 2.0, 3, 1, 1, "1 of 2 are slower by more than 3, 0 have another result"),
-    (0.5, 0.5, 10, 2, 1, "3 converged became 2 converged, 1 truncated"),
+    (0.1, 0.1, 10, 1, 0, "0 of 2 are slower by more than 10, 0 have another result"),
+    (0.02, 0.6, 3, 1, 1, "1 of 2 are slower by more than 3, 0 have another result"),
+    (0.1, 0.1, 10, 2, 1, "3 converged became 2 converged, 1 truncated"),
 ])  # fmt: skip
 def test_what_is_slower_or_another_is_said(tmp_path, before, seconds, limit, status, expected, text):
     """With margins that a busy machine leaves."""

@@ -182,6 +182,7 @@ def test_torus_is_followed_by_tolerance(tmp_path):
         assert results.amplitude(end, "x1", (1, 0)) == pytest.approx(0.63880032, rel=1e-4)
 
 
+@pytest.mark.long
 def test_other_motions_are_each_found_to_the_tolerance(followed, tmp_path):
     """Those of the whole curve, which passes the frequency three times."""
     whole = solve(STOP.replace("points", "values = 0.7, points"), tmp_path)
