@@ -58,8 +58,7 @@ contains
       slopes(1) = secants(1)
       slopes(n) = secants(n - 1)
       do i = 2, n - 1
-         slopes(i) = (widths(i)*secants(i - 1) + widths(i - 1)*secants(i))/(widths(i - 1) + widths(i))
-         if (have_other_signs(secants(i - 1), secants(i))) slopes(i) = 0.0_wp
+         slopes(i) = three_point_slope(widths(i - 1:i), secants(i - 1:i))
       end do
       entering = slopes
       do i = 1, n - 1
@@ -73,6 +72,15 @@ contains
       end do
    end subroutine find_monotone_slopes
 
+   !> Slope at a node from the secants of the intervals beside it, before the limits.
+   pure real(wp) function three_point_slope(widths, secants) result(slope)
+      real(wp), intent(in) :: widths(2), secants(2)
+
+      slope = 0.0_wp
+      if (have_other_signs(secants(1), secants(2))) return
+      slope = (widths(2)*secants(1) + widths(1)*secants(2))/(widths(1) + widths(2))
+   end function three_point_slope
+
    !> Derivatives of the slopes by value or node `i`: those of the secants beside it, of the three-point slopes, and of the
    !> limits, interval by interval as far as they reach. One-sided where a limit begins.
    pure subroutine monotone_cubic_find_change(self, i, is_of_node, change)
@@ -80,7 +88,7 @@ contains
       integer, intent(in) :: i
       logical, intent(in) :: is_of_node
       type(cubic_change_t), intent(out) :: change
-      real(wp) :: a, b, by_a, by_b, by_ratio, entered, entered_change, factor, next, next_change, radius, secant, secant_change
+      real(wp) :: entered_change, next, next_change, secant, secant_change
       integer :: k, n
 
       n = size(self%nodes)
@@ -88,29 +96,12 @@ contains
       change%is_of_node = is_of_node
       change%first = max(1, i - 2)
       allocate (change%slopes(change%first:n), source=0.0_wp)
-      entered_change = three_point_change(change%first)
+      call find_three_point_change(self, change, change%first, next, entered_change)
       do k = change%first, n - 1
          change%last = k
-         entered = self%entering(k)
-         call secant_at(k, secant, secant_change)
-         next = three_point(k + 1)
-         next_change = three_point_change(k + 1)
-         if (secant == 0.0_wp) then
-            entered_change = 0.0_wp
-            next_change = 0.0_wp
-         else
-            a = entered/secant
-            b = next/secant
-            radius = hypot(a, b)
-            factor = 3.0_wp/radius
-            if (factor < 1.0_wp) then
-               by_a = (entered_change - a*secant_change)/secant
-               by_b = (next_change - b*secant_change)/secant
-               by_ratio = -factor*(a*by_a + b*by_b)/radius**2
-               entered_change = factor*entered_change + by_ratio*entered
-               next_change = factor*next_change + by_ratio*next
-            end if
-         end if
+         call find_secant_change(self, change, k, secant, secant_change)
+         call find_three_point_change(self, change, k + 1, next, next_change)
+         call limit_changes(secant, secant_change, [self%entering(k), next], entered_change, next_change)
          change%slopes(k) = entered_change
          entered_change = next_change
          if (k > i + 1 .and. entered_change == 0.0_wp) exit
@@ -119,59 +110,73 @@ contains
          change%last = n
          change%slopes(n) = entered_change
       end if
-
-   contains
-
-      pure subroutine secant_at(m, secant, secant_change)
-         integer, intent(in) :: m
-         real(wp), intent(out) :: secant, secant_change
-         real(wp) :: sign_of, width
-
-         width = self%nodes(m + 1) - self%nodes(m)
-         secant = (self%values(m + 1) - self%values(m))/width
-         sign_of = merge(1.0_wp, 0.0_wp, m + 1 == i) - merge(1.0_wp, 0.0_wp, m == i)
-         secant_change = sign_of/width
-         if (is_of_node) secant_change = -sign_of*secant/width
-      end subroutine secant_at
-
-      !> Slope at a node before all limits.
-      pure real(wp) function three_point(m) result(slope)
-         integer, intent(in) :: m
-         real(wp) :: left, right, ignored
-
-         if (m == 1 .or. m == n) then
-            call secant_at(min(m, n - 1), slope, ignored)
-            return
-         end if
-         call secant_at(m - 1, left, ignored)
-         call secant_at(m, right, ignored)
-         slope = 0.0_wp
-         if (have_other_signs(left, right)) return
-         associate (x => self%nodes(m - 1:m + 1))
-            slope = ((x(3) - x(2))*left + (x(2) - x(1))*right)/(x(2) - x(1) + (x(3) - x(2)))
-         end associate
-      end function three_point
-
-      pure real(wp) function three_point_change(m) result(slope_change)
-         integer, intent(in) :: m
-         real(wp) :: d(3), left, left_change, right, right_change
-
-         if (m == 1 .or. m == n) then
-            call secant_at(min(m, n - 1), left, slope_change)
-            return
-         end if
-         call secant_at(m - 1, left, left_change)
-         call secant_at(m, right, right_change)
-         slope_change = 0.0_wp
-         if (have_other_signs(left, right)) return
-         associate (x => self%nodes(m - 1:m + 1))
-            slope_change = ((x(3) - x(2))*left_change + (x(2) - x(1))*right_change)/(x(3) - x(1))
-            if (.not. is_of_node) return
-            d = [merge(1.0_wp, 0.0_wp, m - 1 == i), merge(1.0_wp, 0.0_wp, m == i), merge(1.0_wp, 0.0_wp, m + 1 == i)]
-            slope_change = slope_change + ((d(3) - d(2))*left + (d(2) - d(1))*right - (d(3) - d(1))*three_point(m))/(x(3) - x(1))
-         end associate
-      end function three_point_change
    end subroutine monotone_cubic_find_change
+
+   !> The secant of interval `m` and its derivative by the number of a change.
+   pure subroutine find_secant_change(self, change, m, secant, secant_change)
+      class(monotone_cubic_t), intent(in) :: self
+      type(cubic_change_t), intent(in) :: change
+      integer, intent(in) :: m
+      real(wp), intent(out) :: secant, secant_change
+      real(wp) :: sign_of, width
+
+      width = self%nodes(m + 1) - self%nodes(m)
+      secant = (self%values(m + 1) - self%values(m))/width
+      sign_of = merge(1.0_wp, 0.0_wp, m + 1 == change%i) - merge(1.0_wp, 0.0_wp, m == change%i)
+      secant_change = sign_of/width
+      if (change%is_of_node) secant_change = -sign_of*secant/width
+   end subroutine find_secant_change
+
+   !> The slope at node `m` before all limits and its derivative by the number of a change.
+   pure subroutine find_three_point_change(self, change, m, slope, slope_change)
+      class(monotone_cubic_t), intent(in) :: self
+      type(cubic_change_t), intent(in) :: change
+      integer, intent(in) :: m
+      real(wp), intent(out) :: slope, slope_change
+      real(wp) :: d(3), left, left_change, right, right_change
+      integer :: k, n
+
+      n = size(self%nodes)
+      if (m == 1 .or. m == n) then
+         call find_secant_change(self, change, min(m, n - 1), slope, slope_change)
+         return
+      end if
+      call find_secant_change(self, change, m - 1, left, left_change)
+      call find_secant_change(self, change, m, right, right_change)
+      slope_change = 0.0_wp
+      associate (x => self%nodes(m - 1:m + 1))
+         slope = three_point_slope(x(2:) - x(:2), [left, right])
+         if (have_other_signs(left, right)) return
+         slope_change = ((x(3) - x(2))*left_change + (x(2) - x(1))*right_change)/(x(3) - x(1))
+         if (.not. change%is_of_node) return
+         d = [(merge(1.0_wp, 0.0_wp, m + k == change%i), k=-1, 1)]
+         slope_change = slope_change + ((d(3) - d(2))*left + (d(2) - d(1))*right - (d(3) - d(1))*slope)/(x(3) - x(1))
+      end associate
+   end subroutine find_three_point_change
+
+   !> Applies the derivative of the limit of an interval to those of the slopes at its ends.
+   pure subroutine limit_changes(secant, secant_change, slopes, first_change, last_change)
+      real(wp), intent(in) :: secant, secant_change
+      real(wp), intent(in) :: slopes(2)                               !! before this limit
+      real(wp), intent(inout) :: first_change, last_change            !! their derivatives
+      real(wp) :: a, b, by_a, by_b, by_ratio, factor, radius
+
+      if (secant == 0.0_wp) then
+         first_change = 0.0_wp
+         last_change = 0.0_wp
+         return
+      end if
+      a = slopes(1)/secant
+      b = slopes(2)/secant
+      radius = hypot(a, b)
+      factor = 3.0_wp/radius
+      if (.not. factor < 1.0_wp) return
+      by_a = (first_change - a*secant_change)/secant
+      by_b = (last_change - b*secant_change)/secant
+      by_ratio = -factor*(a*by_a + b*by_b)/radius**2
+      first_change = factor*first_change + by_ratio*slopes(1)
+      last_change = factor*last_change + by_ratio*slopes(2)
+   end subroutine limit_changes
 
    !> Derivative of the value at `x` by the number of a change.
    pure real(wp) function monotone_cubic_change_at(self, change, x) result(by_number)
