@@ -138,8 +138,8 @@ contains
       done = 0.0_wp
       do i = 1, max_parts
          part = self%step - done
-         call try(part)
-         if (i < max_parts) call shorten(part)
+         call advance_part(self, time + done, part, q, v, s)
+         if (i < max_parts) call shorten_part(self, time + done, part, q, v, s)
          done = done + part
          self%switch = self%switch_end
          if (done >= self%step) return
@@ -147,78 +147,84 @@ contains
          self%v_start = v
          self%s_start = s
       end do
+   end subroutine split_step
 
-   contains
+   !> Advances a part of a step from where the parts before ended.
+   subroutine advance_part(self, time, part, q, v, s)
+      class(runge_kutta_4_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! at its start [s]
+      real(wp), intent(in) :: part                                    !! [s]
+      real(wp), intent(out), contiguous :: q(:), v(:), s(:)
 
-      !> Goes a part on from where the parts before ended.
-      subroutine try(part)
-         real(wp), intent(in) :: part
+      q = self%q_start
+      v = self%v_start
+      s = self%s_start
+      call self%system%accelerations%at(time, self%load_start)
+      call self%system%accelerations%at(time + 0.5_wp*part, self%load_middle)
+      call self%system%accelerations%at(time + part, self%load_end)
+      call one_step(self, time, part, q, v, s)
+      call self%system%laws%switch_values(time + part, q, v, self%switch_end)
+   end subroutine advance_part
 
-         q = self%q_start
-         v = self%v_start
-         s = self%s_start
-         call self%system%accelerations%at(time + done, self%load_start)
-         call self%system%accelerations%at(time + done + 0.5_wp*part, self%load_middle)
-         call self%system%accelerations%at(time + done + part, self%load_end)
-         call one_step(self, time + done, part, q, v, s)
-         call self%system%laws%switch_values(time + done + part, q, v, self%switch_end)
-      end subroutine try
+   !> Makes the part end just behind the first change of a sign, by false position (Illinois).
+   subroutine shorten_part(self, time, part, q, v, s)
+      class(runge_kutta_4_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! at its start [s]
+      real(wp), intent(inout) :: part                                 !! [s]
+      real(wp), intent(inout), contiguous :: q(:), v(:), s(:)         !! at its end
+      real(wp) :: high, low, value_high, value_low
+      integer :: changed, iteration, k
 
-      !> Makes the part end just behind the first change of a sign, by false position (Illinois).
-      subroutine shorten(part)
-         real(wp), intent(inout) :: part
-         real(wp) :: high, low, value_high, value_low
-         integer :: iteration, k
-
-         k = first_changed()
-         if (k == 0) return
-         low = 0.0_wp
-         value_low = self%switch(k)
+      k = first_changed(self%switch, self%switch_end)
+      if (k == 0) return
+      low = 0.0_wp
+      value_low = self%switch(k)
+      high = part
+      value_high = self%switch_end(k)
+      do iteration = 1, max_iterations
+         if (high - low <= 4.0_wp*epsilon(1.0_wp)*self%step) exit
+         part = (low*value_high - high*value_low)/(value_high - value_low)
+         if (.not. (part > low .and. part < high)) part = 0.5_wp*(low + high)
+         call advance_part(self, time, part, q, v, s)
+         changed = first_changed(self%switch, self%switch_end)
+         if (changed == 0) then
+            if (low > 0.0_wp) value_high = 0.5_wp*value_high
+            low = part
+            value_low = self%switch_end(k)
+            cycle
+         end if
+         if (changed == k) then
+            value_low = 0.5_wp*value_low
+         else
+            k = changed                                               ! another one is earlier
+            low = 0.0_wp
+            value_low = self%switch(k)
+         end if
          high = part
          value_high = self%switch_end(k)
-         do iteration = 1, max_iterations
-            if (high - low <= 4.0_wp*epsilon(1.0_wp)*self%step) exit
-            part = (low*value_high - high*value_low)/(value_high - value_low)
-            if (.not. (part > low .and. part < high)) part = 0.5_wp*(low + high)
-            call try(part)
-            if (first_changed() == 0) then
-               if (low > 0.0_wp) value_high = 0.5_wp*value_high
-               low = part
-               value_low = self%switch_end(k)
-            else
-               if (first_changed() == k) then
-                  value_low = 0.5_wp*value_low
-               else
-                  k = first_changed()                                 ! another one is earlier
-                  low = 0.0_wp
-                  value_low = self%switch(k)
-               end if
-               high = part
-               value_high = self%switch_end(k)
-               if (abs(value_high) <= 4.0_wp*epsilon(1.0_wp)*abs(self%switch(k))) exit
-            end if
-         end do
-         part = high
-         call try(part)
-      end subroutine shorten
+         if (abs(value_high) <= 4.0_wp*epsilon(1.0_wp)*abs(self%switch(k))) exit
+      end do
+      part = high
+      call advance_part(self, time, part, q, v, s)
+   end subroutine shorten_part
 
-      !> The switch that changes its sign first, by linear interpolation over the part; 0: none. One that starts at zero
-      !> has its event behind it.
-      integer function first_changed() result(first)
-         real(wp) :: earliest, share
-         integer :: k
+   !> The switch that changes its sign first, by linear interpolation over a part; 0: none. One that starts at zero has its
+   !> event behind it.
+   pure integer function first_changed(switch_start, switch_end) result(first)
+      real(wp), intent(in) :: switch_start(:), switch_end(:)
+      real(wp) :: earliest, share
+      integer :: k
 
-         first = 0
-         earliest = 2.0_wp
-         do k = 1, size(self%switch)
-            associate (before => self%switch(k), after => self%switch_end(k))
-               if ((before > 0.0_wp .eqv. after > 0.0_wp) .or. .not. abs(before) > 0.0_wp) cycle
-               share = before/(before - after)
-               if (share >= earliest) cycle
-               earliest = share
-               first = k
-            end associate
-         end do
-      end function first_changed
-   end subroutine split_step
+      first = 0
+      earliest = 2.0_wp
+      do k = 1, size(switch_start)
+         associate (before => switch_start(k), after => switch_end(k))
+            if ((before > 0.0_wp .eqv. after > 0.0_wp) .or. .not. abs(before) > 0.0_wp) cycle
+            share = before/(before - after)
+            if (share >= earliest) cycle
+            earliest = share
+            first = k
+         end associate
+      end do
+   end function first_changed
 end module hb_runge_kutta_4
