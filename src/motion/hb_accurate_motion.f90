@@ -219,7 +219,11 @@ contains
             case (set_choice%finer)
                call refine_for_verdict(self, rule%share)
             case (set_choice%alone)
-               call solve_alone(self, rule%start == starting_point%integrated)
+               if (rule%start == starting_point%integrated) then
+                  call solve_from_integration(self)
+               else
+                  call solve_without_neighbour(self)
+               end if
                attempt%has_succeeded = motion%result%status == outcome%converged
             case default
                call find_first(motion, rule, within)
@@ -298,28 +302,49 @@ contains
       end do
    end subroutine refine_for_verdict
 
-   !> Solves the point without its neighbour or from the end of a time integration, and keeps the motion with the smaller error: a
-   !> branch, or a set, that does not lead to the tolerance may be that of the neighbour or of the smallest set alone.
-   recursive subroutine solve_alone(self, from_integration)
+   !> Solves the point without its neighbour: the branch, or the set, of the neighbour may not lead to the tolerance.
+   recursive subroutine solve_without_neighbour(self)
       class(point_attempts_t), intent(inout) :: self
-      logical, intent(in) :: from_integration
-      type(options_t), target :: balance_alone
+      type(options_t), target :: options
+      logical :: is_adopted
+
+      options = self%motion%options
+      options%may_integrate = .false.
+      options%start%from_integration = .false.
+      call solve_alone(self, options, is_adopted)
+   end subroutine solve_without_neighbour
+
+   !> Solves the point from the end of a time integration: the branch of the smallest set may not lead to the tolerance.
+   recursive subroutine solve_from_integration(self)
+      class(point_attempts_t), intent(inout) :: self
+      type(options_t), target :: options
+      logical :: is_adopted
+
+      options = self%motion%options
+      options%may_integrate = .true.
+      options%start%from_integration = .true.
+      options%integration%max_evaluations = evaluations_of_guess(self%motion%system, self%motion%options)
+      call solve_alone(self, options, is_adopted)
+      if (is_adopted) self%motion%result%fallback = fallback%integration
+   end subroutine solve_from_integration
+
+   !> Solves the point with other options and without its neighbour; adopts the motion if it has the smaller error.
+   recursive subroutine solve_alone(self, options, is_adopted)
+      class(point_attempts_t), intent(inout) :: self
+      type(options_t), intent(in), target :: options
+      logical, intent(out) :: is_adopted
       type(point_attempts_t), allocatable :: other
 
+      is_adopted = .false.
       allocate (other)
-      balance_alone = self%motion%options
-      balance_alone%may_integrate = from_integration
-      balance_alone%start%from_integration = from_integration
-      if (from_integration) &
-         balance_alone%integration%max_evaluations = evaluations_of_guess(self%motion%system, self%motion%options)
       other%motion%solver = self%motion%solver
-      call solve_by_levels(other, self%motion%system, self%motion%discretisation, balance_alone)
+      call solve_by_levels(other, self%motion%system, self%motion%discretisation, options)
       self%motion%solver%effort_t = other%motion%solver%effort_t
       self%motion%result%effort_t = other%motion%solver%effort_t
       if (allocated(other%motion%error) .or. .not. allocated(other%motion%top%unknowns)) return
       if (other%motion%result%status /= outcome%converged .and. .not. other%motion%estimate < self%motion%estimate) return
+      is_adopted = .true.
       self%motion%result = other%motion%result
-      if (from_integration) self%motion%result%fallback = fallback%integration
       self%motion%top = other%motion%top
       self%motion%estimate = other%motion%estimate
    end subroutine solve_alone
