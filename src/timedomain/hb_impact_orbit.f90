@@ -57,6 +57,13 @@ module hb_impact_orbit
       real(wp), allocatable :: defect(:)                              !! as that of hb_motion_result%gradient_t, (values)
    end type motion_slopes_t
 
+   !> How a periodic motion changes with the moving value.
+   type :: motion_direction_t
+      real(wp), allocatable :: along(:)                               ! of state, scaled, and value, (n_unknowns + 1)
+      real(wp) :: typical = 1.0_wp                                    ! change of the value
+      real(wp) :: of_map = 0.0_wp                                     ! norm of what the value alone changes in the map
+   end type motion_direction_t
+
    !> A period from the section on.
    type :: sampled_t
       real(wp), allocatable :: q(:, :)                                ! displacements [m], (n_samples, n_dofs)
@@ -344,7 +351,6 @@ contains
       type(motion_slopes_t), intent(out) :: slopes
       type(error_t), allocatable, intent(out) :: error
       type(moving_value_t), allocatable :: moving
-      type(movement_t) :: movement
       real(wp) :: factor(size(x), size(x)), value
       integer :: info, k, pivots(size(x))
       logical :: is_found
@@ -362,10 +368,8 @@ contains
       end associate
       is_found = .true.
       do k = 1, size(by)
-         call differentiate_by(by(k), slopes%amplitudes(:, :, k), slopes%estimate(k), slopes%defect(k), is_found)
-         if (is_found) call new_movement(movement, self%model, by(k), .false., error)
+         call differentiate_by(by(k))
          if (allocated(error) .or. .not. is_found) exit
-         slopes%frequency(:, k) = movement%omega_slopes(self%model%system%tones)
       end do
       if (allocated(error) .or. .not. is_found) slopes = motion_slopes_t()
       if (allocated(self%moving)) deallocate (self%moving)
@@ -374,69 +378,101 @@ contains
    contains
 
       !> By one number.
-      subroutine differentiate_by(number, amplitudes, estimate, defect, is_found)
+      subroutine differentiate_by(number)
          type(model_number_t), intent(in) :: number
-         complex(wp), intent(out) :: amplitudes(:, :)
-         real(wp), intent(out) :: estimate, defect
-         logical, intent(out) :: is_found
-         real(wp) :: along(size(x) + 1), at, by_value(size(x), 1), change(size(x)), typical
-         real(wp), allocatable :: of_amplitudes(:, :), of_map(:, :)
-         integer :: attempt
+         type(motion_direction_t) :: direction
+         type(movement_t) :: movement
 
-         amplitudes = 0.0_wp
-         defect = 0.0_wp
-         call find_model_number(self%model, number, at, is_found)
+         call find_direction(self, x, factor, pivots, number, direction, error)
+         is_found = allocated(direction%along)
          if (.not. is_found) return
-         typical = abs(at)
-         if (.not. typical > 0.0_wp) typical = 1.0_wp
-         do attempt = 1, 2
-            call self%move(moving_value_t(number, typical), at)
-            along = 0.0_wp
-            along(size(along)) = typical
-            call find_limit(self, x, reshape(along, [size(along), 1]), slopes=of_map, estimate=estimate, is_relative=.true.)
-            is_found = allocated(of_map)
-            if (.not. is_found) exit
-            by_value = of_map
-            change = -by_value(:, 1)
-            call dgetrs("N", size(x), 1, factor, size(x), pivots, change, size(x), info)
-            if (abs(at) > 0.0_wp .or. .not. norm2(change) > 0.0_wp) exit
-            typical = typical*norm2(x)/norm2(change)                  ! of a value of zero: the change with a comparable effect
-         end do
-         if (.not. is_found) then
+         call find_amplitude_slopes(self, set, x, direction, slopes%amplitudes(:, :, k), slopes%estimate(k), is_found)
+         if (.not. is_found) return
+         slopes%defect(k) = defect_after(self, x, difference_step*direction%along)/ &
+                            max(difference_step*direction%of_map, tiny(1.0_wp))
+         call new_movement(movement, self%model, number, .false., error)
+         if (.not. allocated(error)) slopes%frequency(:, k) = movement%omega_slopes(self%model%system%tones)
+      end subroutine differentiate_by
+   end subroutine impact_orbit_find_slopes
+
+   !> The change of the state on the section with a number, which becomes the moving value: that which keeps the motion periodic.
+   subroutine find_direction(self, x, factor, pivots, number, direction, error)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(in) :: factor(:, :)                            !! of the tangent, with its pivots
+      integer, intent(in) :: pivots(:)
+      type(model_number_t), intent(in) :: number
+      type(motion_direction_t), intent(out) :: direction              !! not allocated: there is none
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: along(size(x) + 1, 1), at, change(size(x)), estimate, typical
+      real(wp), allocatable :: of_map(:, :)
+      integer :: attempt, info
+      logical :: is_found
+
+      call find_model_number(self%model, number, at, is_found)
+      if (.not. is_found) return
+      typical = abs(at)
+      if (.not. typical > 0.0_wp) typical = 1.0_wp
+      do attempt = 1, 2
+         call self%move(moving_value_t(number, typical), at)
+         along = 0.0_wp
+         along(size(along), 1) = typical
+         call find_limit(self, x, along, slopes=of_map, estimate=estimate, is_relative=.true.)
+         if (.not. allocated(of_map)) then
             if (allocated(self%refusal%text)) call fail(error, trim(number%name)//" cannot change by itself: "//self%refusal%text)
             return
          end if
-         along(:size(x)) = change
-         call find_limit(self, x, reshape(along, [size(along), 1]), set, of_amplitudes, estimate, .true.)
-         is_found = allocated(of_amplitudes)
-         if (.not. is_found) return
-         associate (n => size(amplitudes))
-            amplitudes = reshape(cmplx(of_amplitudes(:n, 1), of_amplitudes(n + 1:, 1), wp), shape(amplitudes))
-         end associate
-         amplitudes = amplitudes*spread(self%map%scale(:size(amplitudes, 1)), 2, size(amplitudes, 2))/typical
-         defect = defect_after(along, difference_step)/max(difference_step*norm2(by_value), tiny(1.0_wp))
-      end subroutine differentiate_by
+         change = -of_map(:, 1)
+         call dgetrs("N", size(x), 1, factor, size(x), pivots, change, size(x), info)
+         if (abs(at) > 0.0_wp .or. .not. norm2(change) > 0.0_wp) exit
+         typical = typical*norm2(x)/norm2(change)                     ! of a value of zero: the change with a comparable effect
+      end do
+      direction%along = [change, along(size(along), 1)]
+      direction%of_map = norm2(of_map)
+      direction%typical = typical
+   end subroutine find_direction
 
-      !> What is missing to a periodic motion after a small step along the derivative, to the side that is possible.
-      real(wp) function defect_after(along, step) result(defect)
-         real(wp), intent(in) :: along(:), step
-         real(wp) :: after(size(x), 0:1), at, start(size(x))
-         integer :: side
-         logical :: is_done
+   !> Derivatives of the amplitudes of a periodic motion along a direction.
+   subroutine find_amplitude_slopes(self, set, x, direction, amplitudes, estimate, is_found)
+      class(impact_orbit_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: x(:)
+      type(motion_direction_t), intent(in) :: direction
+      complex(wp), intent(out) :: amplitudes(:, :)                    !! as a slice of `motion_slopes_t`
+      real(wp), intent(out) :: estimate                               !! of their errors, relative
+      logical, intent(out) :: is_found
+      real(wp), allocatable :: slopes(:, :)
 
-         at = self%value
-         defect = ieee_value(1.0_wp, ieee_quiet_nan)
-         call advance_part(self, x, at, 1.0_wp, after(:, 0), is_done)
-         do side = 1, -1, -2
-            start = x + side*step*along(:size(x))
-            call advance_part(self, start, at + side*step*along(size(along)), 1.0_wp, after(:, 1), is_done)
-            if (.not. is_done) cycle
-            defect = norm2(after(:, 1) - start - (after(:, 0) - x))
-            exit
-         end do
-         call self%set_parameters([1], [at], is_done)
-      end function defect_after
-   end subroutine impact_orbit_find_slopes
+      amplitudes = 0.0_wp
+      call find_limit(self, x, reshape(direction%along, [size(direction%along), 1]), set, slopes, estimate, .true.)
+      is_found = allocated(slopes)
+      if (.not. is_found) return
+      associate (n => size(amplitudes))
+         amplitudes = reshape(cmplx(slopes(:n, 1), slopes(n + 1:, 1), wp), shape(amplitudes))
+      end associate
+      amplitudes = amplitudes*spread(self%map%scale(:size(amplitudes, 1)), 2, size(amplitudes, 2))/direction%typical
+   end subroutine find_amplitude_slopes
+
+   !> What is missing to a periodic motion after a small step of state and value, to the side that is possible.
+   real(wp) function defect_after(self, x, step) result(defect)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:), step(:)
+      real(wp) :: after(size(x), 0:1), at, start(size(x))
+      integer :: side
+      logical :: is_done
+
+      at = self%value
+      defect = ieee_value(1.0_wp, ieee_quiet_nan)
+      call advance_part(self, x, at, 1.0_wp, after(:, 0), is_done)
+      do side = 1, -1, -2
+         start = x + side*step(:size(x))
+         call advance_part(self, start, at + side*step(size(step)), 1.0_wp, after(:, 1), is_done)
+         if (.not. is_done) cycle
+         defect = norm2(after(:, 1) - start - (after(:, 0) - x))
+         exit
+      end do
+      call self%set_parameters([1], [at], is_done)
+   end function defect_after
 
    subroutine impact_orbit_parameter_derivative(self, x, which, derivative)
       class(impact_orbit_t), intent(inout) :: self
