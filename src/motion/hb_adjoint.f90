@@ -16,11 +16,11 @@ module hb_adjoint
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_linear_slopes, only: find_slopes_by, linear_slopes_t
    use hb_model_number, only: has_number, model_number_t
    use hb_model_problem, only: model_problem_t
    use hb_movement, only: movement_t
    use hb_problem, only: problem_t
-   use hb_structure, only: structure_t
    use hb_structure_builder, only: matrix_slope_t
    use hb_tangent_solver, only: tangent_solver_t
    implicit none
@@ -242,8 +242,7 @@ contains
       real(wp), intent(in) :: value
       real(wp), intent(inout) :: derivatives(:)
       logical, intent(out) :: is_possible
-      type(amplitudes_t) :: load_slopes
-      type(structure_t), allocatable :: change
+      type(linear_slopes_t) :: slopes
       complex(wp) :: force(size(self%motion, 1))
       real(wp) :: drives(base%harmonics%n_harmonics), part(size(derivatives)), strength, typical
       integer :: attempt, h, i
@@ -252,13 +251,15 @@ contains
       typical = abs(value)
       if (.not. typical > 0.0_wp) typical = 1.0_wp
       do attempt = 1, 2
-         call base%find_slopes_of_movement(movement, value, typical, change, load_slopes, is_possible)
+         call find_slopes_by(base%model, movement, value, typical, slopes)
+         is_possible = slopes%is_possible
          if (.not. is_possible) return
          part = 0.0_wp
          strength = 0.0_wp
          do h = 1, base%harmonics%n_harmonics
-            force = load_slopes%of(h)
-            if (allocated(change)) force = force - change%force_in(self%motion(:, h), base%frequencies(h), drives(h))
+            force = slopes%loads%of(h)
+            if (allocated(slopes%structure)) &
+               force = force - slopes%structure%force_in(self%motion(:, h), base%frequencies(h), drives(h))
             strength = strength + norm2(abs(force))
             do i = 1, size(derivatives)
                part(i) = part(i) + real(sum(self%psi(:, h, i)*force), wp)

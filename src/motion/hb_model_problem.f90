@@ -4,12 +4,11 @@
 !> frequency of a tone, the balance moves to it; numbers of laws are set in them; structure and loads are built again, and
 !> condensed. For the amplitude or the energy of a normal mode, the balance is unchanged and an equation is added.
 !> The derivative of the residual with respect to the value is the sum of those with respect to all numbers that move:
-!> exact for frequencies, for loads, and for numbers of laws that know it. For other numbers of laws it is a central
-!> difference of their forces, for numbers of the structure one of its matrices before condensation, which is exact if
-!> they are affine functions of the number. Numbers that follow the frequency of an unknown tone move with it in the same
-!> way, and the derivative with respect to the frequency includes them. Source: docs/why/theory.md, section 6.7.
+!> exact for frequencies and for numbers of laws that know it, a central difference of their forces for other numbers of laws,
+!> and that of hb_linear_slopes for structure and loads. Numbers that follow the frequency of an unknown tone move with it in
+!> the same way, and the derivative with respect to the frequency includes them. Source: docs/why/theory.md, section 6.7.
 module hb_model_problem
-   use hb_amplitudes, only: amplitudes_t, new_amplitudes
+   use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
@@ -17,14 +16,12 @@ module hb_model_problem
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
-   use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_linear_slopes, only: beside_t, find_slopes_between, find_slopes_by, linear_slopes_t, reaction_slope
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_model_number, only: has_number, model_number_t
-   use hb_model_numbers, only: build_beside
-   use hb_movement, only: add_linear_numbers, movement_t, movement_with_tone, new_movement, set_movement
+   use hb_movement, only: movement_t, movement_with_tone, new_movement, set_movement
    use hb_options, only: options_t
-   use hb_structure, only: structure_t
    use hb_system, only: system_t
    use hb_thresholds, only: difference_step
    implicit none
@@ -37,13 +34,6 @@ module hb_model_problem
       real(wp) :: typical = 1.0_wp                                    !! > 0, such as the length of its range
       logical :: is_tied = .false.                                    !! of a tone: all others keep their ratios to it
    end type moving_value_t
-
-   !> The structure and its loads beside a point.
-   type :: side_t
-      real(wp) :: position = 0.0_wp                                   !! relative to the point
-      type(structure_t) :: structure
-      type(amplitudes_t) :: loads                                     !! [N]
-   end type side_t
 
    !> A value that was rejected: of several the nearest to the last possible one.
    type :: refusal_t
@@ -82,7 +72,6 @@ module hb_model_problem
       procedure :: choose_number => model_problem_choose_number
       procedure :: follows_tones => model_problem_follows_tones
       procedure :: find_linear_slopes => model_problem_find_linear_slopes
-      procedure :: find_slopes_of_movement => model_problem_find_slopes_of_movement
       procedure :: add_law_slopes => model_problem_add_law_slopes
       procedure :: moves_coordinates => model_problem_moves_coordinates
       procedure :: renew => model_problem_renew
@@ -550,8 +539,7 @@ contains
       end subroutine find_side
    end subroutine find_difference_of_laws
 
-   !> Adds the derivative by numbers of the structure and of loads: the derivatives of matrices and loads by a difference,
-   !> which is exact for affine functions, then that of the reaction.
+   !> Adds the derivative by numbers of the structure and of loads.
    subroutine add_derivative_of_structure(self, movement, value, typical, x, derivative)
       type(model_problem_t), intent(inout) :: self
       type(movement_t), intent(in) :: movement
@@ -559,128 +547,43 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(inout) :: derivative(:)
       type(error_t), allocatable :: error
-      type(amplitudes_t) :: load_slopes
-      type(structure_t), allocatable :: structure_slope
+      type(linear_slopes_t) :: slopes
       real(wp) :: part(size(x))
-      type(side_t) :: sides(2)
 
-      call find_sides_of(self, movement, value, typical, sides)
-      call find_difference(self, sides, movement%structure, structure_slope, load_slopes)
-      call self%reaction_derivative(x, reaction_slope(self, structure_slope, load_slopes, x), part, error)
+      call find_slopes_by(self%model, movement, value, typical, slopes)
+      call self%reaction_derivative(x, reaction_slope(self, self%model, slopes, x), part, error)
       if (.not. allocated(error)) derivative = derivative + part
    end subroutine add_derivative_of_structure
 
-   !> Structure and loads on both sides of a value.
-   subroutine find_sides_of(self, movement, value, typical, sides)
-      type(model_problem_t), intent(inout) :: self                    !! unchanged
-      type(movement_t), intent(in) :: movement
-      real(wp), intent(in) :: value, typical
-      type(side_t), intent(out) :: sides(2)
-      type(model_number_t), allocatable :: numbers(:)
-      real(wp), allocatable :: values(:)
-      real(wp) :: step
-      integer :: i
-
-      step = typical*merge(0.5_wp, difference_step, movement%is_affine)
-      do i = 1, 2
-         call begin_numbers(numbers, values)
-         call add_linear_numbers(movement, value + (3 - 2*i)*step, numbers, values)
-         call find_side(self, (3 - 2*i)*step, numbers, values, sides(i))
-      end do
-   end subroutine find_sides_of
-
-   !> Empty lists, to which numbers and values are added.
-   pure subroutine begin_numbers(numbers, values)
-      type(model_number_t), allocatable, intent(out) :: numbers(:)
-      real(wp), allocatable, intent(out) :: values(:)
-
-      allocate (numbers(0), values(0))
-   end subroutine begin_numbers
-
-   !> Structure and loads beside the present point; those at the point at the end of the range of a number.
-   subroutine find_side(self, position, numbers, values, side)
-      type(model_problem_t), intent(inout) :: self
-      real(wp), intent(in) :: position
-      type(model_number_t), intent(in) :: numbers(:)
-      real(wp), intent(in) :: values(:)
-      type(side_t), intent(out) :: side
-      type(error_t), allocatable :: error
-
-      side%position = position
-      call build_beside(self%model, numbers, values, side%structure, side%loads, error)
-      if (allocated(error)) side = side_t(0.0_wp, self%model%system%structure, self%model%discretisation%loads)
-   end subroutine find_side
-
-   !> The difference quotients of both sides; zero if neither is possible.
-   subroutine find_difference(self, sides, has_structure, structure, loads)
-      type(model_problem_t), intent(in) :: self
-      type(side_t), intent(in) :: sides(2)
-      logical, intent(in) :: has_structure                            !! its matrices move
-      type(structure_t), allocatable, intent(out) :: structure        !! not allocated: zero
-      type(amplitudes_t), intent(out) :: loads
-      real(wp) :: once(self%harmonics%n_harmonics), weight
-
-      call new_amplitudes(loads, self%model%system%structure%n_dofs, self%harmonics%n_harmonics)
-      if (.not. abs(sides(1)%position - sides(2)%position) > 0.0_wp) return
-      weight = 1.0_wp/(sides(1)%position - sides(2)%position)
-      once = 1.0_wp
-      if (has_structure) structure = sides(1)%structure%change_from(sides(2)%structure, weight)
-      call loads%add_scaled(sides(1)%loads, weight*once)
-      call loads%add_scaled(sides(2)%loads, -weight*once)
-   end subroutine find_difference
-
    !> Derivatives of structure and loads, at constant frequencies, along a direction of the parameters `which`.
-   subroutine model_problem_find_linear_slopes(self, direction, structure, loads)
+   subroutine model_problem_find_linear_slopes(self, direction, slopes)
       class(model_problem_t), intent(inout) :: self                   !! unchanged
       real(wp), intent(in) :: direction(:)                            !! as `which`
-      type(structure_t), allocatable, intent(out) :: structure        !! not allocated: zero
-      type(amplitudes_t), intent(out) :: loads
-      type(model_number_t), allocatable :: numbers(:)
-      type(side_t) :: sides(2)
-      real(wp), allocatable :: values(:)
-      real(wp) :: position
+      type(linear_slopes_t), intent(out) :: slopes
+      type(beside_t) :: sides(2)
       integer :: i, k
       logical :: has_structure
 
       has_structure = .false.
       do i = 1, 2
-         position = (3 - 2*i)*difference_step
-         call begin_numbers(numbers, values)
-         do k = 1, size(self%which)
-            if (self%which(k) == self%own .and. .not. self%moves_mode) then
-               call add_linear_numbers(self%movement, self%value + position*direction(k), numbers, values)
-               has_structure = has_structure .or. self%movement%structure
-            else if (self%which(k) <= size(self%with_tones)) then
-               associate (movement => self%with_tones(self%which(k)), omega => self%followed(self%which(k)))
-                  if (.not. movement%moves()) cycle
-                  call add_linear_numbers(movement, omega + position*direction(k), numbers, values)
-                  has_structure = has_structure .or. movement%structure
-               end associate
-            end if
-         end do
-         if (size(numbers) > 0) call find_side(self, position, numbers, values, sides(i))
+         sides(i)%position = (3 - 2*i)*difference_step
+         associate (position => sides(i)%position)
+            do k = 1, size(self%which)
+               if (self%which(k) == self%own .and. .not. self%moves_mode) then
+                  call sides(i)%add(self%movement, self%value + position*direction(k))
+                  has_structure = has_structure .or. self%movement%structure
+               else if (self%which(k) <= size(self%with_tones)) then
+                  associate (movement => self%with_tones(self%which(k)), omega => self%followed(self%which(k)))
+                     if (.not. movement%moves()) cycle
+                     call sides(i)%add(movement, omega + position*direction(k))
+                     has_structure = has_structure .or. movement%structure
+                  end associate
+               end if
+            end do
+         end associate
       end do
-      if (size(numbers) > 0) then
-         call find_difference(self, sides, has_structure, structure, loads)
-      else
-         call new_amplitudes(loads, self%model%system%structure%n_dofs, self%harmonics%n_harmonics)
-      end if
+      call find_slopes_between(self%model, sides, has_structure, slopes)
    end subroutine model_problem_find_linear_slopes
-
-   !> Derivatives of structure and loads by the value of another movement, at constant frequencies.
-   subroutine model_problem_find_slopes_of_movement(self, movement, value, typical, structure, loads, is_possible)
-      class(model_problem_t), intent(inout) :: self                   !! unchanged
-      type(movement_t), intent(in) :: movement
-      real(wp), intent(in) :: value, typical                          !! its present one; > 0
-      type(structure_t), allocatable, intent(out) :: structure        !! not allocated: zero
-      type(amplitudes_t), intent(out) :: loads
-      logical, intent(out) :: is_possible                             !! false: it cannot move
-      type(side_t) :: sides(2)
-
-      call find_sides_of(self, movement, value, typical, sides)
-      is_possible = abs(sides(1)%position - sides(2)%position) > 0.0_wp
-      call find_difference(self, sides, movement%structure, structure, loads)
-   end subroutine model_problem_find_slopes_of_movement
 
    !> Adds the derivatives of the residual by the numbers of laws of another movement.
    subroutine model_problem_add_law_slopes(self, movement, value, typical, x, derivative, is_possible)
@@ -700,60 +603,6 @@ contains
 
       moves = self%movement%coordinates .or. any(self%with_tones%coordinates)
    end function model_problem_moves_coordinates
-
-   !> Derivative of the reaction at constant motion with respect to the value; zero if the structure is singular.
-   function reaction_slope(self, structure_slope, load_slopes, x) result(slope)
-      type(model_problem_t), intent(in) :: self
-      type(structure_t), allocatable, intent(in) :: structure_slope   !! not allocated: zero
-      type(amplitudes_t), intent(in) :: load_slopes
-      real(wp), intent(in) :: x(:)
-      real(wp) :: slope(size(x))
-      type(dynamic_stiffness_t) :: stiffness
-      type(error_t), allocatable :: error
-      type(linear_part_t) :: linear
-      type(wanted_slopes_t) :: wanted
-      real(wp) :: along(self%harmonics%n_coefficients, self%n_dofs), once(self%harmonics%n_harmonics)
-
-      slope = 0.0_wp
-      once = 1.0_wp
-      if (.not. allocated(structure_slope)) then
-         slope = slope_of_loads(self, load_slopes)
-         return
-      end if
-      wanted%is_on = .true.
-      wanted%change = structure_slope
-      wanted%drives = self%drives()
-      wanted%rates = 0.0_wp*self%frequencies
-      wanted%loads = load_slopes
-      call new_dynamic_stiffness(stiffness, self%model%system%structure, coordinates_of(self%model%system), self%frequencies, &
-                                 self%model%discretisation%loads, error, wanted)
-      if (allocated(error)) return
-      call new_linear_part(linear, stiffness)
-      call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)
-      slope = [along]
-   end function reaction_slope
-
-   !> The part of loads in it: the condensed derivatives of the loads, of the harmonics that have any.
-   function slope_of_loads(self, load_slopes) result(slope)
-      type(model_problem_t), intent(in) :: self
-      type(amplitudes_t), intent(in) :: load_slopes
-      real(wp) :: slope(self%n_unknowns)
-      type(dynamic_stiffness_t) :: stiffness
-      type(error_t), allocatable :: error
-      type(wanted_slopes_t) :: wanted
-      complex(wp) :: along(self%n_dofs, self%harmonics%n_harmonics)
-
-      along = (0.0_wp, 0.0_wp)
-      associate (positions => load_slopes%harmonics)
-         wanted%of_interior = .false.
-         wanted%drives = self%drives()
-         wanted%drives = wanted%drives(positions)
-         call new_dynamic_stiffness(stiffness, self%model%system%structure, self%stiffness%coordinates, &
-                                    self%frequencies(positions), load_slopes%at(positions), error, wanted)
-         if (.not. allocated(error)) along(:, positions) = stiffness%load
-      end associate
-      slope = [self%harmonics%coefficients(along)]
-   end function slope_of_loads
 
    subroutine model_problem_update_regular_preconditioner(self, which, level, is_strongest)
       class(model_problem_t), intent(inout) :: self

@@ -4,6 +4,7 @@
 !> difference. Source: docs/why/theory.md, section 6.7.
 module hb_response_slope
    use hb_kinds, only: wp
+   use hb_linear_slopes, only: linear_slopes_t
    use hb_model_problem, only: model_problem_t
    use hb_motion_slope, only: find_motion_slope, moving_parameters_t
    use hb_thresholds, only: difference_step
@@ -41,6 +42,7 @@ contains
       integer, intent(in) :: harmonics(:)                             !! numbers of the requested ones
       complex(wp), intent(out) :: slopes(:, :)                        !! (n_dofs, size(harmonics))
       logical, intent(out) :: is_found                                !! the structure is not singular
+      type(linear_slopes_t) :: linear
       type(moving_parameters_t) :: moving
       logical :: is_singular
 
@@ -48,7 +50,9 @@ contains
       moving%drives = problem%drives()
       moving%loads = problem%model%discretisation%loads
       call add_frequency_slopes(problem, direction, moving)
-      call problem%find_linear_slopes(direction(problem%n_unknowns + 1:), moving%structure_slope, moving%load_slopes)
+      call problem%find_linear_slopes(direction(problem%n_unknowns + 1:), linear)
+      call move_alloc(linear%structure, moving%structure_slope)
+      moving%load_slopes = linear%loads
       call moving%load_slopes%add_scaled(problem%model%discretisation%load_slopes, moving%frequency_slopes)
       call find_motion_slope(problem%model%system%structure, problem%stiffness%coordinates, moving, harmonics, &
                              motion_in(problem, x), motion_in(problem, direction), slopes, is_singular)
