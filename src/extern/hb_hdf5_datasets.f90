@@ -3,7 +3,7 @@
 module hb_hdf5_datasets
    use, intrinsic :: iso_c_binding, only: c_loc, c_null_ptr, c_ptr
    use, intrinsic :: iso_fortran_env, only: int64, int8
-   use h5ds, only: h5dsattach_scale_f, h5dsis_attached_f, h5dsset_scale_f
+   use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use hb_c_text, only: c_text
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5_attributes, only: h5_object_t
@@ -31,7 +31,6 @@ module hb_hdf5_datasets
       procedure :: describe => dataset_describe
       procedure :: get_extents => dataset_get_extents
       procedure :: get_offset => dataset_get_offset
-      procedure :: has_scale => dataset_has_scale
       procedure :: make_scale => dataset_make_scale
       generic :: read => read_bytes, read_integers, read_reals, read_texts
       procedure :: read_text_row => dataset_read_text_row
@@ -338,17 +337,6 @@ contains
    end subroutine dataset_describe
 
    !> Whether `scale` is attached to dimension `i`, counted from 1 for the fastest.
-   function dataset_has_scale(self, i, scale) result(is_attached)
-      class(h5_dataset_t), intent(in) :: self
-      integer, intent(in) :: i
-      type(h5_dataset_t), intent(in) :: scale
-      logical :: is_attached
-      integer :: status
-
-      call h5dsis_attached_f(self%id, scale%id, file_index(self, i), is_attached, status)
-      is_attached = is_attached .and. status >= 0
-   end function dataset_has_scale
-
    !> Returns the number of a dimension in the order of the file: `h5ds`, unlike the rest of the Fortran interface,
    !> does not reverse it.
    pure integer function file_index(self, i)

@@ -11,7 +11,7 @@ module hb_law_annular_clearance
    use hb_numbers, only: number_t, numbers_t
    implicit none
    private
-   public :: annular_clearance_t, new_annular_clearance, set_sliding
+   public :: annular_clearance_t, new_annular_clearance
 
    type, extends(law_t) :: annular_clearance_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
@@ -54,19 +54,6 @@ contains
       self%center = center
       call self%derive()
    end subroutine new_annular_clearance
-
-   !> Makes friction depend on the velocity at which the surface of the rotor slides along the ring.
-   pure subroutine set_sliding(self, surface_speed, slip_velocity)
-      class(annular_clearance_t), intent(inout) :: self
-      real(wp), intent(in) :: surface_speed                           !! R Omega [m/s]
-      real(wp), intent(in) :: slip_velocity                           !! v_0 [m/s], > 0
-
-      self%slides = .true.
-      self%rotor_radius = 1.0_wp
-      self%rotor_speed = surface_speed
-      self%slip_velocity = slip_velocity
-      call self%derive()
-   end subroutine set_sliding
 
    subroutine annular_clearance_declare_numbers(self, numbers)
       class(annular_clearance_t), intent(inout) :: self

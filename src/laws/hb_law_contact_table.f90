@@ -23,7 +23,7 @@ module hb_law_contact_table
    use hb_text, only: to_text
    implicit none
    private
-   public :: check_contacts, check_length, complete_contacts, contact_table_t, declare_contacts, has_lengths, make_rigid
+   public :: check_contacts, check_length, complete_contacts, contact_table_t, declare_contacts, has_lengths
    public :: new_contact_table, one_for_each, set_turns
 
    integer, parameter :: block_size = 256                             ! samples that remain in the cache over all contacts
@@ -230,19 +230,6 @@ contains
       self%has_potential = .false.
       if (allocated(self%kinks)) deallocate (self%kinks)              ! their positions are not those of any coordinate
    end subroutine forget_fixed_contacts
-
-   !> Makes the contacts rigid; `failure` states why this is not possible.
-   pure subroutine make_rigid(self, augmentation, failure)
-      class(contact_table_t), intent(inout) :: self
-      real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: determined from the structure
-      character(:), allocatable, intent(out) :: failure               !! empty on success
-
-      self%is_rigid = .true.
-      self%augmentation = augmentation
-      call complete_contacts(self)
-      failure = ""
-      if (allocated(self%failure)) failure = self%failure
-   end subroutine make_rigid
 
    !> Makes pairs of coordinates (1 and 2, 3 and 4, ...) rotate with the phase of a tone.
    pure subroutine set_turns(self, tone, turns)

@@ -31,7 +31,6 @@ module hb_curve_request
 
    type :: curve_origin_t
       logical :: is_torus = .false. !! there is an additional tone, the last one; otherwise the period doubles
-      integer :: multiple = 1                                         !! of entries of tuples: 2 for a period doubling
       type(level_t) :: level                                          !! the wider set, and its grid
       real(wp), allocatable :: u(:, :)                                !! motion in the wider set, (n_coefficients, n_coordinates)
       real(wp), allocatable :: further(:)                             !! frequencies of unknown tones, and the value
@@ -88,7 +87,6 @@ contains
       call new_harmonics(other, tuples, error)
       if (allocated(error)) return
       self%is_torus = is_torus
-      self%multiple = merge(1, 2, is_torus)
       n_further = 1 + count(system%tones%is_unknown) - merge(1, 0, is_torus)
       n = size(position%unknowns)
       n_coordinates = (n - n_further)/other%n_coefficients

@@ -13,9 +13,7 @@ module hb_attempts
    use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
    implicit none
    private
-   public :: attempt_conditions_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, plan_attempts, &
-      row_after
-   public :: row_of
+   public :: attempt_conditions_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, row_after, row_of
 
    integer, parameter :: max_stagnant_iterations = 10 ! without a clear gain, where other attempts remain
    real(wp), parameter :: half = 0.5_wp               ! of what remains of the budget, so that no attempt exhausts it
@@ -206,15 +204,6 @@ contains
          stage_before = rule%stage
       end do
    end subroutine describe_attempts
-
-   !> Returns the rows of the solver that apply, in the order in which they are tried.
-   pure function plan_attempts(conditions) result(plan)
-      type(attempt_conditions_t), intent(in) :: conditions
-      integer, allocatable :: plan(:)                                 !! rows
-      integer :: i
-
-      plan = pack([(i, i=1, size(attempt_rules))], [(conditions%permit(attempt_rules(i)), i=1, size(attempt_rules))])
-   end function plan_attempts
 
    !> Whether an attempt of the solver applies under the conditions.
    pure logical function attempt_conditions_permit(self, rule) result(permit)

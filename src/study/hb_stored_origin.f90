@@ -90,7 +90,6 @@ contains
       else if (size(position%unknowns) /= 4*system%structure%n_dofs + 2) then
          call fail(error, "its motion does not fit the walls and degrees of freedom of this input")
       else
-         self%multiple = 2
          self%u = reshape(position%unknowns, [size(position%unknowns), 1])
          self%further = position%unknowns(size(position%unknowns):)
       end if
