@@ -95,8 +95,8 @@ contains
       start = start + (start - self%before)*((parameter - self%last_value)/(self%last_value - self%before_value))
    end subroutine neighbour_predict
 
-   !> Returns the set and the grid of the last point with a first guess in them, if the model requests first guesses
-   !> from neighbours and there is one; neighbours share sets as long as these are suitable.
+   !> Returns the set and the grid of the last point with a first guess in them, if there is one; neighbours share sets as
+   !> long as these are suitable.
    subroutine neighbour_predict_level(self, parameter, model, level)
       class(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter
@@ -104,7 +104,7 @@ contains
       type(level_t), intent(out) :: level
 
       associate (options => model%options)
-         if (.not. options%chain%is_on .or. self%n_retained == 0) return
+         if (self%n_retained == 0) return
          level = self%last
          call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
          if (self%starts_small() .and. options%accuracy%grows_set .and. size(level%n_samples) > 1) & ! one tone costs little

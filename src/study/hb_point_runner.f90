@@ -27,15 +27,35 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(level_t) :: below
       real(wp), allocatable :: start(:)
+
+      if (model%options%chain%is_on) then
+         if (model%options%accuracy%is_on) then
+            call neighbour%predict_level(value, model, below)
+         else
+            call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
+         end if
+      end if
+      if (size(model%options%gradient%by) > 0) then
+         call solve_with_gradient(model, below, start, cached, result, level, error)
+      else
+         call solve_point(model, result, error, level, below, start, cached)
+      end if
+      if (allocated(error)) call result%set_failure(error)
+   end subroutine run_model
+
+   !> Solves a point and differentiates its motion. Derivatives of motions with impacts need all degrees of freedom.
+   subroutine solve_with_gradient(model, below, start, cached, result, level, error)
+      type(model_t), intent(inout) :: model
+      type(level_t), intent(in) :: below                              !! the first guess, as that of `solve_point`
+      real(wp), allocatable, intent(in) :: start(:)                   !! likewise
+      type(cached_linear_parts_t), intent(inout), target :: cached
+      type(motion_result_t), intent(out) :: result
+      type(level_t), intent(out) :: level
+      type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: dofs(:)
       integer :: i
       logical :: has_impacts
 
-      if (model%options%accuracy%is_on) then
-         call neighbour%predict_level(value, model, below)
-      else if (model%options%chain%is_on) then
-         call neighbour%predict(value, model%discretisation%harmonics, model%options%chain%secant, start)
-      end if
       allocate (dofs, source=model%options%output%dofs)
       has_impacts = has_periodic_impacts(model%system, model%options)
       if (has_impacts) model%options%output%dofs = [(i, i=1, model%system%structure%n_dofs)]
@@ -45,8 +65,7 @@ contains
          call find_impact_gradient(model, result)
          if (allocated(result%coefficients)) result%coefficients = result%coefficients(:, :, dofs)
       end if
-      if (.not. allocated(error) .and. size(model%options%gradient%by) > 0) &
+      if (.not. allocated(error)) &
          call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)
-      if (allocated(error)) call result%set_failure(error)
-   end subroutine run_model
+   end subroutine solve_with_gradient
 end module hb_point_runner

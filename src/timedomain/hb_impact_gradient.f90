@@ -23,13 +23,12 @@ module hb_impact_gradient
 
 contains
 
-   !> Whether motions with impacts are periodic, with derivatives that are requested.
+   !> Whether motions with impacts are periodic, so that they have derivatives.
    logical function has_periodic_impacts(system, options)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
 
-      has_periodic_impacts = size(options%gradient%by) > 0 .and. system%tones%n_tones == 1 .and. &
-                             .not. any(system%tones%is_unknown)
+      has_periodic_impacts = system%tones%n_tones == 1 .and. .not. any(system%tones%is_unknown)
       if (has_periodic_impacts) has_periodic_impacts = options%lacks_impacts_of(system, outcome%impact)
    end function has_periodic_impacts
 
