@@ -173,6 +173,20 @@ def test_wrong_arguments_are_named(made, message):
         made()
 
 
+def beam(**keys):
+    return nhbm.Beam(**{"length": 1.0, "bending_stiffness": 1e3, "mass_per_length": 7.8, "n_elements": 4, **keys})
+
+
+def labelled(label):
+    duffing().law("cubic_spring", "x1", stiffness=1.0, label=label)
+
+
+def shaft(diameter):
+    rotor = nhbm.Rotor()
+    rotor.shaft(np.linspace(0.0, 1.0, 4), diameter)
+    return rotor
+
+
 @pytest.mark.parametrize("made, message", [
     (lambda: nhbm.Chain(n_mass=2), "nhbm.Chain: unknown key 'n_mass'; did you mean 'n_masses'"),
     (lambda: nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0, ends="fix"), "ends = 'fix' .*; did you mean 'fixed'"),
@@ -190,6 +204,29 @@ def test_wrong_arguments_are_named(made, message):
     (lambda: nhbm.Matrices(np.eye(2), 1j * np.eye(2)), "stiffness must be real"),
     (lambda: nhbm.Structure(np.eye(2), (1 + 0.1j) * np.eye(2)), "'stiffness' is complex; .* `structural`"),
     (lambda: duffing().sweep({"frequency": [1.0]}), "did you mean 'tones"),
+    (lambda: beam(length=-1), "nhbm.Beam: length = -1 must be above 0.0"),
+    (lambda: beam(length=np.nan), "nhbm.Beam: length = nan must be finite"),
+    (lambda: beam(length="1"), "nhbm.Beam: length = '1' must be a real number, without quotes"),
+    (lambda: beam(n_elements=4.5), "nhbm.Beam: n_elements = 4.5 must be an integer like 3"),
+    (lambda: beam(damping_diagonal=True), "damping_diagonal = True must be a real number, not a bool"),
+    (lambda: nhbm.Chain(n_masses=2, mass=[1.0, -1.0], coupling_stiffness=1.0), r"mass\(2\) = -1.0 must be 0.0 or greater"),
+    (lambda: Model(nhbm.Chain(n_masses=2, mass=[1, 1, 1], coupling_stiffness=1)), "mass: needs 1 or 2 values, there are 3"),
+    (lambda: Model(nhbm.Matrices([[1.0, 0.5], [0.0, 1.0]], np.eye(2))), "mass .*symmetric"),
+    (lambda: duffing().__setitem__("spring.stiffness", np.nan), "'spring.stiffness': stiffness = nan must be finite"),
+    (lambda: stopped().__setitem__("law[0].stiffness", -1), r"'law.0..stiffness': stiffness = -1 must be 0.0 or greater"),
+    (lambda: duffing().set("accuracy", tolerance=-1), "&accuracy: tolerance = -1 must be 1e-14 or greater"),
+    (lambda: duffing().sweep({"tones[0]": [0.8, np.inf]}), r"frequency\(2\) = inf must be finite"),
+    (lambda: duffing().curve("tones[0]", np.nan, 2.0), "start must be finite, not nan"),
+    (lambda: duffing().integrate(np.inf), "duration must be finite, not inf"),
+    (lambda: labelled(""), "label '' cannot be part of a path"),
+    (lambda: labelled("a.b"), "label 'a.b' cannot be part of a path"),
+    (lambda: labelled("1"), "label '1' cannot be part of a path"),
+    (lambda: duffing().natural_frequencies(9), "n = 9, but the structure has 1 natural frequency$"),
+    (lambda: duffing().solve(order=3).nhbm.time("x1", [0.0, np.nan]), r"times must be finite, not \[0.0, nan\]"),
+    (lambda: nhbm.Rotor("steel"), "young must be numbers, not 'steel'"),
+    (lambda: shaft(np.nan), "shaft 'shaft': diameter must be finite"),
+    (lambda: shaft([0.1, 0.2]), "shaft 'shaft': diameter has 2 values; it needs one, or one for each of 3 elements"),
+    (lambda: shaft(0.1).unbalance(0.5, "1e-5"), "unbalance at 0.5: amount must be numbers"),
 ])  # fmt: skip
 def test_mistakes_are_refused_where_they_are_written(made, message):
     with pytest.raises(ModelError, match=message):
@@ -230,7 +267,7 @@ def test_all_operations_say_what_is_doubtful_in_the_same_words():
             operation(stopped())
         assert len(warned) == 1 and warned[0].filename == __file__
     with pytest.warns(NotConverged, match=r"of 2 points 2 aliased. The first: aliased"):
-        stopped().sweep({"tones[0]": [0.9, 0.9]}, order=3)
+        stopped().sweep({"tones[0]": [0.9, 0.9]}, warm=True, order=3)
 
 
 def test_a_wrong_derivative_of_a_law_is_said():
@@ -357,6 +394,23 @@ def test_implausible_values_are_named_once(made, words):
         warnings.simplefilter("error", Implausible)
         model.response("x1", order=3)
         model.response("x1", order=5)
+
+
+@pytest.mark.parametrize("operation, words", [
+    (lambda: duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3), "'tones%frequency': 0.8 is given 2 times"),
+    (lambda: duffing().peak("x1 (1)", "tones[0]", 0.5, 0.6, order=3), "is at an end of the range, tones%frequency = 0.6: no peak"),
+    (lambda: nhbm.Rotor(5), "young = 5: no solid has it; it is in N/m2, for steel 2.1e11"),
+])  # fmt: skip
+def test_what_can_be_meant_otherwise_is_said(operation, words):
+    with pytest.warns(Implausible, match=words) as warned:
+        operation()
+    assert len(warned) == 1 and warned[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Implausible)
+        duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3, warm=True)  # up and down
+        duffing().sweep({"tones[0]": [0.8, 0.8], "spring.stiffness": [0.1, 0.2]}, order=3, paired=True)
+        nhbm.Rotor(7e10, density=2700.0)
+    assert repr(shaft(0.1)) == "<nhbm.Rotor: shaft with 4 nodes>"
 
 
 def test_a_warning_about_a_number_is_not_repeated_for_its_next_value():

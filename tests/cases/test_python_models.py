@@ -77,14 +77,14 @@ def test_what_is_wrong_is_said():
         model["stop.gap"] = 0.1
     with pytest.raises(ModelError, match="unknown group 'harmonic'; did you mean 'harmonics'"):
         model.set("harmonic", order=3)
-    with pytest.raises(ModelError, match="'wall gap!' is no path"):
+    with pytest.raises(ModelError, match="'wall gap!' has no key, as in wall.gap"):
         model["wall gap!"] = 1.0
+    with pytest.raises(ModelError, match="'wall.gap.x' is no path"):
+        model["wall.gap.x"] = 1.0
     with pytest.raises(KeyError, match="no column 'amplitude'; known: status reason n_periods message"):
         session_of(DUFFING).column("amplitude")
-    model["tones%frequency"] = -1.0
-    with pytest.raises(ModelError, match="frequency"):
-        model.solve()
-    model["tones%frequency"] = 0.9
+    with pytest.raises(ModelError, match="'tones%frequency': frequency.1. = -1.0 must be 0.0 or greater"):
+        model["tones%frequency"] = -1.0
     motion = model.solve()
     assert motion.nhbm.is_converged and motion.nhbm.message == ""
     with pytest.raises(KeyError, match="no dof 'x2'; known: x1"):
@@ -114,7 +114,6 @@ def test_models_are_made_of_values():
                  for j, (c, s) in zip(motion["tuple"].values, motion["coefficients"].sel(dof="v3").values))  # fmt: skip
     np.testing.assert_allclose(motion.nhbm.time("v3", times), direct, atol=1e-12)
     np.testing.assert_allclose(motion.nhbm.time("v3", 0.0), direct[0], atol=1e-12)  # a single time
-    assert np.isnan(motion.nhbm.time("v3", [np.nan, 0.0])).values.tolist() == [True, False]
 
 
 def test_structures_come_from_memory_and_from_files(tmp_path):

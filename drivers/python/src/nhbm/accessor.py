@@ -293,11 +293,12 @@ class Accessor:
         data = self._dataset
         check_found(data, of)
         tuples = self._tuples()
-        times = xr.DataArray(np.asarray(times, dtype=float), dims="time" if np.ndim(times) else (), attrs={"units": "s"})
+        numbers = np.reshape(numbers_of("times", times), np.shape(times))
+        times = xr.DataArray(numbers, dims="time" if np.ndim(times) else (), attrs={"units": "s"})
         phases = (tuples * data["frequency"]).sum("tone") * times
         column = self._row(of, dof).where(self._in_use(), 0.0)
         values = column.sel(component="cos", drop=True) * np.cos(phases) + column.sel(component="sin", drop=True) * np.sin(phases)
-        found = values.sum("harmonic").where(np.isfinite(times) & self._has_motion()).assign_coords(time=times)
+        found = values.sum("harmonic").where(self._has_motion()).assign_coords(time=times)
         return self._named(found, dof, f"{of.replace('_coefficients', '').replace('coefficients', 'displacement')} of {dof}",
                            self._unit(of, dof))  # fmt: skip
 

@@ -13,8 +13,21 @@ import numpy as np
 
 from nhbm import doubts
 from nhbm.errors import ModelError, among
-from nhbm.groups import GROUPS, REPEATED, Builder, Group, Groups, InputPath, Settings, numbers_of, path_of, plain, value_at
-from nhbm.keys import check_keys
+from nhbm.groups import (
+    GROUPS,
+    REPEATED,
+    Builder,
+    Group,
+    Groups,
+    InputPath,
+    Settings,
+    check_label,
+    numbers_of,
+    path_of,
+    plain,
+    value_at,
+)
+from nhbm.keys import check_keys, check_numbers, keys_of
 from nhbm.laws import Law
 from nhbm.session import Session
 from nhbm.signatures import Laws
@@ -47,6 +60,7 @@ class Description(Laws):
         self._clear()
         if isinstance(structure, Builder):
             self._groups.add(Group("structure", structure.keys))
+            self._check(self._groups.single("structure"))
         elif isinstance(structure, (Structure, str, Path)):
             file = structure if isinstance(structure, Structure) else str(structure)
             self._groups.add(Group("structure", {"type": "model", "file": file}))
@@ -330,6 +344,7 @@ class Description(Laws):
         nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones
         """
         at = self._groups.resolved(path)
+        self._check_value(path, at, value)
         value, live = plain(value), self._live(self._used)
         if not live.settings.has(at):
             live.set(str(at), value)  # raises what is wrong with the path
@@ -399,11 +414,21 @@ class Description(Laws):
 
     # Sessions
 
+    def _check_value(self, path: str, at: InputPath, values: Any) -> None:
+        """Raises what is wrong with numbers for a path: not finite, or outside the range of the key."""
+        group = self._groups.find(at)
+        kind = "" if group is None else str(group.keys.get("type", "")).lower()
+        key = keys_of(at.group, kind).get(at.key)
+        if key is not None:
+            check_numbers(f"'{path}'", at.keyed, key, values)
+
     def _add(self, name: str, keys: dict[str, Any]) -> None:
         check_keys(name, keys)
         group = Group(name, keys)
         if not isinstance(keys.get("label", ""), (str, type(None))):
             raise ModelError(f"&{name}: label must be a text, not {keys['label']!r}")
+        if "label" in group.keys:
+            check_label(name, group.label)
         if group.label and any(other.label == group.label for other in self._groups.named(name)):
             raise ModelError(f"&{name}: there is another group with the label '{group.label}'; labels name one each")
         self._check(group)
@@ -414,7 +439,7 @@ class Description(Laws):
         """Raises what is wrong with a new group by itself, on the structure and the tones; not for large structures, which are
         read once."""
         structure = self._groups.first("structure")
-        if group.name not in _CHECKED or structure is None:
+        if group.name not in (*_CHECKED, "structure") or structure is None:
             return
         file = structure.keys.get("file")
         if file is not None and not (isinstance(file, Structure) and file.n_dofs <= _CHECKED_DOFS):
@@ -422,7 +447,8 @@ class Description(Laws):
         if not isinstance(file, Structure) and _size_of(structure) > _CHECKED_DOFS:
             return
         few = Groups(other for other in self._groups if other.name in ("structure", "tones"))
-        few.add(group)
+        if group is not structure:
+            few.add(group)
         try:
             Session(self._find_structure).read(few.text(), "")
         except ModelError as error:

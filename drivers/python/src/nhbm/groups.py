@@ -71,6 +71,8 @@ def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
         if np.iscomplexobj(values) or any(isinstance(value, (str, bytes, bool, np.bool_)) for value in _flat(values)):
             raise ValueError
         numbers = [kind(value) for value in np.ravel(values)]
+        if kind is float and not np.isfinite(numbers).all():
+            raise ModelError(f"{name} must be finite, not {values!r}")
         if not numbers or (kind is int and numbers != [float(value) for value in np.ravel(values)]):
             raise ValueError
     except (TypeError, ValueError, OverflowError):
@@ -99,7 +101,7 @@ class InputPath(NamedTuple):
 
 
 _OF_INPUT = re.compile(r"\s*(\w+)\s*(?:\(\s*([^()]*?)\s*\))?\s*%\s*(\w+)\s*(?:\(\s*(\d+)\s*(?:,\s*(\d+)\s*)?\))?\s*")
-_OF_PYTHON = re.compile(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)(?:, *(\d+))?\])?)?")
+_OF_PYTHON = re.compile(r"([^.%()\[\]]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)(?:, *(\d+))?\])?)?")
 
 
 def path_of(path: Any) -> InputPath:
@@ -125,6 +127,13 @@ def path_of(path: Any) -> InputPath:
     if number is None and name not in GROUPS:
         return InputPath("law", name, key, indices)
     return InputPath(name, None if number is None else int(number) + 1, key, indices)
+
+
+def check_label(group: str, label: str) -> None:
+    """Raises ModelError for a label that no path can contain, or that a path would take for a number."""
+    if not label.strip() or label.strip().isdigit() or re.search(r"[.%()\[\]]", label):
+        raise ModelError(f"&{group}: label {label!r} cannot be part of a path such as 'wall.gap': it must have a letter, and "
+                         "none of . % ( ) [ ]")  # fmt: skip
 
 
 def identifier(path: str) -> str:

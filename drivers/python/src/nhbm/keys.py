@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from nhbm._library import KEY_ROW_SIZE, library, raise_error
 from nhbm.errors import ModelError, among
@@ -62,7 +65,7 @@ def keys_of(group: str, kind: str = "") -> dict[str, Key]:
 
 
 def check_keys(group: str, given: Mapping[str, Any], subject: str = "") -> None:
-    """Raises ModelError for a key that the group, or its type, does not have, and for a word that a key does not accept.
+    """Raises ModelError for a key that the group, or its type, does not have, and for a word or number that a key does not accept.
 
     `subject` replaces the name of the group in messages."""
     subject = subject or f"&{group}"
@@ -77,6 +80,7 @@ def check_keys(group: str, given: Mapping[str, Any], subject: str = "") -> None:
             raise ModelError(f"{subject}: unknown key '{name}'{among(stem, list(known))}")
         if isinstance(value, str):
             _check_word(subject, known[stem.lower()], value)
+        check_numbers(subject, name, known[stem.lower()], value)
 
 
 def missing_key(group: str, given: Mapping[str, Any]) -> str:
@@ -92,3 +96,76 @@ def _check_word(subject: str, key: Key, value: str) -> None:
     known = re.findall(r"'([^']*)'", key.range)
     if value.lower() not in known:
         raise ModelError(f"{subject}: {key.name} = '{value}' is not known{among(value, known)}")
+
+
+_NUMBER = r"[-+]?[\d.]+(?:e[-+]?\d+)?"
+
+
+class _Limits(NamedTuple):
+    """What the range of a key permits, as the program reads it (hb_input_keys)."""
+
+    minimum: float
+    above: float
+    maximum: float
+
+
+@functools.lru_cache(maxsize=None)
+def _limits_of(words: str) -> _Limits:
+    """From parts like `>= 0`, `> 0`, `<= 1`, `1 to 100`; other parts are for readers."""
+    minimum, above, maximum = -math.inf, -math.inf, math.inf
+    for part in words.split(","):
+        part = part.strip()
+        limit = re.fullmatch(rf"(>=|>|<=) ({_NUMBER})", part)
+        ends = re.fullmatch(rf"({_NUMBER}) to (.*)", part)
+        if limit and limit[1] == ">=":
+            minimum = float(limit[2])
+        elif limit and limit[1] == ">":
+            above = float(limit[2])
+        elif limit:
+            maximum = float(limit[2])
+        elif ends:
+            minimum = float(ends[1])
+            maximum = float(ends[2]) if re.fullmatch(_NUMBER, ends[2]) else maximum
+    return _Limits(minimum, above, maximum)
+
+
+def check_numbers(subject: str, name: str, key: Key, values: Any) -> None:
+    """Raises ModelError, in the words of the program, for values of a numeric key that are no such numbers, not finite or outside
+    its range."""
+    is_whole = "integer" in key.type
+    if values is None or not (is_whole or "real" in key.type):
+        return
+    limits = _limits_of(key.range)
+    array = np.asarray(values)
+    if array.dtype.kind in "iuf"[: 2 if is_whole else 3] and array.size and np.isfinite(array).all():  # all at once
+        if array.min() >= limits.minimum and array.min() > limits.above and array.max() <= limits.maximum:
+            return
+    given = [values] if array.ndim == 0 else list(np.asarray(values, dtype=object).ravel())
+    for k, value in enumerate(given, start=1):
+        wrong = _wrong_number(value, limits, is_whole)
+        if wrong:
+            index = f"({k})" if array.ndim or ("(" not in name and key.type.startswith(("list", "matrix"))) else ""
+            shown = repr(value) if isinstance(value, str) else value
+            raise ModelError(f"{subject}: {name}{index} = {shown} must be {wrong}")
+
+
+def _wrong_number(value: Any, limits: _Limits, is_whole: bool) -> str:
+    """What a value must be and is not; empty if it is."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, str):
+        return f"{'an integer' if is_whole else 'a real number'}, without quotes"
+    if isinstance(value, bool):
+        return "an integer, not a bool" if is_whole else "a real number, not a bool"
+    if not isinstance(value, (int, float)):
+        return ""
+    if is_whole and not isinstance(value, int):
+        return "an integer like 3, at most 2147483647"
+    if not math.isfinite(value):
+        return "finite"
+    show: Any = int if is_whole else float
+    if value < limits.minimum:
+        return f"{show(limits.minimum)} or greater"
+    if value > limits.maximum:
+        return f"{show(limits.maximum)} or less"
+    return f"above {show(limits.above)}" if value <= limits.above else ""

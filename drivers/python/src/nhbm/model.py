@@ -14,7 +14,7 @@ from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
 from nhbm.description import Description, exclusive
 from nhbm.docstrings import documented
-from nhbm.errors import ModelError
+from nhbm.errors import Implausible, ModelError
 from nhbm.groups import SETS, Group, Settings, changed_values, described, identifier, numbers_of, path_of, plain, request
 from nhbm.keys import check_keys
 from nhbm.laws import Law
@@ -216,7 +216,7 @@ class Model(Description):
         -------
         Peak
             The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve stops
-            before the end of its range.
+            before the end of its range. The warning Implausible is issued if it is at an end of the range.
         """
         keys = _range(start, stop, keys)
         return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
@@ -288,7 +288,7 @@ class Model(Description):
         if order is not None:
             groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
         session = self._begin(request(tolerance, order, **groups))
-        best, found, doubt, ends = -1.0, None, "", []
+        best, best_at, found, doubt, ends = -1.0, np.nan, None, "", []
         session.begin_curve()
         while session.next():
             if dataset.status_of(session) not in dataset.SOLVED:
@@ -297,7 +297,7 @@ class Model(Description):
             if int(dataset.number(session, "curve_kind")) == dataset.END:
                 ends.append(at)
             if value > best:
-                best = value
+                best, best_at = value, at
                 found = evaluate(session, value, at)
                 doubt = doubts.doubt_of(session)
         if doubts.warn_of_end(session):
@@ -305,6 +305,9 @@ class Model(Description):
         if doubt:
             doubts.warn(doubt)
         doubts.warn_of_return(ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
+        if any(abs(best_at - end) <= 1e-9 * abs(keys["to"] - keys["from"]) for end in (keys["from"], keys["to"])):
+            doubts.warn(f"the largest {of} is at an end of the range, {path} = {best_at:g}: no peak of the curve; widen the range",
+                        Implausible)  # fmt: skip
         return found
 
     @exclusive
@@ -569,13 +572,13 @@ class Model(Description):
         return self._live(Settings()).session.warnings()
 
     @exclusive
-    def natural_frequencies(self, n: int = 10) -> Any:
+    def natural_frequencies(self, n: int | None = None) -> Any:
         """Natural frequencies of the structure, without damping and laws.
 
         Parameters
         ----------
-        n : int
-            Number of the lowest ones.
+        n : int, optional
+            Number of the lowest ones; default: up to ten.
 
         Returns
         -------
@@ -589,7 +592,7 @@ class Model(Description):
         >>> model.natural_frequencies()
         array([2.])
         """
-        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+        if n is not None and (isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1):
             raise ModelError(f"n must be a whole number, 1 or more, not {n!r}")
         found = self._live(Settings()).session.natural_frequencies()
         group = self._groups.first("structure")
@@ -599,8 +602,10 @@ class Model(Description):
         if not len(found) and isinstance(structure, Structure):
             from nhbm.checks import lowest_frequencies
 
-            return lowest_frequencies(structure, n)
-        return found[:n]
+            found = lowest_frequencies(structure, n or 10)
+        if n is not None and n > len(found):
+            raise ModelError(f"n = {n}, but the structure has {len(found)} natural frequenc{'y' if len(found) == 1 else 'ies'}")
+        return found[: n or 10]
 
     sweep = sweeps.sweep
 

@@ -16,11 +16,13 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from nhbm.errors import Implausible, ModelError
+from nhbm.groups import numbers_of
 from nhbm.structure import BY_SPEED, Structure
 
 VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")
 N = len(DIRECTIONS)
+_MATERIALS = {"young": (1e5, 1e13, "N/m2", "2.1e11"), "density": (1.0, 3e4, "kg/m3", "7850")}  # plausible values, unit, of steel
 ACROSS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # i z = x' + i y' turned back: what -i Omega z does to (x, y)
 
 
@@ -39,16 +41,24 @@ class Rotor:
     (Bernoulli)."""
 
     def __init__(self, young: float = 2.1e11, density: float = 7850.0, poisson: float | None = 0.3) -> None:
-        for name, value in (("young", young), ("density", density)):
-            if not 0 < value < np.inf:
-                raise ModelError(f"{name} must be above 0, not {value}")
-        if poisson is not None and not -1 < poisson <= 0.5:
+        for (name, (least, most, unit, steel)), given in zip(_MATERIALS.items(), (young, density)):
+            value = _number(name, given)
+            if not value > 0:
+                raise ModelError(f"{name} must be above 0, not {given}")
+            if not least <= value <= most:
+                text = f"{name} = {given}: no solid has it; it is in {unit}, for steel {steel}"
+                warnings.warn(text, Implausible, stacklevel=2)
+        if poisson is not None and not -1 < _number("poisson", poisson) <= 0.5:
             raise ModelError(f"poisson must be above -1 and at most 0.5, not {poisson}")
         self.young, self.density, self.poisson = young, density, poisson
         self._shafts: list[_Shaft] = []
         self._sets: dict[str, int] = {}
         self._unbalance: dict[str, list[tuple[int, float, float]]] = {}
         self._parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}  # matrices by name: degrees of freedom, values
+
+    def __repr__(self) -> str:
+        shafts = [f"{shaft.name} with {len(shaft.z)} nodes" for shaft in self._shafts]
+        return f"<nhbm.Rotor: {'; '.join([', '.join(shafts) or 'no shaft', *([', '.join(self._sets)] if self._sets else [])])}>"
 
     @property
     def n_nodes(self) -> int:
@@ -59,14 +69,16 @@ class Rotor:
         """Adds a shaft. z: ascending positions of its nodes [m]; diameter, bore: outer and inner diameter [m], one value or
         one for each element; name: for the other methods; speed: 1 or 2, number of its speed; damping: viscous rotating
         damping of the material, as a factor of the stiffness [s]."""
-        z = np.asarray(z, dtype=float)
-        if z.ndim != 1 or len(z) < 2 or not (np.diff(z) > 0).all():
+        z = np.array(numbers_of(f"shaft '{name}': z", z))
+        if not _number(f"shaft '{name}': damping", damping) >= 0:
+            raise ModelError(f"shaft '{name}': damping must be 0 or more, not {damping}")
+        if len(z) < 2 or not (np.diff(z) > 0).all():
             raise ModelError(f"shaft '{name}': z must be two or more rising positions")
         if any(shaft.name == name for shaft in self._shafts):
             raise ModelError(f"there is a shaft '{name}' already; give another name")
         if speed not in (1, 2):
             raise ModelError(f"shaft '{name}': speed is 1 or 2, the number of a speed, not {speed}")
-        outer, inner = (np.broadcast_to(np.asarray(d, dtype=float), (len(z) - 1,)) for d in (diameter, bore))
+        outer, inner = (_along(f"shaft '{name}': {word}", d, len(z) - 1) for word, d in (("diameter", diameter), ("bore", bore)))
         if not ((outer > inner).all() and (inner >= 0).all()):
             raise ModelError(f"shaft '{name}': the diameter must be above the bore, and this 0 or more")
         new = _Shaft(name, speed, z, self.n_nodes)
@@ -86,7 +98,7 @@ class Rotor:
         `disk1`, ..."""
         found, node = self._node(z, shaft)
         for name, value in (("mass", mass), ("diametral", diametral), ("polar", polar)):
-            if not 0 <= value < np.inf:
+            if not _number(f"disk at {z}: {name}", value) >= 0:
                 raise ModelError(f"disk at {z}: {name} must be 0 or more, not {value}")
         self._add("mass", (node,), np.eye(2), np.diag([mass, diametral]))
         self._add(_by_speed("gyroscopic_by_speed", found.speed), (node,), ACROSS, np.diag([0.0, polar]))
@@ -117,6 +129,7 @@ class Rotor:
         """Adds mass times eccentricity [kg m] at z [m] and an angle [rad]; load vectors `unbalance_NAME_cos` and `..._sin` of
         the shaft, for &load with frequency_power = 2 and the tuple of the shaft's tone."""
         found, node = self._node(z, shaft)
+        amount, angle = _number(f"unbalance at {z}: amount", amount), _number(f"unbalance at {z}: angle", angle)
         self._unbalance.setdefault(found.name, []).append((node, amount, angle))
 
     def structure(self) -> Structure:
@@ -167,7 +180,8 @@ class Rotor:
         speeds: values of speed 1 [rad/s]; ratio: speed 2 over speed 1.
         """
         structure = self.structure()
-        found = [whirls(at_speeds(structure, (speed, ratio * speed))) for speed in np.atleast_1d(speeds)]
+        ratio = _number("ratio", ratio)
+        found = [whirls(at_speeds(structure, (speed, ratio * speed))) for speed in numbers_of("speeds", speeds)]
         return np.array([f for f, _ in found]), np.array([g for _, g in found])
 
     def critical_speeds(self, up_to: float, ratio: float = 1.0, order: float = 1.0) -> np.ndarray:
@@ -179,7 +193,8 @@ class Rotor:
         Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
         for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric. Motions R of a rotor as a rigid
         body, which its bearings do not hold, are left out: R**T K = 0 requires R**T (order**2 M - i order G) u = 0 of others."""
-        if not up_to > 0:
+        ratio, order = _number("ratio", ratio), _number("order", order)
+        if not _number("up_to", up_to) > 0:
             raise ModelError(f"up_to must be above 0, not {up_to!r}")
         s = self.structure()
         k, m = s.stiffness.toarray(), s.mass.toarray()
@@ -252,6 +267,7 @@ class Rotor:
         if name not in known:
             raise ModelError(f"choose a shaft: shaft='{name}' is none of {', '.join(known) or 'none'}")
         shaft = self._shafts[known.index(name)]
+        z = _number("z", z)
         if not shaft.z[0] <= z <= shaft.z[-1]:
             raise ModelError(f"a disk or bearing at {z} is not on the shaft, {shaft.z[0]} to {shaft.z[-1]}")
         return shaft, shaft.first + int(np.argmin(np.abs(shaft.z - z)))
@@ -276,7 +292,7 @@ def rotor(
     damping [N s/m], the same in all directions; `speed` [rad/s] from x towards y, None to keep the terms in the speed as such.
     """
     for name, value in (("length", length), ("diameter", diameter), ("n_elements", n_elements)):
-        if not value > 0:
+        if not _number(name, value) > 0:
             raise ModelError(f"{name} must be above 0, not {value}")
     made = Rotor(young, density, poisson=None)
     made.shaft(np.linspace(0.0, length, int(n_elements) + 1), diameter)
@@ -331,8 +347,24 @@ def _shear_coefficient(poisson: float, bore: float) -> float:
     return 6 * (1 + poisson) * wall / ((7 + 6 * poisson) * wall + (20 + 12 * poisson) * bore**2)
 
 
+def _number(name: str, value: Any) -> float:
+    """One finite number; ModelError, which names the argument, for anything else."""
+    numbers = numbers_of(name, value)
+    if np.ndim(value):
+        raise ModelError(f"{name} must be one number, not {value!r}")
+    return float(numbers[0])
+
+
+def _along(name: str, values: Any, n: int) -> np.ndarray:
+    """A number for each of n elements, from one or from a list of as many."""
+    numbers = np.array(numbers_of(name, values))
+    if len(numbers) not in (1, n):
+        raise ModelError(f"{name} has {len(numbers)} values; it needs one, or one for each of {n} elements")
+    return np.broadcast_to(numbers, n)
+
+
 def _two(values: Any) -> np.ndarray:
-    values = np.asarray(values, dtype=float)
+    values = np.reshape(numbers_of("stiffness and damping of a bearing", values), np.shape(values))
     if values.ndim == 0:
         return float(values) * np.eye(2)
     if values.shape != (2, 2):

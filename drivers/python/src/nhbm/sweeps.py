@@ -17,8 +17,8 @@ import xarray as xr
 
 from nhbm import dataset, doubts
 from nhbm.docstrings import documented
-from nhbm.errors import ModelError, NotConverged
-from nhbm.groups import Settings, identifier, request
+from nhbm.errors import Implausible, ModelError, NotConverged
+from nhbm.groups import Settings, identifier, path_of, request
 from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, words_of
 
 if TYPE_CHECKING:
@@ -71,6 +71,11 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         raise ModelError("a sweep needs at least one path, and values for each")
     if len(grid) < len(values):
         raise ModelError(f"two paths of a sweep name the same value: {', '.join(values)}")
+    for path, line in grid.items():
+        self._check_value(path, path_of(path), line)
+        if not (paired or warm) and len(set(line)) < len(line):  # otherwise samples, or a way up and down
+            twice = next(value for value in line if line.count(value) > 1)
+            doubts.warn(f"'{path}': {twice} is given {line.count(twice)} times; the same points are solved again", Implausible)
     if paired and len(set(map(len, grid.values()))) > 1:
         raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
     points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
