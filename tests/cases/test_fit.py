@@ -14,7 +14,7 @@ import pytest
 import in_process  # noqa: F401  the library of the build
 
 import nhbm
-from nhbm import Model, ModelError, NotConverged
+from nhbm import Model, ModelError, NotConverged, fitting
 
 FORCE = 0.1
 
@@ -120,6 +120,25 @@ def test_sweeps_with_jumps_are_fitted_from_afar(sweeps, tmp_path):
     assert "spring" in repr(found) and "+-" in found._repr_html_() and list(found.to_dataframe())[:2] == ["value", "error"]
     wrong = nhbm.fit(linear(0.9, 0.13), sweeps, LINEAR, "x1 (1)", order=1)
     assert wrong.bic > found.bic + 100
+
+
+def test_a_first_guess_that_leads_astray_is_replaced():
+    """Five times the stiffness: the misfit has a minimum beyond all of the data."""
+    model = hardening(k3=0.4)
+    omega, amplitude = np.linspace(0.7, 1.3, 13), []
+    for model["tones[0]"] in omega:
+        amplitude.append(model.response("x1 (1)", order=3))
+    found = nhbm.fit(hardening(k3=2.0), {"frequency": omega, "amplitude": amplitude}, ["spring.stiffness"], "x1 (1)", order=3)
+    assert found.values[0] == pytest.approx(0.4, rel=1e-6)
+
+
+def test_elements_on_a_diagonal_keep_their_sign():
+    """An amplitude is the same for negative damping."""
+    model = Model(nhbm.Matrices(np.eye(2), np.eye(2), 0.1 * np.eye(2)), tones=[0.5])
+    lower, upper = fitting._bounds(model, [model._resolved(f"structure.damping[{k}]") for k in range(4)], {})
+    assert lower.tolist() == [0.0, -np.inf, -np.inf, 0.0] and (upper == np.inf).all()
+    lower, _ = fitting._bounds(model, ["structure%damping(1)"], {"structure.damping[0]": (-1.0, 1.0)})
+    assert lower.tolist() == [-1.0]
 
 
 def covered(sweeps, n, first):

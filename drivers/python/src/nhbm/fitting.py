@@ -11,6 +11,8 @@ counts, too. The misfit is thus continuous where a fold passes a measured point.
 from __future__ import annotations
 
 import copy
+import itertools
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -34,6 +36,8 @@ _RELATIVE = 0.01  # standard deviation of amplitudes, relative, where none is gi
 _MARGIN = 0.02  # by which curves are longer than the measured range, relative to it
 _COLUMNS = "frequency", "hertz", "amplitude", "phase", "sweep", "sigma"
 _SWEEPS = "up", "down"
+_POOR = 50.0  # cost for each measured number, ten standard deviations, beyond which other starts are tried
+_FACTORS = 0.25, 0.5, 2.0, 4.0  # of one parameter, for them
 _FAR = 1e3  # residual of a point where the model has no motion
 _WEAK = 1e-6  # singular value, relative to the largest, of a combination of parameters that the data do not determine
 _FIRST, _HELD_STEP = 0.05, 0.25  # first force of a curve on which an amplitude is sought, over the measured one; longest step
@@ -258,7 +262,8 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     noise : float, optional
         Standard deviation of the amplitudes, relative to each. Without `noise` and `sigma` it is estimated from the residuals.
     bounds : dict, optional
-        Lower and upper ends by path; by default those of the table of keys, such as 0 for a stiffness.
+        Lower and upper ends by path; by default those of the table of keys, such as 0 for a stiffness, and 0 for elements on the
+        diagonal of matrices.
     controlled : bool
         The response was controlled, or its phase, so that points may be on unstable branches. Where the data have one column with
         the amplitude of a load, that force is compared at the measured amplitude and frequency, and `noise` and `sigma` over
@@ -298,10 +303,15 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     lower, upper = _bounds(work, paths, bounds or {})
     problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys, force)
     least_squares = imported("scipy.optimize", "fits are made with", "scipy").least_squares
-    inside = np.clip(first, lower + 1e-6 * scale, upper - 1e-6 * scale)
-    found = least_squares(lambda x: problem.residuals(x * scale), inside / scale, jac=lambda x: problem.jacobian(x * scale) * scale,
-                          bounds=(lower / scale, upper / scale), x_scale="jac", xtol=1e-8, ftol=1e-8, gtol=1e-10,
-                          max_nfev=100)  # fmt: skip
+    def search(start: Array) -> Any:
+        inside = np.clip(start, lower + 1e-6 * scale, upper - 1e-6 * scale)
+        return least_squares(lambda x: problem.residuals(x * scale), inside / scale,
+                             jac=lambda x: problem.jacobian(x * scale) * scale, bounds=(lower / scale, upper / scale),
+                             x_scale="jac", xtol=1e-8, ftol=1e-8, gtol=1e-10, max_nfev=100)  # fmt: skip
+
+    found = search(first)
+    if found.cost > _POOR * _n_measured(sets):  # a minimum far from the data: another start may lead elsewhere
+        found = min([found, *map(search, _other_starts(problem, first, lower, upper))], key=lambda one: one.cost)
     values = found.x * scale
     residuals, jacobian = problem.residuals(values), problem.jacobian(values)
     covariance, is_known = _covariance(jacobian)
@@ -473,6 +483,29 @@ def _is_number(text: str) -> bool:
     return True
 
 
+def _other_starts(problem: _Problem, first: Array, lower: Array, upper: Array) -> list[Array]:
+    """The first guess with one parameter changed: the two with the smallest misfits."""
+    starts = []
+    for k, factor in itertools.product(range(len(first)), _FACTORS):
+        start = first.copy()
+        start[k] *= factor
+        if first[k] and lower[k] < start[k] < upper[k]:
+            residuals = problem.residuals(start)
+            starts.append((float(residuals @ residuals), k, factor, start))
+    return [start for *_, start in sorted(starts, key=lambda one: one[:3])[:2]]
+
+
+def _is_on_diagonal(model: Model, path: str) -> bool:
+    """Whether a path is an element on the diagonal of the mass, damping or stiffness of a structure of full matrices."""
+    at = path_of(path)
+    group = model._groups.find(at)
+    if group is None or at.group != "structure" or at.key not in ("mass", "damping", "stiffness") or not at.indices:
+        return False
+    n = math.isqrt(np.size(group.keys.get(at.key, ())))
+    return group.keys.get("type") == "matrices" and (at.indices[0] == at.indices[-1] if len(at.indices) > 1
+                                                     else (at.indices[0] - 1) % (n + 1) == 0)  # fmt: skip
+
+
 def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]) -> tuple[Array, Array]:
     """Lower and upper ends of the parameters."""
     own = {model._resolved(path): ends for path, ends in given.items()}
@@ -487,6 +520,8 @@ def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]
         least = re.match(r">=? *([-\d.e]+)", words)
         most = re.search(r"<=? *([-\d.e]+)", words)
         default = float(least[1]) if least else -np.inf, float(most[1]) if most else np.inf
+        if not least and _is_on_diagonal(model, path) and float(model[path]) >= 0:  # an amplitude does not tell its sign
+            default = 0.0, default[1]
         ends = own.get(path, default)
         if len(ends) != 2 or not ends[0] < ends[1]:
             raise ModelError(f"bounds of '{path}' are two numbers, the lower one first, not {ends!r}")
