@@ -225,6 +225,19 @@ def shaft(diameter):
     (lambda: duffing().solve(order=3).nhbm.time("x1", [0.0, np.nan]), r"times must be finite, not \[0.0, nan\]"),
     (lambda: nhbm.Rotor("steel"), "young must be numbers, not 'steel'"),
     (lambda: shaft(np.nan), "shaft 'shaft': diameter must be finite"),
+    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[-1.0]), r"&tones: frequency\(1\) = -1.0 must be 0.0 or greater"),
+    (lambda: duffing().__setitem__("spring.stiffness", [0.1, 0.2]), "'spring.stiffness': stiffness has 2 values, needs one"),
+    (lambda: duffing().tie("tones[0]", "tones[0]"), "&tie: 'tones.0.' cannot follow itself"),
+    (lambda: duffing().tie("structure.sped", "tones[0]"), "'structure%sped': there is no such value; known keys: type"),
+    (lambda: duffing().sweep({"tones[0]": [[0.8, 0.9]]}), "the values of a sweep are a list of numbers, not an array of 2"),
+    (lambda: duffing().sweep({"tones[0]": [0.8]}, comm=3), "comm must have the method `Get_size`, as those of mpi4py.MPI, not 3"),
+    (lambda: duffing().sweep({"tones[0]": [0.8]}, executor=3), "executor must have the method `map`"),
+    (lambda: duffing().sweep({"tones[0]": [0.8]}, progress="bar"), "progress must be True, False or a function"),
+    (lambda: duffing().curve("tones[0]", 0.5, 0.6, on_point=3), "on_point must be a function"),
+    (lambda: duffing().response(1, order=3), "a response is a text such as 'x1'"),
+    (lambda: duffing().law(lambda q, p: p[0] * q, "x1"), "law '<lambda>' takes parameters p: give them, parameters="),
+    (lambda: duffing().solve(order=3).nhbm.to_csv("x.xlsx"), "'x.xlsx': a table is a text; give it the ending .csv"),
+    (lambda: duffing().solve(order=3).nhbm.to_mat("x.csv"), "'x.csv': MATLAB .* give it the ending .mat"),
     (lambda: shaft([0.1, 0.2]), "shaft 'shaft': diameter has 2 values; it needs one, or one for each of 3 elements"),
     (lambda: shaft(0.1).unbalance(0.5, "1e-5"), "unbalance at 0.5: amount must be numbers"),
 ])  # fmt: skip
@@ -280,6 +293,17 @@ def test_a_wrong_derivative_of_a_law_is_said():
     with warnings.catch_warnings():
         warnings.simplefilter("error", NotConverged)
         right.solve(order=5)
+
+
+def test_a_law_cannot_change_the_motion():
+    def doubling(q):
+        q *= 2
+        return q
+
+    model = duffing()
+    model.law(doubling, "x1")
+    with pytest.raises(ValueError, match="read-only"):
+        model.solve(order=3)
 
 
 def test_a_law_that_is_wrongly_declared_odd_is_named():

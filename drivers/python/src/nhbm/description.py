@@ -27,7 +27,7 @@ from nhbm.groups import (
     plain,
     value_at,
 )
-from nhbm.keys import check_keys, check_numbers, keys_of
+from nhbm.keys import Key, check_keys, check_numbers, keys_of
 from nhbm.laws import Law
 from nhbm.session import Session
 from nhbm.signatures import Laws
@@ -72,12 +72,13 @@ class Description(Laws):
             self.set("tones", **tones)
         elif not (isinstance(tones, tuple) and len(tones) == 0):
             try:
-                self.set("tones", frequency=numbers_of("tones", tones))
+                frequencies = numbers_of("tones", tones)
             except ModelError:
                 raise ModelError(
                     "tones are frequencies [rad/s] or keys of &tones such as {'unknown': True} or {'hertz': 50.0}, "
                     f"not {tones!r}"
                 ) from None
+            self.set("tones", frequency=frequencies)
         for name, keys in groups.items():
             if name in ("frequency", "hertz", "unknown"):
                 raise ModelError(f"'{name}' is a key of the tones: write tones={{'{name}': {keys!r}}}")
@@ -238,6 +239,8 @@ class Description(Laws):
                 self._add("law", {"type": kind, **where, **keys})
                 return
             law = kind if isinstance(kind, Law) else Law(kind)
+            if law.takes_parameters and keys.get("parameters") is None:
+                raise ModelError(f"law '{law.__name__}' takes parameters p: give them, parameters=[...]")
             self._add("law", {"type": "user", "library": "", "name": law, "odd": law.odd, **where, **keys})
 
     @exclusive
@@ -319,6 +322,12 @@ class Description(Laws):
         factor, offset : float
             In the units of both.
         """
+        for one in (path, to):
+            at = self._groups.resolved(one)
+            if self._groups.find(at) is None or self._key_at(at) is None:
+                value_at(at, Groups.of_text(self.to_namelist()))  # raises what is wrong with the path
+        if self._resolved(path) == self._resolved(to):
+            raise ModelError(f"&tie: '{path}' cannot follow itself")
         paths = str(path_of(path)), str(path_of(to))
         self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
@@ -345,6 +354,9 @@ class Description(Laws):
         """
         at = self._groups.resolved(path)
         self._check_value(path, at, value)
+        key = self._key_at(at)
+        if key is not None and np.size(value) > 1 and (at.indices or not key.type.startswith(("list", "matrix"))):
+            raise ModelError(f"'{path}': {at.keyed} has {np.size(value)} values, needs one")
         value, live = plain(value), self._live(self._used)
         if not live.settings.has(at):
             live.set(str(at), value)  # raises what is wrong with the path
@@ -415,12 +427,15 @@ class Description(Laws):
     # Sessions
 
     def _check_value(self, path: str, at: InputPath, values: Any) -> None:
-        """Raises what is wrong with numbers for a path: not finite, or outside the range of the key."""
-        group = self._groups.find(at)
-        kind = "" if group is None else str(group.keys.get("type", "")).lower()
-        key = keys_of(at.group, kind).get(at.key)
+        """Raises what is wrong with the value of a path: numbers that are not finite or outside the range of the key."""
+        key = self._key_at(at)
         if key is not None:
             check_numbers(f"'{path}'", at.keyed, key, values)
+
+    def _key_at(self, at: InputPath) -> Key | None:
+        """The key of a path, of the group that is there; None if there is none."""
+        group = self._groups.find(at)
+        return keys_of(at.group, "" if group is None else str(group.keys.get("type", "")).lower()).get(at.key)
 
     def _add(self, name: str, keys: dict[str, Any]) -> None:
         check_keys(name, keys)

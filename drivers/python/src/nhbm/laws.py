@@ -111,9 +111,11 @@ class Law:
         if (states > 0) != (advance is not None):
             raise ModelError(f"law '{self.__name__}': states, their number, and the function advance belong together")
         address = _address(function)
+        self.takes_parameters = False
         self.steps_slowly = states > 0 and None in (address, _address(advance))  # in time: an evaluation takes 1 ms
         if address is None:
             caller = _Force(function, self.__name__, arguments, velocity, states)
+            self.takes_parameters = "p" in caller.roles
             needs_velocity, phases, frequencies = caller.needs_velocity, "phases" in caller.named, "frequencies" in caller.named
             self._pointer = EVALUATE(caller)
         else:
@@ -301,6 +303,8 @@ class _Force(_Caller):
         v = _columns(block.v, n, block) if block.v else np.zeros_like(z)
         s = _columns(block.states, block.n_states, block) if self.n_states else z
         p = _list(block.parameters, block.n_parameters)
+        for samples in (z, v, s):
+            samples.flags.writeable = False  # a law that changes them would change the motion
         named = {}
         if "phases" in self.named:
             named["phases"] = _columns(block.phases, block.n_tones, block)

@@ -349,6 +349,8 @@ class Model(Description):
         >>> print([f"{float(omega):.6f}" for omega in curve["tones_frequency"][curve["curve_kind"] == "fold"]])
         ['1.269602', '1.115700']
         """
+        if on_point is not None and not callable(on_point):
+            raise ModelError(f"on_point must be a function of the dataset of a point, not {on_point!r}")
         path = self._resolved(path)
         if "over" in keys:
             keys["over"] = self._resolved(keys["over"])

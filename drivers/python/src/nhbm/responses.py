@@ -75,6 +75,8 @@ def _index(session: Session, of: str, dof: str) -> int:
 
 def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
     """Degree of freedom and tuple of a response: "x1", "x1 (1)", "v3 (1,0)"."""
+    if not isinstance(of, str):
+        raise ModelError(f"a response is a text such as 'x1', 'x1 (1)' or 'x1 (1,0)', not {of!r}")
     parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", of)
     if parts is None:
         raise ModelError(f"'{of}' is no response; 'x1', 'x1 (1)' and 'x1 (1,0)' are")

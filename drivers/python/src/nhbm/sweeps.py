@@ -66,7 +66,10 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         raise ModelError(f"the values of a sweep are a dict of lists by path, {{'wall.gap': [1e-3, 2e-3]}}, not {values!r}")
     if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
         raise ModelError(f"workers must be a whole number, 1 or more, not {workers!r}")
-    grid = {self._resolved(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
+    for name, given, method in (("executor", executor, "map"), ("comm", comm, "Get_size")):
+        if given is not None and not hasattr(given, method):
+            raise ModelError(f"{name} must have the method `{method}`, as those of {_MAKERS[name]}, not {given!r}")
+    grid = {self._resolved(path): _line_of(path, line) for path, line in values.items()}
     if not grid or not all(grid.values()):
         raise ModelError("a sweep needs at least one path, and values for each")
     if len(grid) < len(values):
@@ -114,6 +117,16 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     doubts.warn_of_points(doubtful, len(points))
     doubts.warn_of_idle_laws(sorted(idle))
     return found
+
+
+_MAKERS = {"executor": "concurrent.futures", "comm": "mpi4py.MPI"}
+
+
+def _line_of(path: str, line: Any) -> list[Any]:
+    """The values of one path; ModelError if they are no list."""
+    if np.ndim(line) > 1:
+        raise ModelError(f"'{path}': the values of a sweep are a list of numbers, not an array of {np.ndim(line)} dimensions")
+    return list(np.atleast_1d(list(np.atleast_1d(line))))
 
 
 def _unit_of(session: Any, of: str) -> str:
@@ -243,6 +256,8 @@ class Progress:
     def __init__(self, wanted: Any, what: str, total: int | None = None) -> None:
         self._wanted, self._what, self._total, self._n = wanted, what, total, 0
         self._bar: Any = None
+        if not (wanted is None or isinstance(wanted, bool) or callable(wanted)):
+            raise ModelError(f"progress must be True, False or a function of the number of points, not {wanted!r}")
 
     def __enter__(self) -> Progress:
         if self._wanted is True:

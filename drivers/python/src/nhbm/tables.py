@@ -59,6 +59,8 @@ def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any
 
 def write_csv(data: xr.Dataset, path: Path, of: tuple[str, ...]) -> None:
     """Writes that table with units in its heading."""
+    if path.suffix.lower() not in ("", ".csv", ".txt", ".dat"):
+        raise ModelError(f"'{path}': a table is a text; give it the ending .csv")
     with writing(path) as name:
         frame(data, of, has_units=True).to_csv(name)
 
@@ -67,6 +69,8 @@ def write_mat(data: xr.Dataset, path: Path) -> None:
     """Writes all variables, with structures of their units and axes."""
     from scipy.io import savemat
 
+    if path.suffix.lower() != ".mat":
+        raise ModelError(f"'{path}': MATLAB reads files by their ending; give it the ending .mat")
     variables: dict[str, Any] = {}
     for name, column in {**data.coords, **data.data_vars}.items():
         values = column.values
