@@ -253,11 +253,15 @@ def test_forces_of_laws_are_drawn_over_the_motion(tmp_path, chromium):
 
 
 @in_browser
-def test_hertz_are_shown_as_given(tmp_path, chromium):
+def test_units_and_colours_suit_each_other(tmp_path, chromium):
+    """Hertz are shown as given, a velocity with the prefix of its displacement; many curves have a colour each."""
     path = curve_file(tmp_path / "curve.h5")
     assert main(["report", str(path)]) == 0
     chromium.open(tmp_path / "curve.html")
     assert chromium.run("[600, 9e3, 2e4].map(v => scaled(v, 'Hz')[1])") == ["Hz", "Hz", "kHz"]
+    assert chromium.run("[scaled(0.42, 'm/s')[1], scaled(0.42, 'm/s', 1)[1], scaled(4e-6, 'm/s', 1)[1]]") == ["mm/s", "m/s", "µm/s"]
+    assert len(set(chromium.run("Array.from({length: 14}, (_, k) => colourOf(k, 14))"))) == 14
+    assert chromium.run("[0, 6].map(k => colourOf(k, 7))") == ["#0072B2", "#000000"]
 
 
 @in_browser
