@@ -411,7 +411,10 @@ contains
       complex(wp) :: retained
 
       n = size(matrix, 1)
-      if (n == 2) then
+      if (n == 0) then                                                ! no mass moves
+         allocate (values(0))
+         return
+      else if (n == 2) then
          values = eigenvalues_of_two(matrix)
       else
          a = matrix

@@ -295,6 +295,14 @@ def test_a_wrong_derivative_of_a_law_is_said():
         right.solve(order=5)
 
 
+def test_a_model_without_mass_is_solved_in_silence(capfd):
+    """There is no matrix whose eigenvalues LAPACK could find."""
+    model = Model(nhbm.Chain(n_masses=1, mass=0.0, coupling_stiffness=1.0), tones=[0.9])
+    model.load("x1", 1, cos=0.1)
+    model.law("elastic_stop", "x1", stiffness=1.0, gap=0.01)
+    assert model.solve(order=9)["n_harmonics"] == 10 and capfd.readouterr() == ("", "")
+
+
 def test_a_law_cannot_change_the_motion():
     def doubling(q):
         q *= 2
