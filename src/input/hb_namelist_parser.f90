@@ -91,11 +91,25 @@ contains
             scan%position = last + 1
             return
          case default
+            if (at_line_start .and. is_assignment(text(scan%position:))) then
+               call stop_at(scan, scan%line, "'"//shown(text(scan%position:word_last(text, scan%position)))// &
+                            "' outside of a group; a group begins with '&', a comment with '!'")
+               return
+            end if
             at_line_start = .false.
          end select
          scan%position = scan%position + 1
       end do
    end subroutine next_group
+
+   !> Whether a line outside of groups assigns a value and therefore is no prose: a group without its '&', or a key after its '/'.
+   pure logical function is_assignment(text)
+      character(*), intent(in) :: text                      !! from the first character of the line that is no blank
+      integer :: last
+
+      last = scan(text//line_feed, line_feed//"!") - 1
+      is_assignment = scan(text(1:1), "#%*") == 0 .and. index(text(:last), "=") > 0
+   end function is_assignment
 
    !> Parses the body of group `name`, from the present position to after its '/' or '&end'.
    pure subroutine parse_body(text, scan, name, content)

@@ -138,6 +138,7 @@ contains
             swept%parameter%line = -group%line
             if (.not. allocated(error)) then
                if (allocated(self%curve)) call refuse_curve(self%curve, swept, error)
+               call refuse_same(self%parameters(:i), error)
                if (document%n_tones_of(swept%parameter) > 1) call fail(error, "there are "// &
                   to_text(document%n_tones_of(swept%parameter))//" tones; say which, such as '"//trim(swept%path)//"(1)'")
                if (.not. allocated(error)) cycle
@@ -147,6 +148,19 @@ contains
          end associate
       end do
    end subroutine resolve_parameters
+
+   !> Fails if the last of the parameters is an earlier one under another name, such as law(1)%gap and law(stop)%gap.
+   subroutine refuse_same(parameters, error)
+      type(swept_t), intent(in) :: parameters(:)
+      type(error_t), allocatable, intent(inout) :: error
+      integer :: i, n
+
+      n = size(parameters)
+      do i = 1, n - 1
+         if (parameters(i)%parameter%hides(parameters(n)%parameter) .or. parameters(n)%parameter%hides(parameters(i)%parameter)) &
+            call fail(error, "is swept twice, also as '"//trim(parameters(i)%path)//"' by "//parameters(i)%location)
+      end do
+   end subroutine refuse_same
 
    !> Fails if a value that is swept, or that moves along a curve, is tied to another one.
    subroutine sweep_plan_refuse_tied(self, document, error)

@@ -59,6 +59,10 @@ CASES = [
     # groups and keys
     Bad("label twice", (line(AFTER + 1), "&law(", "'one' is the label of &law(", "labels name one each"),
         GOOD + 2 * "&law type = 'cubic_spring', label = 'one', dof = 'x1', stiffness = 1.0 /\n"),
+    Bad("label empty", (line(7), "&law", "label: is empty", "law(name)%gap"), changed("'stop'", "''")),
+    Bad("label that is a number", (line(7), "&law", "'1' is a number", "a name has a letter"), changed("'stop'", "'1'")),
+    Bad("label of no path", (line(7), "&law", "'a(1)'", "leave out '(', ')' and '%'"), changed("'stop'", "'a(1)'")),
+    Bad("group without its mark", (line(AFTER), "'solver' outside of a group", "with '&'"), GOOD + "solver time_limit = 1 /\n"),
     Bad("tolerance in percent", (line(AFTER), "tolerance = 10", "must be 1.0 or less"), GOOD + "&accuracy tolerance = 10 /\n"),
     Bad("unknown group", (line(AFTER), "'&solvr'", "did you mean '&solver'?"), GOOD + "&solvr /\n", n_lines=2),
     Bad("missing group", ("bad.nml: ", "missing group &tones"), changed("&tones frequency = 1.0, 1.4 /\n", "")),
@@ -124,6 +128,11 @@ CASES = [
         "sweep of an unknown group",
         (line(AFTER), "&sweep", "'&lw'", "did you mean '&law'?"),
         sweep("parameter = 'lw(1)%gap', values = 1.0"),
+    ),
+    Bad(
+        "sweep of one value by two names",
+        (line(AFTER + 1), "&sweep", "is swept twice, also as 'law(1)%gap'", line(AFTER)),
+        sweep("parameter = 'law(1)%gap', values = 0.1") + "&sweep parameter = 'law(stop)%gap', values = 0.2 /\n",
     ),
     Bad(
         "sweep of a law that is not there",
