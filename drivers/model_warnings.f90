@@ -15,15 +15,44 @@ module model_warnings
    use hb_model_basis, only: coordinates_of
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: max_name, string_t, to_text
+   use hb_text, only: lower, max_name, string_t, to_text
    implicit none
    private
-   public :: free_text, frozen_speed_text, model_text
+   public :: free_text, frozen_speed_text, model_text, repeated_value_text, varies_loads
 
+   integer, parameter :: max_compared = 10000                         ! values of a sweep
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
 
 contains
 
+   !> Names a value of a sweep that is given twice in succession, other than for samples, which vary together; empty: none.
+   function repeated_value_text(plan) result(text)
+      type(sweep_plan_t), intent(in) :: plan
+      character(:), allocatable :: text
+      integer :: i, k
+
+      text = ""
+      do i = 1, size(plan%parameters)
+         associate (swept => plan%parameters(i))
+            if (swept%is_text .or. count(plan%parameters%axis == swept%axis) > 1) cycle
+            do k = 2, min(swept%length(), max_compared)
+               if (abs(swept%value(k) - swept%value(k - 1)) > 0.0_wp) cycle
+               text = "&sweep("//to_text(i)//"): "//swept%path//" = "//to_text(swept%value(k))// &
+                      " is given twice in succession; the same point is solved again"
+               return
+            end do
+         end associate
+      end do
+   end function repeated_value_text
+
+   !> Whether a sweep or a curve varies a load, which may be zero in the input.
+   logical function varies_loads(plan)
+      type(sweep_plan_t), intent(in) :: plan
+      integer :: i
+
+      varies_loads = any([(plan%parameters(i)%group == "load", i=1, size(plan%parameters))])
+      if (allocated(plan%curve)) varies_loads = varies_loads .or. index(lower(adjustl(plan%curve%path)), "load") == 1
+   end function varies_loads
 
    !> Names a speed of a structure or bearing that is constant while the frequency of a tone moves, and the input that
    !> ties them; empty: none.

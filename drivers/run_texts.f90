@@ -5,7 +5,7 @@ module run_texts
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text, reason
-   use hb_point_kinds, only: curve_kind, curve_kind_names, curve_kinds
+   use hb_point_kinds, only: curve_kind, curve_kind_names, curve_kinds, response_keys
    use hb_results_layout, only: rank_times_t, times_of_row
    use hb_results_record, only: message_of
    use hb_run_summary, only: has_answer, number_answered, run_summary_t
@@ -145,6 +145,8 @@ contains
       n = count(reasons == reason%points)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
          to_text(plan%n_fastest())//" points: increase 'points' of &curve"]
+      if (has_no_peak()) lines = [character(max_line) :: lines, &
+                                  "no peak: the response of 'peak_of' is largest at an end of the curve"]
       n = count(reasons == reason%grazing)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
          "no motion was found beyond; try a sweep from there, or another start"]
@@ -161,6 +163,15 @@ contains
          to_text(plan%curve%from + plan%curve%to - plan%curve%start)//" in &curve"]
 
    contains
+
+      !> Whether peaks were requested along curves that have none, although they end regularly.
+      logical function has_no_peak()
+         integer :: k
+
+         k = findloc(response_keys, "peak_of", dim=1)
+         has_no_peak = size(plan%curve%responses_of(k)%names) > 0 .and. any(kind == curve_kind%end) .and. &
+                       .not. (any(kind == curve_kind%peak) .or. allocated(plan%curve%over))
+      end function has_no_peak
 
       function line_of(point) result(line)
          integer, intent(in) :: point

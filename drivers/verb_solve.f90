@@ -12,7 +12,7 @@ module verb_solve
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
    use hb_model, only: model_t
-   use hb_model_warnings, only: commensurate_text, describe_implausible
+   use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_outcome, only: outcome
@@ -28,7 +28,7 @@ module verb_solve
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
-   use model_warnings, only: free_text, frozen_speed_text, model_text
+   use model_warnings, only: free_text, frozen_speed_text, model_text, repeated_value_text, varies_loads
    use next_step, only: run_names_t, shell_word
    use result_location, only: place_result
    use run_texts, only: answers_text, curve_lines, found_frequency, is_regular_end, max_line, stability_text, timing_lines
@@ -54,6 +54,8 @@ contains
       call place_result(options, comm, path, error)
       if (.not. allocated(error)) call load_study(options, comm, study, error)
       if (allocated(error)) return
+      if (rank_of(comm) == 0 .and. has_no_load(study%model%system, study%model%discretisation) .and. &
+          .not. varies_loads(study%plan)) call say("warning: "//no_load_text)
       if (options%overwrite .and. rank_of(comm) == 0) call remove_switched(path)
       call run(study, options, path, options%resumes, comm, status, error)
       if (.not. allocated(error)) call run_switched(study, options, path, comm, status, error)
@@ -525,6 +527,8 @@ contains
          if (len(warning) > 0) call say("warning: "//lines(i)%value)
       end do
       warning = frozen_speed_text(study%plan, study%document)
+      if (len(warning) > 0) call say("warning: "//warning)
+      warning = repeated_value_text(study%plan)
       if (len(warning) > 0) call say("warning: "//warning)
       warning = free_text(study%model)
       if (len(warning) > 0) call say("note: "//warning)

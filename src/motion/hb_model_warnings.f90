@@ -4,8 +4,9 @@ module hb_model_warnings
    use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
    use hb_harmonics, only: tuple_text
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_law, only: law_t
+   use hb_load, only: load_t
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
@@ -22,6 +23,7 @@ module hb_model_warnings
    real(wp), parameter :: max_tone_ratio = 50.0_wp ! of a tone to the highest natural frequency, or of the lowest to it
    real(wp), parameter :: max_length = 100.0_wp                       ! of a gap [m]
    integer, parameter :: n_known = 12                                 ! digits of a frequency, without rounding errors
+   integer, parameter :: max_loads = 200                              ! which are compared in less than a millisecond
    integer, parameter :: max_dofs = 100                               ! of a structure whose natural frequencies take milliseconds
    character(*), parameter :: lengths(3) = [character(9) :: "clearance", "gap", "gaps"]
    character(*), parameter :: no_load_text = "no load acts and no tone is unknown: only laws can cause a motion"
@@ -41,7 +43,7 @@ contains
    end subroutine describe_warnings
 
    !> Lists values of a model that suggest a mistake, one per line: tones far above or below all natural frequencies, negative
-   !> damping or stiffness, gaps that are very large or negative; none: an empty text.
+   !> damping or stiffness, gaps that are very large or negative, repeated loads; none: an empty text.
    subroutine describe_implausible(system, text)
       type(system_t), intent(in) :: system
       character(:), allocatable, intent(out) :: text
@@ -57,7 +59,41 @@ contains
       do i = 1, size(system%laws)
          call describe_gaps(system%laws(i)%law, text)
       end do
+      if (size(system%loads) <= max_loads) call describe_loads(system%loads, text)
    end subroutine describe_implausible
+
+   !> Adds a line on each load whose phase seems to be in degrees, and that repeats a previous one: at the same place, with the
+   !> same tuple and component.
+   pure subroutine describe_loads(loads, text)
+      type(load_t), intent(in) :: loads(:)
+      character(:), allocatable, intent(inout) :: text
+      integer :: i, k
+
+      do i = 1, size(loads)
+         if (abs(loads(i)%phase) > two_pi) call add_line(text, "load "//to_text(i)//": phase = "//to_text(loads(i)%phase)// &
+            " rad is more than a turn; 90 degrees are 1.5708 rad")
+         do k = 1, i - 1
+            if (.not. repeats(loads(i), loads(k))) cycle
+            call add_line(text, "loads "//to_text(k)//" and "//to_text(i)//" act at the same place with the same tuple, "// &
+                          trim(tuple_text(loads(i)%tuple))//": they are added; if one was to replace the other, remove it")
+            exit
+         end do
+      end do
+   end subroutine describe_loads
+
+   !> Whether two loads differ in nothing but their size.
+   pure logical function repeats(one, other)
+      type(load_t), intent(in) :: one, other
+
+      repeats = allocated(one%tuple) .and. allocated(other%tuple) .and. allocated(one%dofs) .and. allocated(other%dofs) .and. &
+                one%kind == other%kind .and. one%power == other%power .and. &
+                .not. (one%course%is_given .or. other%course%is_given)
+      if (repeats) repeats = size(one%tuple) == size(other%tuple) .and. size(one%dofs) == size(other%dofs)
+      if (repeats) repeats = all(one%dofs == other%dofs) .and. abs(one%phase - other%phase) <= 0.0_wp .and. &
+                             (all(one%tuple == other%tuple) .or. all(one%tuple == -other%tuple)) .and. &
+                             (abs(one%cosine*other%cosine) > 0.0_wp .or. abs(one%sine*other%sine) > 0.0_wp)
+      if (repeats) repeats = all(abs(one%weights - other%weights) <= 0.0_wp)
+   end function repeats
 
    !> Adds a line on given tones that are far above all natural frequencies of the structure, or far below.
    subroutine describe_tones(system, text)
@@ -127,7 +163,7 @@ contains
       end do
    end subroutine describe_gaps
 
-   subroutine add_line(text, line)
+   pure subroutine add_line(text, line)
       character(:), allocatable, intent(inout) :: text
       character(*), intent(in) :: line
 

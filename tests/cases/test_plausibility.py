@@ -57,6 +57,26 @@ def test_values_that_suggest_a_mistake(tmp_path):
     assert "the input is valid" in checked and "0 MiB" not in checked
 
 
+def test_what_can_be_meant_otherwise(tmp_path):
+    """Loads that repeat or have no effect, phases in degrees, values of a sweep given twice, curves without their peak."""
+    text = MODEL.format(gap=0.05)
+    twice = text + "&load dof = 'x1', tuple = -1, cos = 0.1, phase = 90.0 /\n&load dof = 'x1', tuple = 1, cos = 0.1 /\n"
+    twice = said(twice, tmp_path)
+    assert "warning: load 2: phase = 90.0 rad is more than a turn; 90 degrees are 1.5708 rad" in twice
+    assert "warning: loads 1 and 3 act at the same place with the same tuple, (1): they are added" in twice
+    assert "loads 1 and 2" not in twice and "loads 2 and 3" not in twice
+    assert "they are added" not in said(text + "&load dof = 'x1', tuple = 1, sin = 0.1 /\n", tmp_path)
+    unloaded = text.replace("cos = 0.1", "cos = 0.0")
+    assert "warning: no load acts" in said(unloaded, tmp_path)
+    assert "no load acts" not in said(unloaded + "&sweep parameter = 'load(1)%cos', values = 0.0, 0.1 /\n", tmp_path)
+    repeated = SWEEP.replace("0.1, 0.9", "0.5, 0.9, 0.9, 0.5")
+    assert "warning: &sweep(1): tones%frequency = 0.9 is given twice in succession" in said(text + repeated, tmp_path)
+    assert "given twice" not in said(text + SWEEP.replace("0.1, 0.9", "0.5, 0.9, 0.5"), tmp_path)
+    curve = "&curve parameter = 'tones%frequency', from = 0.8, to = {}, peak_of = 'x1 (1)' /\n"
+    assert "no peak: the response of 'peak_of' is largest at an end of the curve" in said(text + curve.format(0.9), tmp_path)
+    assert "no peak" not in said(text + curve.format(2.0), tmp_path)
+
+
 def test_a_stop_that_both_tones_reach_together(tmp_path):
     """Phases of several tones are examined independently of each other: opposite ones, at which the motions cancel, are not
     enough."""

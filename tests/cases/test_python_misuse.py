@@ -428,10 +428,17 @@ def test_implausible_values_are_named_once(made, words):
         model.response("x1", order=5)
 
 
+def loaded_twice():
+    model = duffing()
+    model.load("x1", -1, cos=0.1)
+    return model.solve(order=3)
+
+
 @pytest.mark.parametrize("operation, words", [
     (lambda: duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3), "'tones%frequency': 0.8 is given 2 times"),
     (lambda: duffing().peak("x1 (1)", "tones[0]", 0.5, 0.6, order=3), "is at an end of the range, tones%frequency = 0.6: no peak"),
     (lambda: nhbm.Rotor(5), "young = 5: no solid has it; it is in N/m2, for steel 2.1e11"),
+    (loaded_twice, r"loads 1 and 2 act at the same place with the same tuple, .-1.: they are added"),
 ])  # fmt: skip
 def test_what_can_be_meant_otherwise_is_said(operation, words):
     with pytest.warns(Implausible, match=words) as warned:
