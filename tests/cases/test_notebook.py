@@ -35,6 +35,19 @@ def test_models_and_results_are_shown_as_tables(curve):
     assert "converged" in repr(model.solve(order=5).nhbm) and "response" in repr(model.sweep({"tones[0]": [0.5, 0.6]}, of="x1"))
 
 
+def test_a_missing_verdict_on_stability_has_its_reason():
+    """That of many degrees of freedom takes longer than a motion."""
+    model = nhbm.Model(nhbm.Chain(n_masses=200, mass=1.0, coupling_stiffness=1.0, damping_mass=0.1), tones=[0.9])
+    model.load("x1", 1, cos=0.1)
+    model.law("cubic_spring", "x1", stiffness=0.1)
+    reason = "is costly and was left out: model.set('stability', method='integration')"
+    assert f"stability: unknown; that {reason}\n" in repr(model.solve(order=3).nhbm)
+    points = model.sweep({"tones[0]": [0.8, 0.9]}, order=3)
+    assert f"stability: 2 unknown; that of 2 {reason}\n" in repr(points.nhbm)
+    model.set("stability", method="off")
+    assert "stability: unknown\n" in repr(model.solve(order=3).nhbm)
+
+
 def test_axes_have_powers_of_units():
     data = duffing().sweep({"spring.stiffness": [0.4, 0.5]}, order=3)
     data["law_spring_stiffness"].attrs["units"] = "N m2/V2"

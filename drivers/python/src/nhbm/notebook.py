@@ -7,17 +7,15 @@ import io
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import varies_of
+from nhbm.dataset import SOLVED, record_beside, varies_of
 from nhbm.errors import ModelError, imported
+from nhbm.groups import Groups
 from nhbm.tables import writing
-
-if TYPE_CHECKING:
-    from nhbm.groups import Groups
 
 _HEIGHT = 900  # of a report in a page [pixels]
 _MOST_VALUES = 6  # of a list in a table
@@ -66,7 +64,7 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
         unit = str(data[name].attrs.get("units", "1"))
         rows.append((str(data[name].attrs.get("parameter", name)), f"{ends} {'' if unit == '1' else unit}".rstrip()))
     if "stability" in data:
-        rows.append(("stability", _counts(data["stability"].values)))
+        rows.append(("stability", _counts(data["stability"].values) + _omitted(data)))
     if "n_harmonics" in data:
         counts = np.unique(np.ravel(data["n_harmonics"].values))
         if len(counts):
@@ -80,6 +78,20 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
         rows.append(("events", _counts(kinds[~np.isin(kinds, ("none", "regular"))])))
     text = data.nhbm.message if "message" in data else ""
     return [*rows, ("message", text)] if text else rows
+
+
+def _omitted(data: xr.Dataset) -> str:
+    """How many verdicts on stability are missing because of their cost, and what requests them."""
+    found = record_beside(data)
+    if found is None or "stability_method" not in found[0]:
+        return ""
+    groups = Groups.of_text(found[1].text)
+    asked = groups.first("stability")
+    if groups.first("normal_mode") is not None or (asked is not None and asked.keys.get("method", "auto") != "auto"):
+        return ""
+    n = int((data["status"].isin(SOLVED) & (data.nhbm.details["stability_method"] == "off")).sum())
+    which = f" of {n}" if "point" in data.dims else ""
+    return f"; that{which} is costly and was left out: model.set('stability', method='integration')" if n else ""
 
 
 def _counts(words: Any) -> str:
