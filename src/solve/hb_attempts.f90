@@ -5,8 +5,8 @@
 !> a motion is the solution of equations. `make_attempts` makes the attempts of one stage for an object that extends `attempts_t`,
 !> which knows what an attempt means and whether it applies; `row_after` says where to go on. A new attempt is a row here and, if
 !> it does something new, a component of `technique_t` (hb_solver_types) and a case in the object that makes it: `proceed` of
-!> hb_solver, `make` of hb_motion, hb_accurate_motion and hb_swept_curve. `kind` is an existing `fallback`, unless result files must
-!> tell it apart. The page docs/user/convergence.md has the same table; a test compares them.
+!> hb_solver, `make` of hb_motion, hb_accurate_motion and hb_curve_runner. `kind` is an existing `fallback`, unless result files
+!> must tell it apart. The page docs/user/convergence.md has the same table; a test compares them.
 module hb_attempts
    use hb_kinds, only: wp
    use hb_outcome, only: outcome, outcome_name
