@@ -356,7 +356,7 @@ contains
       end if
       if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) &
          self%truncation = of_first_power*self%truncation
-      call keep_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
+      call store_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
       ! an error above `minor` is too large for one linear step
@@ -379,7 +379,7 @@ contains
    end subroutine estimate_errors
 
    !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
-   subroutine keep_step(self, balance, wide, which, big, first, alias, size_of_motion)
+   subroutine store_step(self, balance, wide, which, big, first, alias, size_of_motion)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance, wide
       integer, intent(in) :: which(:)                                 !! parameters of the balance among the unknowns
@@ -403,7 +403,7 @@ contains
       if (allocated(self%refined)) deallocate (self%refined)
       allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
       call wide%all_dofs(self%first_order, self%refined)
-   end subroutine keep_step
+   end subroutine store_step
 
    !> Error of a parameter: its parts by the grid and by the set may have opposite signs, and then do not show how accurate it is.
    elemental real(wp) function without_cancellation(by_grid, whole)

@@ -120,11 +120,11 @@ contains
 
       call memory%repeat_last_round(law, characteristic)
       call memory%find_closing(law, characteristic)
-      call take_closing(self, memory)
+      call adopt_closing(self, memory)
       if (allocated(self%closing) .or. memory%has_jumped .or. memory%forgets_start(characteristic)) then
          self%first_slice = 0.0_wp
       else
-         call take_rounds(self, memory, law, characteristic)
+         call integrate_rounds(self, memory, law, characteristic)
       end if
       allocate (f(characteristic%n_slice, size(memory%path, 2)))
       do i = 1, characteristic%n_steps
@@ -134,7 +134,7 @@ contains
    end subroutine memory_tangent_prepare
 
    !> Integrates states and columns from rest through all rounds.
-   subroutine take_rounds(self, memory, law, characteristic)
+   subroutine integrate_rounds(self, memory, law, characteristic)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(inout) :: memory
       class(hysteretic_law_t), intent(in) :: law
@@ -159,7 +159,7 @@ contains
          call memory%average_first_slice()
          self%first_slice = spread(sum(self%first_slice, dim=4)/characteristic%n_slice, 4, characteristic%n_slice)
       end do
-   end subroutine take_rounds
+   end subroutine integrate_rounds
 
    !> Columns of the first slice after loading from rest.
    subroutine load_columns(self, memory)
@@ -215,7 +215,7 @@ contains
    end subroutine memory_tangent_respond
 
    !> Takes over (1 - M)**-1 of the last round in the order of the columns.
-   subroutine take_closing(self, memory)
+   subroutine adopt_closing(self, memory)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
       integer :: n_slice, n_states
@@ -226,7 +226,7 @@ contains
       n_states = size(memory%states, 2)
       self%closing = reshape(reshape(transpose(memory%closing), [n_states, n_slice, n_states, n_slice], order=[2, 1, 4, 3]), &
                              shape(memory%closing))
-   end subroutine take_closing
+   end subroutine adopt_closing
 
    !> Moves the columns of the first slice from where a round began to what repeats itself; `before` contains them after the round.
    subroutine close_columns(self, first)
@@ -257,7 +257,7 @@ contains
          do p = 1, characteristic%n_slice
             wave = times(self%lead(:, :, slice, block), self%across(:, :, p, block))
             call step(self, memory, characteristic, slice, p, coordinate, self%factor(:, :, :, block), wave)
-            if (present(df)) call keep_forces(self, characteristic%sample(p, slice), slice, p, coordinate, wave, df)
+            if (present(df)) call store_forces(self, characteristic%sample(p, slice), slice, p, coordinate, wave, df)
          end do
          call exchange(self%now, self%before)
       end do
@@ -317,7 +317,7 @@ contains
       end do
    end subroutine blend
 
-   subroutine keep_forces(self, sample, slice, p, coordinate, wave, df)
+   subroutine store_forces(self, sample, slice, p, coordinate, wave, df)
       class(memory_tangent_t), intent(in) :: self
       integer, intent(in) :: sample, slice, p, coordinate
       real(wp), intent(in) :: wave(width, 2)
@@ -330,7 +330,7 @@ contains
             df(:, :, a, sample) = df(:, :, a, sample) + self%df_ds(p, a, k, slice)*self%now(:, :, k, p)
          end do
       end do
-   end subroutine keep_forces
+   end subroutine store_forces
 
    !> Product of complex numbers.
    pure function times(a, b) result(c)

@@ -81,7 +81,7 @@ contains
          functionals(self%positions, :) = narrow%functionals(:n_retained, :)
          functionals(n + 1:, :) = narrow%functionals(n_retained + 1:, :)
          border(self%positions, :) = narrow%border
-         call take_peaks()
+         call add_peaks()
          call move_alloc(functionals, self%functionals)
          call move_alloc(border, self%border)
       end select
@@ -112,14 +112,14 @@ contains
       end function solves_by_products
 
       !> Adds to the equations of peaks the part outside the retained harmonics.
-      subroutine take_peaks()
+      subroutine add_peaks()
          select type (narrow)
          class is (phase_problem_t)
             if (narrow%peak_dof == 0) return
             functionals(:n, 1) = peak_rate_functional(wide%harmonics, wide%n_dofs, narrow%peak_dof, narrow%tones(1))
             functionals(:n, 2) = peak_functional(wide%harmonics, wide%n_dofs, narrow%peak_dof)
          end select
-      end subroutine take_peaks
+      end subroutine add_peaks
    end subroutine new_wide_problem
 
    !> Two steps of Newton's method from a motion, by the preconditioner of the wider balance if that is used, otherwise as

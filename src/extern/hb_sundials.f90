@@ -144,7 +144,7 @@ contains
       self%handle%n_events = size(directions)
       self%handle%message = ""
       self%integrator = hb_cvode_new(problem_t(c_funloc(call_rhs), c_funloc(call_events), c_funloc(call_weights), &
-                                     c_funloc(keep_message), c_loc(self%handle), int(n, c_int), size(directions, kind=c_int), &
+                                     c_funloc(store_message), c_loc(self%handle), int(n, c_int), size(directions, kind=c_int), &
                                      merge(1_c_int, 0_c_int, is_stiff)), int(directions, c_int), y, flag)
       if (.not. c_associated(self%integrator)) then
          call fail(error, "cvode: out of memory")
@@ -243,7 +243,7 @@ contains
       call_weights = 0
    end function call_weights
 
-   subroutine keep_message(message, is_warning, data) bind(c)
+   subroutine store_message(message, is_warning, data) bind(c)
       type(c_ptr), value :: message
       integer(c_int), value :: is_warning
       type(c_ptr), value :: data
@@ -252,5 +252,5 @@ contains
       call c_f_pointer(data, handle)
       handle%message = c_text(message)
       handle%is_stuck = handle%is_stuck .or. is_warning /= 0          ! t + h = t; other warnings are disabled
-   end subroutine keep_message
+   end subroutine store_message
 end module hb_sundials

@@ -45,7 +45,7 @@ contains
          group => document%group("law", i)
          first = last + 1
          last = last + n_positions(boxes(i))
-         call put_laws(boxes(i), self%system%structure, self%system%laws(first:last))
+         call add_laws(boxes(i), self%system%structure, self%system%laws(first:last))
          call check_rigid_laws(self%system%laws(:first - 1), self%system%laws(first:last), group, &
                                self%options%callbacks%may_only_integrate)
       end do
@@ -73,7 +73,7 @@ contains
    end function n_positions
 
    !> Creates one law for each location of a group, labelled by its first degree of freedom there.
-   subroutine put_laws(box, structure, laws)
+   subroutine add_laws(box, structure, laws)
       type(law_box_t), intent(inout) :: box                           !! empty afterwards, if there is one location
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(inout) :: laws(:)                       !! (n_places), empty
@@ -89,7 +89,7 @@ contains
          laws(i)%law%label = box%law%label//" "//trim(structure%labels(box%law%positions(1, i)))
          deallocate (laws(i)%law%positions)
       end do
-   end subroutine put_laws
+   end subroutine add_laws
 
    !> Rejects rigid laws that share a degree of freedom with a previous one: each would take the whole reaction. Time integration
    !> knows the impacts of a body on several walls.

@@ -211,7 +211,7 @@ contains
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_integration(self%options%integration, document%optional_group("integration"))
       call read_initial(self, document)
-      call put_ties(self, document, relations)
+      call store_ties(self, document, relations)
       call read_gradient(self, document)
       if (.not. self%options%may_integrate) call refuse_integration()
       self%options%integration%max_work = work_of_integration(self%system, self%options)
@@ -387,7 +387,7 @@ contains
    end subroutine read_ties
 
    !> Stores the ties in the model, which follows them from now on.
-   subroutine put_ties(self, document, relations)
+   subroutine store_ties(self, document, relations)
       type(model_t), intent(inout) :: self
       type(document_t), intent(in) :: document
       type(relation_t), intent(in) :: relations(:)
@@ -400,7 +400,7 @@ contains
          call find_number(document, document%ties(i)%to, self%system%ties(i)%to)
          call find_number(document, document%ties(i)%parameter, self%system%ties(i)%number)
       end do
-   end subroutine put_ties
+   end subroutine store_ties
 
    !> Why a parameter has no number.
    pure function absence_of(document, parameter) result(text)

@@ -71,7 +71,7 @@ contains
       integer :: i_key
 
       allocate (numbers, source=[value])
-      call take_numbers(self, key, kind_of%number, single_value, numbers, required, i_key)
+      call read_numbers(self, key, kind_of%number, single_value, numbers, required, i_key)
       value = numbers(1)
       if (present(unit)) self%content%keys(i_key)%unit = unit
    end subroutine properties_get_real
@@ -85,7 +85,7 @@ contains
       real(wp), allocatable :: numbers(:)
 
       allocate (numbers, source=[real(value, wp)])
-      call take_numbers(self, key, kind_of%whole, single_value, numbers, required)
+      call read_numbers(self, key, kind_of%whole, single_value, numbers, required)
       value = nint(numbers(1))
    end subroutine properties_get_integer
 
@@ -97,7 +97,7 @@ contains
       real(wp), allocatable :: numbers(:)
 
       allocate (numbers, source=[number_of_truth(value)])
-      call take_numbers(self, key, kind_of%truth, single_value, numbers)
+      call read_numbers(self, key, kind_of%truth, single_value, numbers)
       value = numbers(1) > 0.0_wp
    end subroutine properties_get_logical
 
@@ -109,8 +109,8 @@ contains
       logical, intent(in), optional :: required
       type(string_t), allocatable :: words(:)
 
-      if (allocated(value)) call put_word(words, value)
-      call take_words(self, key, single_value, words, required)
+      if (allocated(value)) call set_word(words, value)
+      call read_words(self, key, single_value, words, required)
       if (allocated(words)) value = words(1)%value
    end subroutine properties_get_word
 
@@ -122,7 +122,7 @@ contains
       type(string_t), allocatable :: words(:)
       integer :: i_key
 
-      call take_words(self, key, single_value, words, i_key=i_key)
+      call read_words(self, key, single_value, words, i_key=i_key)
       choice = findloc(self%content%keys(i_key)%rule%choices == words(1)%value, .true., dim=1)
    end subroutine properties_choose
 
@@ -186,7 +186,7 @@ contains
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
 
-      call take_numbers(self, key, kind_of%number, list_of(n), value, required)
+      call read_numbers(self, key, kind_of%number, list_of(n), value, required)
    end subroutine properties_get_reals
 
    !> Reads a list of integers of any length, or of length `n`.
@@ -199,7 +199,7 @@ contains
       real(wp), allocatable :: numbers(:)
 
       if (allocated(value)) numbers = real(value, wp)
-      call take_numbers(self, key, kind_of%whole, list_of(n), numbers, required)
+      call read_numbers(self, key, kind_of%whole, list_of(n), numbers, required)
       if (allocated(numbers)) value = nint(numbers)
    end subroutine properties_get_integers
 
@@ -211,7 +211,7 @@ contains
       real(wp), allocatable :: numbers(:)
 
       if (allocated(value)) numbers = number_of_truth(value)
-      call take_numbers(self, key, kind_of%truth, list_of(), numbers)
+      call read_numbers(self, key, kind_of%truth, list_of(), numbers)
       if (allocated(numbers)) value = numbers > 0.0_wp
    end subroutine properties_get_logicals
 
@@ -223,7 +223,7 @@ contains
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
 
-      call take_words(self, key, list_of(n), value, required)
+      call read_words(self, key, list_of(n), value, required)
    end subroutine properties_get_words
 
    !> Reads a real matrix of `n` rows and `m` columns, listed row by row, or element by element as key(i, j).
@@ -236,7 +236,7 @@ contains
       real(wp), allocatable :: numbers(:)
 
       if (allocated(value)) numbers = row_by_row(value)
-      call take_numbers(self, key, kind_of%number, [n, m], numbers, required)
+      call read_numbers(self, key, kind_of%number, [n, m], numbers, required)
       if (.not. allocated(numbers)) return
       if (size(numbers) == n*m) value = reshape(numbers, [n, m], order=[2, 1])
    end subroutine properties_get_matrix
@@ -253,7 +253,7 @@ contains
       type is (integer); call self%set(key, [value])
       type is (logical); call self%set(key, [value])
       type is (character(*))
-         call put_word(words, value)
+         call set_word(words, value)
          call self%set(key, words)
       end select
    end subroutine properties_set_one
@@ -362,7 +362,7 @@ contains
 
    !> Replaces the default by the numbers of a key: all of them, or none after a problem. Stores the values that are
    !> used.
-   pure subroutine take_numbers(self, key, kind, extents, numbers, required, i_key)
+   pure subroutine read_numbers(self, key, kind, extents, numbers, required, i_key)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(in) :: kind                           !! one of `kind_of`
@@ -377,7 +377,7 @@ contains
       call find(self, key, kind, extents, required, i, order)
       if (present(i_key)) i_key = i
       associate (requested => self%content%keys(i))
-         call put_default(requested%rule, extents, numbers)
+         call set_default(requested%rule, extents, numbers)
          if (allocated(order)) then
             found = requested%values(order)%number
             do k = 1, size(order)
@@ -398,11 +398,11 @@ contains
          requested%row_length = size(numbers)
          if (size(extents) == 2) requested%row_length = extents(2)
       end associate
-   end subroutine take_numbers
+   end subroutine read_numbers
 
    !> Replaces the default of the reader by that of the table, once for each value that exists or is required. A
    !> required single number is 0 after a problem.
-   pure subroutine put_default(rule, extents, numbers)
+   pure subroutine set_default(rule, extents, numbers)
       type(rule_t), intent(in) :: rule
       integer, intent(in) :: extents(:)                     !! as for `pick`
       real(wp), allocatable, intent(inout) :: numbers(:)
@@ -418,10 +418,10 @@ contains
       else
          numbers = spread(rule%numbers(1), 1, n)
       end if
-   end subroutine put_default
+   end subroutine set_default
 
-   !> Replaces the default by the words of a key, as `take_numbers` does.
-   pure subroutine take_words(self, key, extents, words, required, i_key)
+   !> Replaces the default by the words of a key, as `read_numbers` does.
+   pure subroutine read_words(self, key, extents, words, required, i_key)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(in) :: extents(:)                     !! as for `pick`
@@ -445,7 +445,7 @@ contains
          if (allocated(order)) then
             allocate (found(size(order)))
             do k = 1, size(order)
-               call take_word(self, i, order(k), found(k)%value, problem)
+               call read_word(self, i, order(k), found(k)%value, problem)
                if (problem == "") cycle
                call value_problem(self, i, order(k), element_at(k, extents), problem)
                deallocate (found)
@@ -458,10 +458,10 @@ contains
          requested%texts = words
          requested%row_length = size(words)
       end associate
-   end subroutine take_words
+   end subroutine read_words
 
    !> Reads value `k` of a key as one word, as the table spells it.
-   pure subroutine take_word(self, i_key, k, word, problem)
+   pure subroutine read_word(self, i_key, k, word, problem)
       class(properties_t), intent(in) :: self
       integer, intent(in) :: i_key, k
       character(:), allocatable, intent(out) :: word, problem
@@ -486,7 +486,7 @@ contains
          if (problem /= "") problem = " did you mean '"//problem//"'?"
          problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
       end associate
-   end subroutine take_word
+   end subroutine read_word
 
    !> Requests a key; `order` contains the positions of its values, and is not allocated if there are none, too few or
    !> too many.
@@ -524,13 +524,13 @@ contains
       if (present(required)) must_be_given = required
    end function must_be_given
 
-   pure subroutine put_word(words, word)
+   pure subroutine set_word(words, word)
       type(string_t), allocatable, intent(out) :: words(:)
       character(*), intent(in) :: word
 
       allocate (words(1))
       words(1)%value = word
-   end subroutine put_word
+   end subroutine set_word
 
    !> Extents of a list, with or without a given length.
    pure function list_of(n) result(extents)

@@ -13,7 +13,7 @@ module hb_curve_end
    use hb_thresholds, only: next_to_none, reliable
    implicit none
    private
-   public :: count_doubtful_steps, describe_end, end_if_doubtful, put_end_at_fold, returns_to_fold
+   public :: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
 
    character(*), parameter :: returns_to_fold = "the curve returns to this fold: it would pass over its points again"
 
@@ -122,7 +122,7 @@ contains
    end function is_unreliable
 
    !> Makes the end of a branch that has come back to a fold, reported last, the only waiting point.
-   subroutine put_end_at_fold(self)
+   subroutine set_end_at_fold(self)
       class(followed_motion_t), intent(inout) :: self
       type(waiting_t) :: point
 
@@ -134,5 +134,5 @@ contains
       point%is_crossing = .true.                                      ! there the value alone does not select a motion
       self%waiting = [point]
       self%first_waiting = 1
-   end subroutine put_end_at_fold
+   end subroutine set_end_at_fold
 end module hb_curve_end

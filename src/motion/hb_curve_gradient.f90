@@ -11,7 +11,7 @@ module hb_curve_gradient
    use hb_error, only: error_t
    use hb_event_location, only: bifurcation_event_t, response_event_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
-   use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, keep_slope, zero_gradient
+   use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, store_slope, zero_gradient
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_level, only: level_t, transferred
@@ -132,7 +132,7 @@ contains
                gradient = gradient_t()
                return
             end do
-            call keep_slope(gradient, model%options%output%dofs, k, (sides(1)%c - sides(-1)%c)/(2.0_wp*step))
+            call store_slope(gradient, model%options%output%dofs, k, (sides(1)%c - sides(-1)%c)/(2.0_wp*step))
             gradient%frequency(:, k) = (sides(1)%frequency - sides(-1)%frequency)/(2.0_wp*step)
             gradient%position(k) = (sides(1)%position - sides(-1)%position)/(2.0_wp*step)
             gradient%defect(k) = norm2(abs(sides(1)%c - 2.0_wp*sides(0)%c + sides(-1)%c))/ &

@@ -37,7 +37,7 @@ module hb_gradient
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: differentiable_t, differentiate_to_tolerance, find_gradient, keep_slope, zero_gradient
+   public :: differentiable_t, differentiate_to_tolerance, find_gradient, store_slope, zero_gradient
 
    !> A motion that may be differentiated on any set and grid.
    type, abstract :: differentiable_t
@@ -177,7 +177,7 @@ contains
             gradient%frequency(:, k) = gradient%frequency(:, k) + (2*side - 3)*there%system%tones%omega/(2.0_wp*step)
          end do
          call weigh_response(model%options, set, 0.5_wp*(c(:, :, 1) + c(:, :, 2)), gradient)
-         call keep_slope(gradient, dofs_of(model%options), k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
+         call store_slope(gradient, dofs_of(model%options), k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
       end associate
    end subroutine differentiate_linear
 
@@ -374,7 +374,7 @@ contains
             typical = norm2(known%x(:n))/norm2(slope(:n))             ! of a value of zero: the change with a comparable effect
          end do
          if (is_lost) return
-         call take_steps(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
+         call step_to_both_sides(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
          if (all(ieee_is_finite(gradient%frequency(:, k)))) return
          if (.not. allocated(moved%refusal%text)) moved%refusal%text = "it is rejected on both sides of its value"
          call fail(error, trim(number%name)//" cannot change by itself: "//moved%refusal%text)
@@ -448,7 +448,7 @@ contains
 
    !> Takes steps to both sides along the derivative: they give the derivatives of all degrees of freedom and the
    !> residual.
-   subroutine take_steps(known, moved, value, step, slope, by_value, k, gradient)
+   subroutine step_to_both_sides(known, moved, value, step, slope, by_value, k, gradient)
       type(known_t), intent(inout) :: known                           !! unchanged
       type(model_problem_t), intent(inout) :: moved
       real(wp), intent(in) :: value, step
@@ -483,7 +483,7 @@ contains
          gradient%frequency(:, k) = (omega(:, 2) - omega(:, 1))/(at(2) - at(1))
          gradient%frequency(known%tones, k) = slope(n + 1:n + size(known%tones))
          if (.not. has_slopes) slopes = (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1))
-         call keep_slope(gradient, dofs_of(known%model%options), k, slopes)
+         call store_slope(gradient, dofs_of(known%model%options), k, slopes)
       end associate
 
    contains
@@ -512,10 +512,10 @@ contains
          x = known%x + at(side)*slope
          call moved%set_parameters([known%which, moved%own], [x(known%n + 1:), value + at(side)], is_possible)
       end subroutine move_to_side
-   end subroutine take_steps
+   end subroutine step_to_both_sides
 
    !> Stores the derivatives of the stored degrees of freedom with respect to one value.
-   pure subroutine keep_slope(gradient, dofs, k, slope)
+   pure subroutine store_slope(gradient, dofs, k, slope)
       type(gradient_t), intent(inout) :: gradient
       integer, intent(in) :: dofs(:)                                  !! of a response its only one
       integer, intent(in) :: k
@@ -526,5 +526,5 @@ contains
       else if (allocated(gradient%weights)) then
          gradient%response(k) = real(sum(conjg(gradient%weights)*slope(dofs(1), :)), wp)
       end if
-   end subroutine keep_slope
+   end subroutine store_slope
 end module hb_gradient

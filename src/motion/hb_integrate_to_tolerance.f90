@@ -10,7 +10,7 @@ module hb_integrate_to_tolerance
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
-   use hb_integrated_result, only: guess_from, keep_integrated
+   use hb_integrated_result, only: guess_from, store_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set
@@ -30,7 +30,7 @@ module hb_integrate_to_tolerance
    use hb_tuple_choice, only: largest_indices, lowest_order, new_lowest_set
    implicit none
    private
-   public :: integrate_from_balance, integrate_to_tolerance, integrates_first, keep_lines, loaded_tuples, status_within
+   public :: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples, status_within, store_lines
 
    integer, parameter :: candidates_of_retained = 4                   ! at most, for each tuple of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
@@ -118,7 +118,7 @@ contains
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp
       integrated%work = integrated%work + result%work
-      call take_status(options, steady, integrated)
+      call adopt_status(options, steady, integrated)
       if (work_is_over()) integrated%status = status_of_ended()
       result = integrated
    end subroutine integrate_to_tolerance
@@ -174,7 +174,7 @@ contains
          end if
          if (estimate >= estimate_before) return
       end if
-      call take_status(options, steady, integrated)
+      call adopt_status(options, steady, integrated)
       integrated%effort_t = result%effort_t
       integrated%level_difference = apart
       if (is_struck) then
@@ -186,7 +186,7 @@ contains
    end subroutine integrate_from_balance
 
    !> Status of an integrated motion, and the number of periods after which it repeats.
-   pure subroutine take_status(options, steady, result)
+   pure subroutine adopt_status(options, steady, result)
       type(options_t), intent(in) :: options
       type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(inout) :: result
@@ -194,7 +194,7 @@ contains
       result%status = steady%status
       result%n_periods = steady%n_repeat
       if (allocated(result%coefficients)) result%status = status_within(options, steady, result)
-   end subroutine take_status
+   end subroutine adopt_status
 
    !> Status of an integrated motion: converged if its estimate is within the tolerance.
    pure integer function status_within(options, steady, result) result(status)
@@ -298,7 +298,7 @@ contains
                              .not. shows_returns(self%system, self%options))
       if (work_is_over() .or. .not. is_solved) return
       result = self%result
-      call keep_lines(self%system, self%here, self%options, self%coordinates, self%capacity, steady, result, found)
+      call store_lines(self%system, self%here, self%options, self%coordinates, self%capacity, steady, result, found)
       self%n_found = self%n_found + 1
       if (self%n_found == 1 .or. estimate_of(result) < self%estimate) then
          self%steady = steady
@@ -373,7 +373,7 @@ contains
    end function first_order
 
    !> Selects the important candidates, and the motion in them. The estimate includes the others.
-   subroutine keep_lines(system, discretisation, options, coordinates, capacity, steady, result, found)
+   subroutine store_lines(system, discretisation, options, coordinates, capacity, steady, result, found)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation            !! of all candidates
       type(options_t), intent(in) :: options
@@ -408,13 +408,13 @@ contains
       retained = steady
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)
-      call keep_integrated(system, here, options, coordinates, retained, result)
+      call store_integrated(system, here, options, coordinates, retained, result)
       result%error_estimate%truncation = hypot(steady%spread, tail)
       found%n_samples = samples_for(found%set%highest, degree_of(system))
       found%unknowns = guess_from(system, here, coordinates, retained)
       result%harmonics = found%set
       result%n_samples = found%n_samples
-   end subroutine keep_lines
+   end subroutine store_lines
 
    !> Tuples that have a load or a first guess.
    pure function loaded_tuples(discretisation) result(tuples)

@@ -17,7 +17,7 @@ module hb_integrated_result
    use hb_time_domain, only: steady_motion_t
    implicit none
    private
-   public :: guess_from, is_lost, keep_integrated
+   public :: guess_from, is_lost, store_integrated
 
 contains
 
@@ -42,7 +42,7 @@ contains
 
    !> Stores an integrated motion in a result. The forces of the laws follow from its inertia, damping, stiffness and
    !> loads.
-   subroutine keep_integrated(system, discretisation, options, coordinates, steady, result)
+   subroutine store_integrated(system, discretisation, options, coordinates, steady, result)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
@@ -84,7 +84,7 @@ contains
          found%power_in = discretisation%loads%power_into(c, w)
          call new_mean_energy(found%energy, system%structure, c, w)
       end associate
-   end subroutine keep_integrated
+   end subroutine store_integrated
 
    !> Stable, because time integration converged to it; if walls are struck, with the multipliers of the periodic
    !> motion. If the motion explains almost nothing of its record, stability is unknown.

@@ -100,7 +100,7 @@ contains
       self%has_stiffness = .false.
       self%omega = system%tones%omega
       self%xi = 0.0_wp*system%tones%omega
-      call take_value(self, moving, value, error)
+      call adopt_value(self, moving, value, error)
       if (allocated(error)) return
       if (allocated(self%with_tones)) deallocate (self%with_tones)
       allocate (self%with_tones(system%tones%n_tones))
@@ -117,7 +117,7 @@ contains
    end subroutine new_model_problem
 
    !> Adopts the value that moves.
-   subroutine take_value(self, moving, value, error)
+   subroutine adopt_value(self, moving, value, error)
       type(model_problem_t), intent(inout) :: self
       type(moving_value_t), intent(in) :: moving
       real(wp), intent(in) :: value
@@ -129,7 +129,7 @@ contains
       self%moves_mode = moving%number%object == has_number%normal_mode
       call new_movement(self%movement, self%model, moving%number, moving%is_tied, error)
       if (.not. allocated(error)) self%omega_slopes = self%movement%omega_slopes(self%model%system%tones)
-   end subroutine take_value
+   end subroutine adopt_value
 
    !> Whether numbers follow frequencies of unknown tones.
    pure logical function model_problem_follows_tones(self) result(follows)
@@ -156,7 +156,7 @@ contains
       if (is_done) is_done = movement%is_of_laws() .and. self%movement%is_of_laws() .and. .not. self%follows_tones()
       if (.not. is_done) return
       call move_to(self, self%first_value, is_done)
-      if (is_done) call take_value(self, moving, value, error)
+      if (is_done) call adopt_value(self, moving, value, error)
    end subroutine model_problem_choose_number
 
    !> Creates the balance of laws with other numbers.
@@ -291,7 +291,7 @@ contains
          return
       end if
       self%value = value
-      call put(self, self%movement, value, error)
+      call set_numbers(self, self%movement, value, error)
       is_possible = .not. allocated(error)
       if (is_possible) then
          self%refusal%possible = value
@@ -301,7 +301,7 @@ contains
    end subroutine move_to
 
    !> Sets the numbers of a movement in the model, and the balance accordingly.
-   subroutine put(self, movement, value, error, laws_only)
+   subroutine set_numbers(self, movement, value, error, laws_only)
       type(model_problem_t), intent(inout) :: self
       type(movement_t), intent(in) :: movement
       real(wp), intent(in) :: value
@@ -331,7 +331,7 @@ contains
       else
          call rebuild(self, error)
       end if
-   end subroutine put
+   end subroutine set_numbers
 
    !> Whether the value moves loads alone, on a stiffness that can take others.
    pure logical function moves_loads_alone(self)
@@ -522,7 +522,7 @@ contains
       do i = 1, 2                                                     ! at the end of the range of the value
          if (.not. is_possible(i) .and. any(is_possible)) call find_side(i, value)
       end do
-      call put(self, movement, value, error, laws_only=.true.)
+      call set_numbers(self, movement, value, error, laws_only=.true.)
       can_move = all(is_possible)
       if (can_move) derivative = (r(:, 1) - r(:, 2))/(at(1) - at(2))
 
@@ -533,7 +533,7 @@ contains
          real(wp), intent(in) :: there
 
          at(i) = there
-         call put(self, movement, there, error, laws_only=.true.)
+         call set_numbers(self, movement, there, error, laws_only=.true.)
          is_possible(i) = .not. allocated(error)
          if (is_possible(i)) call self%residual(x, r(:, i))
       end subroutine find_side

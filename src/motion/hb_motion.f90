@@ -15,14 +15,14 @@ module hb_motion
    use hb_error, only: annotate, error_t, fail
    use hb_error_estimate, only: estimate_linear_error
    use hb_estimated_errors, only: error_estimate_t
-   use hb_integrated_result, only: guess_from, is_lost, keep_integrated
+   use hb_integrated_result, only: guess_from, is_lost, store_integrated
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: cached_linear_parts_t, linear_part_t, new_linear_part
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
-   use hb_motion_description, only: describe_motion, keep_motion, solution_t
+   use hb_motion_description, only: describe_motion, solution_t, store_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
@@ -218,7 +218,7 @@ contains
          result%n_periods = steady%n_repeat
          if (work_is_over()) result%status = status_of_ended()
          if (allocated(steady%message)) result%message = steady%message
-         if (is_solved(result%status)) call keep_integrated(system, discretisation, options, self%coordinates, steady, result)
+         if (is_solved(result%status)) call store_integrated(system, discretisation, options, self%coordinates, steady, result)
          attempt%status = result%status
       end associate
    end subroutine integrate_first
@@ -271,7 +271,7 @@ contains
             result%status = steady%status
             result%n_periods = steady%n_repeat
             result%message = steady%message
-            if (is_solved(steady%status)) call keep_integrated(system, discretisation, options, self%coordinates, steady, result)
+            if (is_solved(steady%status)) call store_integrated(system, discretisation, options, self%coordinates, steady, result)
          end if
       end associate
    end subroutine adopt_integrated
@@ -505,7 +505,7 @@ contains
 
       allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
       call stiffness%recover(at_laws, c)
-      call keep_motion(options, basis, c, result)
+      call store_motion(options, basis, c, result)
       allocate (result%force_coefficients(2, basis%whole%n_harmonics, 0))
       allocate (result%corrected_coefficients(2, basis%whole%n_harmonics, 0))
       result%status = outcome%converged
@@ -561,7 +561,7 @@ contains
             begun = wall_clock()
             call find_motion(system, discretisation, options, start, balance, u, search)
             report = search%report
-            call keep_tones(system, balance, report, result)
+            call store_tones(system, balance, report, result)
             if (allocated(search%message)) result%message = search%message
          else
             allocate (linear_solution, mold=u)
@@ -585,7 +585,7 @@ contains
          result%setup_seconds = result%setup_seconds + begun - started
          result%solver_seconds = wall_clock() - begun
          if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
-         call keep_report(system, options, balance, u, report, result, error)
+         call store_report(system, options, balance, u, report, result, error)
          if (allocated(error) .or. (report%status == outcome%failed .and. allocated(report%error))) return
          solution%u => u
          if (any(system%tones%is_unknown)) solution%problem => search%phase
@@ -624,7 +624,7 @@ contains
    end subroutine discard_noise
 
    !> Stores the solver's report in the result, with a message if it has found no motion.
-   subroutine keep_report(system, options, balance, u, report, result, error)
+   subroutine store_report(system, options, balance, u, report, result, error)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       type(balance_t), intent(inout) :: balance
@@ -661,7 +661,7 @@ contains
          result%message = "loads or motion overflow; rescale the units"
          result%reason = reason%overflow
       end if
-   end subroutine keep_report
+   end subroutine store_report
 
    !> Checks whether the tones have locked, in which case there is no torus: if the search for a torus failed, or if
    !> its motion is no better than a guess and its tones are nearly commensurate.
@@ -710,7 +710,7 @@ contains
    end function status_of_ended
 
    !> Stores the tones; unknown ones that the motion does not have are NaN.
-   subroutine keep_tones(system, balance, report, result)
+   subroutine store_tones(system, balance, report, result)
       type(system_t), intent(in) :: system
       type(balance_t), intent(in) :: balance
       type(report_t), intent(in) :: report
@@ -721,7 +721,7 @@ contains
       if (any(report%status == [outcome%collapsed, outcome%no_motion])) then
          where (system%tones%is_unknown) result%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
       end if
-   end subroutine keep_tones
+   end subroutine store_tones
 
    !> Solves with the coefficients as one vector.
    subroutine solve_unknowns(options, balance, linear_solution, u, report)

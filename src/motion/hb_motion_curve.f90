@@ -8,7 +8,7 @@
 module hb_motion_curve
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, put_end_at_fold, returns_to_fold
+   use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_request, only: curve_request_t, find_direction, find_null_vector
    use hb_curve_return, only: note_course, restore_course
@@ -150,7 +150,7 @@ contains
 
       call self%start_branch(error)
       if (allocated(error)) return
-      call put_start(self)
+      call set_start(self)
       call report(self, 1, result, error)
       self%first_waiting = 2
       self%n_reported = 1
@@ -438,17 +438,17 @@ contains
       self%is_done = self%branch > size(self%origins)
       if (self%is_done) return
       call self%start_branch(error)
-      if (self%branch > 0 .and. .not. allocated(error)) call put_start(self)
+      if (self%branch > 0 .and. .not. allocated(error)) call set_start(self)
    end subroutine leave
 
    !> Makes the start of this branch the only waiting point.
-   subroutine put_start(self)
+   subroutine set_start(self)
       class(motion_curve_t), intent(inout) :: self
 
       self%waiting = [waiting_t ::]
       call add_waiting(self%waiting, curve_kind%start, 0.0_wp, self%start%x)
       self%first_waiting = 1
-   end subroutine put_start
+   end subroutine set_start
 
    !> Stores a motion at a value at which others are searched for.
    subroutine store_met_motion(self, x, level)
@@ -513,7 +513,7 @@ contains
          is_end = is_end .or. self%waiting(self%first_waiting)%kind == curve_kind%end
          if (is_end .and. self%course%is_retraced .and. .not. allocated(result%message)) result%message = returns_to_fold
          self%first_waiting = self%first_waiting + 1
-         if (self%course%is_retraced .and. .not. is_end) call put_end_at_fold(self)
+         if (self%course%is_retraced .and. .not. is_end) call set_end_at_fold(self)
          if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if
       result%solver_seconds = wall_clock() - started - result%error_estimate_seconds

@@ -29,8 +29,8 @@ module hb_motion_description
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: add_stability_of, allow_for_growth, compare_with_refined, describe_motion, keep_motion, request_stability, &
-      solution_t, stability_of
+   public :: add_stability_of, allow_for_growth, compare_with_refined, describe_motion, request_stability, solution_t, &
+      stability_of, store_motion
 
    !> A solution of a balance. It refers to its parts.
    type :: solution_t
@@ -58,15 +58,15 @@ contains
       associate (basis => solution%basis, balance => solution%balance, u => solution%u)
          allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
          call balance%all_dofs(u, c)
-         call keep_motion(options, basis, c, result)
-         call keep_forces(basis, balance, u, result, error)
+         call store_motion(options, basis, c, result)
+         call store_forces(basis, balance, u, result, error)
          if (allocated(error)) return
          if (options%error_estimate%is_on .and. result%status == outcome%converged) then
             begun = wall_clock()
-            call keep_error_estimate(system, discretisation, options, solution, result, error)
+            call store_error_estimate(system, discretisation, options, solution, result, error)
             result%error_estimate_seconds = wall_clock() - begun
             if (allocated(error)) return
-            call keep_outputs(options, basis, c, result)
+            call store_outputs(options, basis, c, result)
          end if
          if (is_solved(result%status)) then
             if (result%stability%method == stability_method%off) &
@@ -79,7 +79,7 @@ contains
             harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), result)
          call allow_for_growth(result, options%error_estimate%truncation)
          if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
-         if (size(options%output%samples) > 0) call keep_surfaces(system, options, basis, balance, u, result, error)
+         if (size(options%output%samples) > 0) call store_surfaces(system, options, basis, balance, u, result, error)
       end associate
    end subroutine describe_motion
 
@@ -242,7 +242,7 @@ contains
    end function usual_work
 
    !> Stores the coefficients of the output degrees of freedom in a result.
-   subroutine keep_motion(options, basis, c, result)
+   subroutine store_motion(options, basis, c, result)
       type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
@@ -253,10 +253,10 @@ contains
       do i = 1, size(options%output%dofs)                             ! a copy of all would take as much memory again
          result%coefficients(:, basis%positions, i:i) = as_pairs(c(options%output%dofs(i:i), :))
       end do
-   end subroutine keep_motion
+   end subroutine store_motion
 
    !> Stores the forces of the laws and the motion corrected to walls, on the grid of the solution.
-   subroutine keep_forces(basis, balance, u, result, error)
+   subroutine store_forces(basis, balance, u, result, error)
       type(basis_t), intent(in) :: basis
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)
@@ -297,11 +297,11 @@ contains
          call correction%destroy()
       end if
       result%corrected_coefficients = as_pairs(basis%whole%amplitudes(basis%expand(moved)))
-   end subroutine keep_forces
+   end subroutine store_forces
 
    !> Stores the outputs whose accuracy is requested. The estimated error of each is its change when the first-order
    !> errors of the motion are removed; zero if the motion has none, because nothing moves at the laws.
-   subroutine keep_outputs(options, basis, c, result)
+   subroutine store_outputs(options, basis, c, result)
       type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
@@ -321,11 +321,11 @@ contains
                outputs(i)%distance(basis%harmonics, c(outputs(i)%dof, :), found%around, found%refined(outputs(i)%dof, :)))
          end do
       end associate
-   end subroutine keep_outputs
+   end subroutine store_outputs
 
    !> Computes the error estimate of a solved point; if it exceeds a threshold, the point receives the corresponding
    !> status.
-   subroutine keep_error_estimate(system, discretisation, options, solution, result, error)
+   subroutine store_error_estimate(system, discretisation, options, solution, result, error)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
@@ -348,7 +348,7 @@ contains
                              discretisation%loads%at(solution%basis%positions), solution%balance, solution%u, wanted, error)
       end if
       if (allocated(error)) return
-      if (allocated(result%error_estimate%improved)) call keep_improved(solution%basis, result, error)
+      if (allocated(result%error_estimate%improved)) call store_improved(solution%basis, result, error)
       if (allocated(error)) return
       associate (found => result%error_estimate, limit => options%error_estimate)
          result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(solution%u)), tiny(1.0_wp)))
@@ -367,10 +367,10 @@ contains
          result%is_near_commensurate = system%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(solution%balance%omega)
       end associate
-   end subroutine keep_error_estimate
+   end subroutine store_error_estimate
 
    !> The improved motion with all tuples of the wider set.
-   subroutine keep_improved(basis, result, error)
+   subroutine store_improved(basis, result, error)
       type(basis_t), intent(in) :: basis
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
@@ -386,7 +386,7 @@ contains
          call move_alloc(improved, found%improved)
          found%wider = wider
       end associate
-   end subroutine keep_improved
+   end subroutine store_improved
 
    !> Whether an estimate is above its limit, or NaN because a law is outside its domain.
    elemental logical function is_missed(estimate, limit)
@@ -397,7 +397,7 @@ contains
    end function is_missed
 
    !> Stores hypertime surfaces on the grid that the user requested.
-   subroutine keep_surfaces(system, options, basis, balance, u, result, error)
+   subroutine store_surfaces(system, options, basis, balance, u, result, error)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
@@ -435,5 +435,5 @@ contains
       call transform%destroy()
       call samples%destroy()
       call shown%destroy()
-   end subroutine keep_surfaces
+   end subroutine store_surfaces
 end module hb_motion_description

@@ -91,7 +91,7 @@ contains
          if (measure <= highest .or. (highest >= 0.0_wp .and. request%over%kind /= curve_kind%peak)) cycle
          highest = measure
          result = point
-         call keep_direction(self, result)
+         call store_direction(self, result)
       end do
       self%is_done = highest < 0.0_wp
       if (self%is_done) then
@@ -328,7 +328,7 @@ contains
          position%direction = -position%direction
       end do
       if (allocated(error) .or. .not. is_found) return
-      call keep_direction(self, result)
+      call store_direction(self, result)
       associate (over => self%request%over, at => result%curve%unknowns(size(result%curve%unknowns)))
          self%has_left = (at - over%from)*(at - over%to) > 0.0_wp
       end associate
@@ -338,12 +338,12 @@ contains
    end subroutine try
 
    !> Grazes and similar points have no direction for the continuation of curves; the ridge has one.
-   subroutine keep_direction(self, result)
+   subroutine store_direction(self, result)
       class(motion_ridge_t), intent(in) :: self
       type(motion_result_t), intent(inout) :: result
 
       if (.not. allocated(result%curve%direction)) result%curve%direction = self%short%curve%direction
-   end subroutine keep_direction
+   end subroutine store_direction
 
    !> The motion of a point on its set.
    function motion_at(self, position) result(level)

@@ -39,7 +39,7 @@ contains
             call find_model_number(known%model, by(k), value, is_found)
             call adjoint%find_derivatives(here, movements(k), value, derivatives, is_done(k))
             if (.not. is_done(k)) cycle
-            call keep_derivatives(known, functions, derivatives, k, gradient)
+            call store_derivatives(known, functions, derivatives, k, gradient)
             effect = norm2(derivatives)*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
             if (effect > largest) strongest = k
             largest = max(largest, effect)
@@ -125,7 +125,7 @@ contains
    end subroutine find_explicit
 
    !> Stores the derivatives of the functions of `list_functions` by one value.
-   pure subroutine keep_derivatives(known, functions, derivatives, k, gradient)
+   pure subroutine store_derivatives(known, functions, derivatives, k, gradient)
       type(known_t), intent(in) :: known
       type(function_t), intent(in) :: functions(:)
       real(wp), intent(in) :: derivatives(:)
@@ -151,5 +151,5 @@ contains
       end if
       gradient%frequency(:, k) = 0.0_wp
       gradient%frequency(known%tones, k) = derivatives(m + 1:size(functions))
-   end subroutine keep_derivatives
+   end subroutine store_derivatives
 end submodule hb_reverse_gradient

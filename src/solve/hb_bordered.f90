@@ -170,7 +170,7 @@ contains
          call self%base%tangent(x(:n), block)
          self%tangent_work = self%base%tangent_work
          jacobian(:n, :n) = block
-         call take_failure(self)
+         call adopt_failure(self)
          if (allocated(self%row)) call self%row%gradient(self%base, x, self%functionals(:, self%row_at))
          jacobian(n + 1:, :) = transpose(self%functionals)
          call self%find_border(x, self%border)
@@ -196,7 +196,7 @@ contains
          call self%base%parameter_derivative(x(:self%n_base), self%which(i), column)
          border(:, i) = column
       end do
-      call take_failure(self)
+      call adopt_failure(self)
    end subroutine bordered_find_border
 
    subroutine bordered_linearise(self, x, is_ready)
@@ -209,15 +209,15 @@ contains
       call self%find_border(x, self%border)
       if (allocated(self%row)) call self%row%gradient(self%base, x, self%functionals(:, self%row_at))
       call self%base%linearise(x(:self%n_base), is_ready)
-      call take_failure(self)
+      call adopt_failure(self)
    end subroutine bordered_linearise
 
    !> Copies the failure of the base problem.
-   subroutine take_failure(self)
+   subroutine adopt_failure(self)
       class(bordered_problem_t), intent(inout) :: self
 
       if (allocated(self%base%failure)) call move_alloc(self%base%failure, self%failure)
-   end subroutine take_failure
+   end subroutine adopt_failure
 
    subroutine bordered_apply_tangent(self, x, product)
       class(bordered_problem_t), intent(inout) :: self

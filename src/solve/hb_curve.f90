@@ -225,7 +225,7 @@ contains
       call self%put_plane(self%last_x, self%last_direction, step)
       x = self%last_x + step*self%last_direction
       if (allocated(self%part)) then
-         call put_part_plane(self)
+         call copy_plane_to_part(self)
          y = x(self%retained)
          call solve_next_to(self%part, limited, y, report)
          x = 0.0_wp
@@ -338,13 +338,13 @@ contains
    end subroutine curve_put_plane
 
    !> Copies the functionals of the whole problem to `part`.
-   subroutine put_part_plane(self)
+   subroutine copy_plane_to_part(self)
       type(curve_t), intent(inout) :: self
 
       self%part%functionals = self%problem%functionals(self%retained, :)
       self%part%values = self%problem%values
       call self%part%rescale()
-   end subroutine put_part_plane
+   end subroutine copy_plane_to_part
 
    !> The tangent at a point of the curve, along the direction, and the sign of the determinant; 0 if it is not known.
    subroutine curve_tangent_at(self, x, tangent, determinant_sign, is_singular)
@@ -439,7 +439,7 @@ contains
       is_singular = .not. is_possible
       if (is_singular) return
       call self%put_plane(x, self%direction, 0.0_wp)
-      call put_part_plane(self)
+      call copy_plane_to_part(self)
       allocate (y(size(self%retained)))
       call find_tangent(self%part, x(self%retained), self%report, y, determinant_sign, is_singular)
       tangent = 0.0_wp

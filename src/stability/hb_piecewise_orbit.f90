@@ -222,12 +222,12 @@ contains
             end associate
          end do
       end associate
-      call take_switches(self, variation)
+      call store_switches(self, variation)
       allocate (self%branches(0))
    end subroutine new_flow
 
    !> Stores the switches of all laws as linear functions of the state.
-   subroutine take_switches(self, variation)
+   subroutine store_switches(self, variation)
       type(flow_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
       integer :: c, first, i, last
@@ -257,7 +257,7 @@ contains
             end block
          end associate
       end do
-   end subroutine take_switches
+   end subroutine store_switches
 
    !> Number of the branch with given signs of the switches; created if it is new.
    subroutine find_branch(self, variation, is_positive, number)

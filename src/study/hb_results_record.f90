@@ -17,7 +17,7 @@ module hb_results_record
    use hb_text, only: join, number_of, split, string_t, texts_t, to_text
    implicit none
    private
-   public :: attempts_of, count_pending, fail_where_damaged, keep_law_doubt, message_of, messages_of, numbers_of, open_points
+   public :: attempts_of, count_pending, fail_where_damaged, message_of, messages_of, numbers_of, open_points, store_law_doubt
    public :: read_record, read_units, record_t, refuse_damaged_rows
 
    type :: record_t
@@ -207,7 +207,7 @@ contains
 
    !> Stores what is wrong with user laws in a file of results, for runs that continue it; if an earlier run has found anything and
    !> this one has not, the text becomes that one.
-   subroutine keep_law_doubt(path, text, error)
+   subroutine store_law_doubt(path, text, error)
       character(*), intent(in) :: path                                !! which must be closed
       character(:), allocatable, intent(inout) :: text                !! not allocated: nothing is known to be wrong
       type(error_t), allocatable, intent(out) :: error
@@ -225,7 +225,7 @@ contains
       end if
       if (allocated(error)) return
       call file%close(error)
-   end subroutine keep_law_doubt
+   end subroutine store_law_doubt
 
    !> Reads the input and the labels.
    subroutine read_origin(self, file, error)

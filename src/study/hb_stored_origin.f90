@@ -65,7 +65,7 @@ contains
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
          if (options%lacks_impacts_of(system, outcome%impact)) then
-            call take_state(self, position, system, error)
+            call adopt_state(self, position, system, error)
          else if (any(position%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker])) then
             call new_curve_origin(self, position%kind == curve_kind%neimark_sacker, position, tuples, system, discretisation, &
                                   options, error)
@@ -78,7 +78,7 @@ contains
    end subroutine read_curve_origin
 
    !> Takes the state of a motion with impacts whose period doubles; fails at other points.
-   subroutine take_state(self, position, system, error)
+   subroutine adopt_state(self, position, system, error)
       type(curve_origin_t), intent(inout) :: self
       type(curve_position_t), intent(in) :: position
       type(system_t), intent(in) :: system
@@ -93,5 +93,5 @@ contains
          self%u = reshape(position%unknowns, [size(position%unknowns), 1])
          self%further = position%unknowns(size(position%unknowns):)
       end if
-   end subroutine take_state
+   end subroutine adopt_state
 end module hb_stored_origin

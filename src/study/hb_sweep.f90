@@ -24,7 +24,7 @@ module hb_sweep
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, results_t
    use hb_results_layout, only: rank_times_t
-   use hb_results_record, only: count_pending, keep_law_doubt, read_record, record_t
+   use hb_results_record, only: count_pending, read_record, record_t, store_law_doubt
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_run_summary, only: count_point, count_retained, has_answer, number_solved, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
@@ -128,7 +128,7 @@ contains
          call recount(options%path, summary, error)
       if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) call remove_padding(self, options%path)
       if (rank_of(comm) == 0 .and. (run%before%is_there .or. allocated(summary%law_doubt)) .and. .not. allocated(error)) &
-         call keep_law_doubt(options%path, summary%law_doubt, error)
+         call store_law_doubt(options%path, summary%law_doubt, error)
       call share_error(comm, error)
       call broadcast_text(comm, summary%law_doubt)
       call run%ending%destroy()
@@ -334,7 +334,7 @@ contains
          call run_point(run%source, point, neighbour, check, run%times, result)
          call end_point()
          if (result%status == outcome%interrupted) return             ! pending in the file, for another run
-         call keep_point(self, run, point, result, group, summary, error)
+         call store_point(self, run, point, result, group, summary, error)
          if (allocated(error)) return
       end do
    end subroutine run_unit
@@ -377,14 +377,14 @@ contains
             call curve%next(run%source%layout, run%source%rank, result)
             call end_point()
             if (result%status == outcome%interrupted) exit            ! pending in the file, for another run
-            call keep_point(self, run, point, result, group, summary, error)
+            call store_point(self, run, point, result, group, summary, error)
             if (allocated(error)) exit
          end if
          point = point + 1
       end do
       if (allocated(failure)) then
          call result%set_failure(failure)
-         call keep_point(self, run, point, result, group, summary, error)
+         call store_point(self, run, point, result, group, summary, error)
          point = point + 1
       end if
       result = motion_result_t()
@@ -392,7 +392,7 @@ contains
       if (curve%is_done) then
          do point = point, last
             if (allocated(error)) exit
-            call keep_point(self, run, point, result, group, summary, error)
+            call store_point(self, run, point, result, group, summary, error)
          end do
       end if
       if (.not. run%source%law_doubt%is_done) run%source%law_doubt = curve%law_doubt
@@ -430,7 +430,7 @@ contains
    end subroutine show_within
 
    !> Writes the result of a point, and counts it.
-   subroutine keep_point(self, run, point, result, group, summary, error)
+   subroutine store_point(self, run, point, result, group, summary, error)
       type(study_t), intent(in) :: self
       type(run_t), intent(inout) :: run
       integer, intent(in) :: point
@@ -457,7 +457,7 @@ contains
       end if
       call run%progress%note(.not. has_answer(result%status), is_report_due)
       if (is_report_due) call report(run%counter, group, run%progress, run%times)
-   end subroutine keep_point
+   end subroutine store_point
 
    !> Counts a point that has crashed in a previous run and remains unchanged in the file; the next has no neighbour.
    subroutine pass_by(run, point, neighbour, summary)

@@ -10,7 +10,7 @@
 !> Mech. Engrg. 177 (1999) 329-349.
 module hb_central_differences
    use hb_error, only: error_t, fail
-   use hb_integration_laws, only: put_before_walls
+   use hb_integration_laws, only: move_before_walls
    use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t, law_forces
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
@@ -89,7 +89,7 @@ contains
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
-      call put_before_walls(self%rigid, self%system%laws%shape, self%accelerance, state%q)
+      call move_before_walls(self%rigid, self%system%laws%shape, self%accelerance, state%q)
       call self%system%accelerations%begin(state%time, self%step)
       call self%system%accelerations%act_within(state%time, state%time + 0.5_wp*self%step)
       call self%system%laws%start_step(state%time, state%q, state%v, state%s)

@@ -16,10 +16,10 @@ module hb_impact_curve
    use hb_error, only: error_t
    use hb_followed_motion, only: add_waiting, event_values_t, largest_load, origin_t, waiting_t
    use hb_harmonics, only: harmonics_t
-   use hb_impact_gradient, only: keep_slopes
+   use hb_impact_gradient, only: store_slopes
    use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
-   use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
-   use hb_integrated_result, only: keep_integrated
+   use hb_integrate_to_tolerance, only: loaded_tuples, status_within, store_lines
+   use hb_integrated_result, only: store_integrated
    use hb_kinds, only: wp
    use hb_level, only: level_t, put_on_set
    use hb_model, only: model_t
@@ -172,7 +172,7 @@ contains
 
       self%request = request
       associate (packed => request%origin%u(:, 1), n => (size(request%origin%u, 1) - 2)/2, orbit => self%orbit)
-         call put_orbit(self, model, request, packed(n + 1:2*n), error)
+         call build_orbit(self, model, request, packed(n + 1:2*n), error)
          self%is_done = allocated(error)
          if (self%is_done) return
          from = unpacked(packed)
@@ -208,7 +208,7 @@ contains
    end subroutine begin_at_origin
 
    !> Creates the orbit of a stored curve, with its scales.
-   subroutine put_orbit(self, model, request, scale, error)
+   subroutine build_orbit(self, model, request, scale, error)
       class(impact_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(curve_request_t), intent(in) :: request
@@ -224,7 +224,7 @@ contains
       if (allocated(error)) return
       call self%orbit%move(request%moving, request%start)
       self%orbit%map%scale = scale
-   end subroutine put_orbit
+   end subroutine build_orbit
 
    !> Restores the state of a stored curve at its last point, a step.
    subroutine impact_curve_continue_from(self, model, request, stored, error)
@@ -238,7 +238,7 @@ contains
 
       associate (last => stored(size(stored))%unknowns)
          n = (size(last) - 2)/2
-         call put_orbit(self, model, request, last(n + 1:2*n), error)
+         call build_orbit(self, model, request, last(n + 1:2*n), error)
          if (allocated(error)) return
          self%first_section = stored(1)%unknowns(2*n + 1)
          bare = stored
@@ -433,13 +433,13 @@ contains
          call orbit%describe(here, options, coordinates, point%x(:n), steady, is_done)
          steady%status = outcome%integrated
          if (is_done .and. accuracy%is_on) then
-            call keep_lines(orbit%model%system, here, options, coordinates, share_of_integrated*accuracy%max_harmonics, steady, &
+            call store_lines(orbit%model%system, here, options, coordinates, share_of_integrated*accuracy%max_harmonics, steady, &
                             result, self%level)
             result%status = status_within(self%model%options, steady, result)
             positions = [(here%harmonics%index_of(result%harmonics%tuples(:, h)), h=1, result%harmonics%n_harmonics)]
             call differentiate(self, point, result%harmonics, steady%amplitudes(:, positions), result)
          else if (is_done) then
-            call keep_integrated(orbit%model%system, here, options, coordinates, steady, result)
+            call store_integrated(orbit%model%system, here, options, coordinates, steady, result)
             result%status = steady%status
             call differentiate(self, point, here%harmonics, steady%amplitudes, result)
          end if
@@ -460,7 +460,7 @@ contains
       associate (orbit => self%orbit, n => self%orbit%n_unknowns)
          if (size(orbit%model%options%gradient%by) == 0 .or. curve_kinds(point%kind)%by /= located_by%nothing) return
          call orbit%find_slopes(set, point%x(:n), orbit%model%options%gradient%by, slopes, error)
-         call keep_slopes(orbit%model, set, slopes, c, result)
+         call store_slopes(orbit%model, set, slopes, c, result)
       end associate
       if (allocated(error) .and. .not. allocated(result%message)) result%message = "no derivatives: "//error%message
    end subroutine differentiate

@@ -131,7 +131,7 @@ contains
             step = share(i/2)*curve%config%longest_step
             along = -along
             found = corner + step*along
-            call put_behind_grazing(self, inward, step, found)
+            call move_behind_grazing(self, inward, step, found)
             call correct(self, along, found, is_found)
             if (is_found) is_found = norm2((found - corner)/curve%units) <= longest_chord*step .and. &
                                      .not. has_wanted(self, corner, found)
@@ -147,7 +147,7 @@ contains
 
    !> Moves a point to where the map has the smallest defect with an impact more: the distance from the border beyond which
    !> there is one varies with the square of the speed of the impact.
-   subroutine put_behind_grazing(self, inward, longest, x)
+   subroutine move_behind_grazing(self, inward, longest, x)
       class(impact_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: inward(:), longest
       real(wp), intent(inout) :: x(:)
@@ -180,7 +180,7 @@ contains
          r = self%defect(x + distance*inward)
          impacts_beyond = sum(self%orbit%impacts)
       end function impacts_beyond
-   end subroutine put_behind_grazing
+   end subroutine move_behind_grazing
 
    !> Moves a point ahead of a stalled curve to where there are fewer impacts, if there are any such points. The curve touches
    !> the border of these motions, and its tangent may miss them; the defect of a slow impact crosses it: the multiplier is large.

@@ -2,7 +2,7 @@
 !> periodic motion nearby (hb_impact_orbit).
 module hb_impact_gradient
    use hb_error, only: error_t
-   use hb_gradient, only: keep_slope, zero_gradient
+   use hb_gradient, only: store_slope, zero_gradient
    use hb_harmonics, only: harmonics_t
    use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
    use hb_kinds, only: wp
@@ -16,7 +16,7 @@ module hb_impact_gradient
    use hb_system, only: system_t
    implicit none
    private
-   public :: find_impact_gradient, has_periodic_impacts, keep_slopes
+   public :: find_impact_gradient, has_periodic_impacts, store_slopes
 
    integer, parameter :: max_shots = 30                               ! of Newton's method
    real(wp), parameter :: nearby = 0.1_wp                             ! the periodic state, scaled: harmonics are few
@@ -56,7 +56,7 @@ contains
             call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=max_shots), x, report)
             if (report%status == outcome%converged .and. maxval(abs(x - begun)) <= nearby) then
                call orbit%find_slopes(set, x, model%options%gradient%by, slopes, error)
-               call keep_slopes(model, set, slopes, c, result)
+               call store_slopes(model, set, slopes, c, result)
                if (allocated(error) .and. .not. allocated(result%message)) result%message = "no derivatives: "//error%message
             end if
          end if
@@ -65,7 +65,7 @@ contains
    end subroutine find_impact_gradient
 
    !> Stores derivatives in a result, if there are any.
-   subroutine keep_slopes(model, set, slopes, c, result)
+   subroutine store_slopes(model, set, slopes, c, result)
       type(model_t), intent(in) :: model
       type(harmonics_t), intent(in) :: set
       type(motion_slopes_t), intent(in) :: slopes
@@ -83,11 +83,11 @@ contains
             call options%gradient%of%find_weights(set, c(dofs(1), :), gradient%weights)
          end if
          do k = 1, size(slopes%estimate)
-            call keep_slope(gradient, dofs, k, slopes%amplitudes(:, :, k))
+            call store_slope(gradient, dofs, k, slopes%amplitudes(:, :, k))
          end do
          gradient%frequency = slopes%frequency
          gradient%estimate = slopes%estimate
          gradient%defect = slopes%defect
       end associate
-   end subroutine keep_slopes
+   end subroutine store_slopes
 end module hb_impact_gradient

@@ -122,7 +122,7 @@ contains
       call system%structure%check_matrices("integration", max_dense, error)
       if (allocated(error)) return
       allocate (self%system)
-      call put_system(self)
+      call build_system(self)
       call new_state_map(self%map, self%system, motion, options%integration%restitution, accuracy, error)
       if (allocated(error)) return
       self%section = farthest_phase(self%map)/two_pi
@@ -134,14 +134,14 @@ contains
    end subroutine new_impact_orbit
 
    !> Creates the equations of motion of the model.
-   subroutine put_system(self)
+   subroutine build_system(self)
       type(impact_orbit_t), intent(inout) :: self
 
       associate (model => self%model, omega => self%model%system%tones%omega)
          call new_integration_system(self%system, model%system%structure, model%system%laws, model%discretisation%loads%whole(), &
                                      model%discretisation%harmonics%frequencies(omega), omega)
       end associate
-   end subroutine put_system
+   end subroutine build_system
 
    !> Period [s] at the present value.
    pure real(wp) function impact_orbit_period(self) result(period)
@@ -541,7 +541,7 @@ contains
       if (.not. allocated(error)) call set_movement(self%model, movement, values(1), error)
       if (.not. allocated(error)) then
          self%value = values(1)
-         call put_system(self)
+         call build_system(self)
          call collect_rigid(self%system%laws, self%model%options%integration%restitution, self%map%rigid, error)
          self%map%motion%omega = self%model%system%tones%omega
       end if

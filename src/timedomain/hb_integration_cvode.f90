@@ -10,7 +10,7 @@ module hb_integration_cvode
    use hb_flight, only: flight_t, is_made_of_flights, new_flight
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_equations, only: integration_equations_t, new_integration_equations
-   use hb_integration_laws, only: put_before_walls
+   use hb_integration_laws, only: move_before_walls
    use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t, law_forces
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrs
@@ -95,7 +95,7 @@ contains
       integer :: i
 
       associate (equations => self%equations, n => self%system%n_dofs, y => self%cvode%values)
-         call put_before_walls(equations%rigid, self%system%laws%shape, equations%accelerance, state%q)
+         call move_before_walls(equations%rigid, self%system%laws%shape, equations%accelerance, state%q)
          y(:n) = state%q
          y(n + 1:) = state%v
          fastest = 1.0_wp/self%step

@@ -13,7 +13,7 @@ module hb_integration_laws
    use hb_law, only: hold_t, law_box_t
    implicit none
    private
-   public :: collect_rigid, integration_laws_t, new_integration_laws, put_before_walls
+   public :: collect_rigid, integration_laws_t, move_before_walls, new_integration_laws
 
    !> Position of one law in the lists of all, and its arguments as arrays of one sample.
    type :: span_t
@@ -313,7 +313,7 @@ contains
 
    !> Moves coordinates behind a wall onto it, along the shortest path in the metric of the mass; again if that moves others
    !> behind theirs.
-   pure subroutine put_before_walls(rigid, shape, accelerance, q)
+   pure subroutine move_before_walls(rigid, shape, accelerance, q)
       type(hold_t), intent(in) :: rigid(:)
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of all laws, (n_dofs, any)
       real(wp), intent(in) :: accelerance(:, :)                       !! mass^-1 shape of the rigid ones, (n_dofs, n_rigid)
@@ -337,5 +337,5 @@ contains
          end do
          if (is_done) exit
       end do
-   end subroutine put_before_walls
+   end subroutine move_before_walls
 end module hb_integration_laws
