@@ -28,7 +28,7 @@ module hb_followed_motion
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_response_slope, only: find_series_slope
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
@@ -510,23 +510,33 @@ contains
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
       complex(wp), allocatable :: c(:)
-      complex(wp) :: load, turn
+      complex(wp) :: load
       type(harmonics_t), pointer :: set
 
-      turn = (1.0_wp, 0.0_wp)
-      if (response%kind == curve_kind%phase) turn = cmplx(sin(response%target), -cos(response%target), wp)
-      select case (response%kind)
-      case (curve_kind%amplitude)
-         value = self%square_at(response, x) - response%target**2
-      case (curve_kind%resonance, curve_kind%phase)
+      if (curve_kinds(response%kind)%needs_load) then
          call self%find_series(response, x, set, c, load)
          value = ieee_value(value, ieee_quiet_nan)
          if (abs(load) > 0.0_wp) value = 0.0_wp
-         if (abs(load) > 0.0_wp .and. size(c) > 0) value = real(turn*c(set%index_of(response%tuple))*conjg(load))/abs(load)
-      case default
+         if (abs(load) > 0.0_wp .and. size(c) > 0) &
+            value = real(turn_of(response)*c(set%index_of(response%tuple))*conjg(load))/abs(load)
+      else if (response%kind == curve_kind%amplitude) then
+         value = self%square_at(response, x) - response%target**2
+      else
          value = self%slope_at(response, x, direction)
-      end select
+      end if
    end function followed_motion_function_at
+
+   !> The factor that turns a harmonic at the wanted phase to its load into quadrature with it.
+   pure complex(wp) function turn_of(response) result(turn)
+      type(located_response_t), intent(in) :: response
+
+      select case (response%kind)
+      case (curve_kind%phase)
+         turn = cmplx(sin(response%target), -cos(response%target), wp)
+      case default
+         turn = (1.0_wp, 0.0_wp)
+      end select
+   end function turn_of
 
    !> A unit for the values of that function near x.
    real(wp) function followed_motion_unit_of_function(self, response, x) result(unit)
@@ -535,7 +545,7 @@ contains
       real(wp), intent(in) :: x(:)
 
       unit = self%square_at(response, x)
-      if (any(response%kind == [curve_kind%resonance, curve_kind%phase])) unit = sqrt(unit)
+      if (curve_kinds(response%kind)%needs_load) unit = sqrt(unit)
    end function followed_motion_unit_of_function
 
    !> Square of a response.
