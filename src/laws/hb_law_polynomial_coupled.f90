@@ -141,21 +141,15 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: slope(:, :)
       logical, intent(out) :: is_known
-      integer :: i, k
+      integer :: i
 
       is_known = number%key == "coefficients"
       if (.not. is_known) return
       i = max(1, number%element(1))
       slope = 0.0_wp
-      associate (value => slope(:, self%acts_on(i)), n => self%n_coordinates)
+      associate (value => slope(:, self%acts_on(i)))
          value = 1.0_wp
-         do k = self%first(i), self%first(i + 1) - 1
-            if (self%factor(k) <= n) then
-               value = value*z(:, self%factor(k))
-            else
-               value = value*v(:, self%factor(k) - n)
-            end if
-         end do
+         call multiply_factors(self, i, 0, z, v, value)
       end associate
    end subroutine polynomial_coupled_number_slope
 
@@ -165,21 +159,31 @@ contains
       integer, intent(in) :: i, by_factor
       real(wp), intent(in) :: z(:, :), v(:, :)
       real(wp), intent(out) :: value(:)
-      integer :: k
 
-      associate (own => self%factor(self%first(i):self%first(i + 1) - 1), n => self%n_coordinates)
+      associate (own => self%factor(self%first(i):self%first(i + 1) - 1))
          value = self%coefficients(i)
          if (by_factor > 0) value = value*count(own == self%factor(by_factor))
-         do k = self%first(i), self%first(i + 1) - 1
-            if (k == by_factor) cycle
-            if (self%factor(k) <= n) then
-               value = value*z(:, self%factor(k))
-            else
-               value = value*v(:, self%factor(k) - n)
-            end if
-         end do
       end associate
+      call multiply_factors(self, i, by_factor, z, v, value)
    end subroutine find_term
+
+   !> Multiplies by all factors of term i but one (0: by all).
+   pure subroutine multiply_factors(self, i, but, z, v, value)
+      class(polynomial_coupled_t), intent(in) :: self
+      integer, intent(in) :: i, but
+      real(wp), intent(in) :: z(:, :), v(:, :)
+      real(wp), intent(inout) :: value(:)
+      integer :: k
+
+      do k = self%first(i), self%first(i + 1) - 1
+         if (k == but) cycle
+         if (self%factor(k) <= self%n_coordinates) then
+            value = value*z(:, self%factor(k))
+         else
+            value = value*v(:, self%factor(k) - self%n_coordinates)
+         end if
+      end do
+   end subroutine multiply_factors
 
    !> Whether the terms without a rate are a gradient: for the terms from one product of powers, those on each
    !> coordinate must satisfy Euler's theorem for their sum. Products are sorted by their exponents, coordinate by
