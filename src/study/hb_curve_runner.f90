@@ -144,11 +144,14 @@ contains
       type(attempt_rule_t), intent(in) :: rule
       type(attempt_t), intent(inout) :: attempt
       type(attempt_t), allocatable, intent(out) :: within(:)
+      real(wp) :: start
 
       associate (runner => self%runner, result => self%result)
          associate (request => runner%request)
-            call move_start(runner, merge(request%from + request%to - self%start, self%start, &
-                                         rule%discretisation == set_choice%other_end), self%error)
+            start = self%start                                        ! exactly an end: a curve from within is followed both ways
+            if (rule%discretisation == set_choice%other_end) start = merge(request%to, request%from, &
+                                                                           abs(start - request%from) <= 0.0_wp)
+            call move_start(runner, start, self%error)
          end associate
          if (self%has_choice) runner%model%options%may_integrate = rule%technique == technique%integration
          if (.not. allocated(self%error)) call runner%curve%begin(runner%model, runner%request, result, self%error)

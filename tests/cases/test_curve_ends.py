@@ -96,6 +96,24 @@ def test_curves_far_above_their_tolerance_end(tmp_path):
         assert len(results.used) < 200
 
 
+def test_a_curve_from_its_other_end_stays_within_its_range(tmp_path):
+    """No motion is found at 3.0, and 0.6 + 3.0 - 3.0 is not 0.6 in binary numbers: the curve was followed below 0.6, too."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, stiffness=-0.8460, damping_mass=0.02823 /
+&tones frequency=1.0 /
+&load dof='x1', tuple=1, cos=1.7124 /
+&load dof='x1', tuple=0, cos=0.5923 /
+&law type='cubic_spring', dof='x1', stiffness=1.0 /
+&accuracy tolerance=3e-2 /
+&curve parameter='tones%frequency', from=0.6, to=3.0, start=3.0 /
+"""
+    path = solve(text, tmp_path)
+    with Results(path) as results:
+        values = results.curve.values[results.used]
+        assert "begins at the other end" in results.message(0)
+    assert values[0] == values[-1] == 0.6 and values.min() == 0.6 and values.max() > 0.61
+
+
 def test_closed_branches_are_traced_once(tmp_path):
     """Two equal oscillators: the motions in which they differ form one closed curve through both branch points."""
     text = """
