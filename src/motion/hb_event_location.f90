@@ -331,8 +331,36 @@ contains
 
       call add(self, kind_of(kind), position, x)
       call sharpen(self, kind, piece%ends, is_there)
-      if (.not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
+      if (.not. is_there) then
+         self%waiting = self%waiting(:size(self%waiting) - 1)
+         return
+      end if
+      associate (found => self%waiting(size(self%waiting)))
+         if (abs(found%position - position) > 0.0_wp) return           ! of the integrated motion, which has no error of the set
+         call find_shift(self, kind, piece, found)
+      end associate
    end subroutine add_bifurcation
+
+   !> Finds by how much the value of a bifurcation moves with a change of the multipliers.
+   subroutine find_shift(self, kind, piece, found)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      type(waiting_t), intent(inout) :: found
+      type(bifurcation_event_t) :: change
+      real(wp) :: beside, function_there, x(size(self%curve%x))
+      logical :: is_on_curve
+
+      beside = minor*self%curve%last_step
+      if (found%position + beside > piece%ends(2)) beside = -min(beside, 0.5_wp*(found%position - piece%ends(1)))
+      call self%curve%point_at(found%position + beside, x, is_on_curve)
+      if (.not. is_on_curve) return
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
+      function_there = change%value(self%curve, x)
+      if (.not. abs(function_there) > 0.0_wp) return
+      found%bifurcation = kind
+      found%shift = abs((x(size(x)) - found%x(size(x)))/function_there)
+   end subroutine find_shift
 
    !> Finds where the branch ends because it returns to the curve that it has left: at another intersection by symmetry,
    !> or where its period halves again. Beyond it the same motions follow, as their mirror images or shifted by a period.

@@ -30,7 +30,7 @@ module hb_motion_description
    implicit none
    private
    public :: add_stability_of, allow_for_growth, compare_with_refined, describe_motion, request_stability, solution_t, &
-      stability_of, store_motion
+      stability_of, stability_of_refined, store_motion
 
    !> A solution of a balance. It refers to its parts.
    type :: solution_t
@@ -143,19 +143,15 @@ contains
       type(stability_t), intent(inout) :: stability                   !! its stability
       type(stability_config_t) :: config
       type(stability_t) :: compared, refined
-      integer, allocatable :: carrying(:)
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
-      call find_carrying(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing), carrying)
       config = options%stability
       config%patience = 1.0_wp
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%max_periods = stability%n_periods
       do
-         call request_stability(system, discretisation, options, config, &
-                                harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
-                                huge(1.0_wp), refined)
+         call stability_of_refined(system, discretisation, options, tones, found, config, refined)
          compared = stability
          call compared%compare_with(refined)
          if (compared%verdict /= stability_verdict%unknown .or. config%min_periods >= stability%n_periods) exit
@@ -163,6 +159,23 @@ contains
       end do
       stability = compared
    end subroutine compare_with_refined
+
+   !> Finds the stability of the motion with its first-order errors removed, which its error estimate has.
+   subroutine stability_of_refined(system, discretisation, options, tones, found, config, stability)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(tones_t), intent(in) :: tones                              !! of the motion
+      type(error_estimate_t), intent(in) :: found                     !! its error estimate, with `refined`
+      type(stability_config_t), intent(in) :: config
+      type(stability_t), intent(out) :: stability
+      integer, allocatable :: carrying(:)
+
+      call find_carrying(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing), carrying)
+      call request_stability(system, discretisation, options, config, &
+                             harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
+                             huge(1.0_wp), stability)
+   end subroutine stability_of_refined
 
    !> Finds the tuples of a motion without the smallest ones, which together change no degree of freedom by more than
    !> a share of its largest harmonic. Mean values are kept.

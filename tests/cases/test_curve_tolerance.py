@@ -54,6 +54,30 @@ def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
         assert coarse == pytest.approx(fine, rel=2e-3)
 
 
+def test_errors_of_bifurcations_are_those_of_their_multipliers(tmp_path):
+    """Small errors of the motion move a multiplier much: the doubling of the period is off by more than the motion."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, stiffness=-0.0395, damping_mass=0.18255 /
+&tones frequency=1.0 /
+&load dof='x1', tuple=1, cos=7.4518 /
+&load dof='x1', tuple=0, cos=0.0934 /
+&law type='cubic_spring', dof='x1', stiffness=1.0 /
+&curve parameter='tones%frequency', from=0.6, to=0.7, start=0.6 /
+"""
+    found = []
+    for tolerance in ("1e-5", "1e-2"):
+        (tmp_path / tolerance).mkdir()
+        path = solve(text + f"&accuracy tolerance = {tolerance} /\n", tmp_path / tolerance)
+        names = ("tones_frequency", "truncation_estimate", "level_estimate", "stability_estimate")
+        with Results(path) as results:
+            (row,) = results.select({"curve_kind": "period_doubling"})
+        found.append([column[row] for column in read(path, *names)])
+    (truth, *_), (frequency, of_motion, estimate, of_multipliers) = found
+    assert abs(frequency / truth - 1) > of_motion
+    assert estimate == pytest.approx(abs(frequency / truth - 1), rel=0.5)
+    assert of_multipliers > 0.03
+
+
 MODE = """
 &structure type='chain', n_masses=2, ends='fixed', mass=1.0, coupling_stiffness=1.0 /
 &tones unknown=.true. /
