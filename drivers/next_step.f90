@@ -233,14 +233,17 @@ contains
       character(:), allocatable :: text
       type(string_t), allocatable :: sets(:)
       integer, allocatable :: limits(:)
+      integer, parameter :: more_of_three = 20                        ! a grid of three tones grows with the cube of the orders
+      real(wp) :: work
 
       allocate (sets(0))
+      work = merge(more_of_three, more, size(run%tones%omega) > 2)*real_of(run, "accuracy", "max_work")
       limits = numbers_of(run, "accuracy", key)
       if (size(limits) > 0) then
          limits = more*min(limits, most/more)
          call add_string(sets, "accuracy%"//key//"="//list_of(limits))
       end if
-      text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")), sets)
+      text = solve_with(run, "accuracy%max_work="//to_text(work), sets)
    end function with_more_work
 
    !> Whether each point chooses its harmonics, as in hb_model_settings.

@@ -152,6 +152,12 @@ contains
       if (work_is_over()) return                      ! there is a motion even without time left
       is_struck = options%lacks_impacts_of(system, result%status)
       if (steady%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
+         if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
+             needs_larger_set(system, options, result, result%work - steady%work)) then
+            result%message = "no work is left for a larger set, raise &accuracy max_work; a time integration from this motion "// &
+                             "does not become steady within &solver max_fallback_work"
+            return
+         end if
          if (allocated(steady%message)) result%message = steady%message
          if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%max_fallback_work
          if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
@@ -184,6 +190,19 @@ contains
       end if
       result = integrated
    end subroutine integrate_from_balance
+
+   !> Whether larger sets ended for lack of work where a longer time integration helps less: the lines of three tones are so close
+   !> that ten times its work separates none.
+   pure logical function needs_larger_set(system, options, result, work) result(needs)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(motion_result_t), intent(in) :: result                     !! of the sequence of orders
+      real(wp), intent(in) :: work                                    !! of its solutions, in about a nanosecond
+      integer, parameter :: many = 3                                  ! tones
+
+      needs = system%tones%n_tones >= many .and. estimate_of(result) < reliable .and. &
+         (work > options%accuracy%max_work .or. result%work_spent >= options%max_work())
+   end function needs_larger_set
 
    !> Status of an integrated motion, and the number of periods after which it repeats.
    pure subroutine adopt_status(options, steady, result)
