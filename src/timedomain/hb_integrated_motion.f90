@@ -478,7 +478,7 @@ contains
       cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
       n_before = system%laws%n_evaluations
       config%max_evaluations = n_before + int(min((options%integration%max_work - steady%work)/cost, 1.0e18_wp), int64)
-      call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
+      call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error, ends_early=.true.)
       steady%is_out_of_work = next%is_out_of_work
       if (next%is_out_of_work .and. allocated(steady%message)) then
          deallocate (error)

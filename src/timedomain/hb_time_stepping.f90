@@ -12,7 +12,7 @@ module hb_time_stepping
    use hb_integration_cvode, only: integration_cvode_t, new_integration_cvode
    use hb_integration_laws, only: collect_rigid
    use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, wp
    use hb_law, only: hold_t
    use hb_memory, only: available_memory
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
@@ -22,6 +22,8 @@ module hb_time_stepping
    private
    public :: assess, integrate_from, integration_assessment_t, integration_record_t
 
+   real(wp), parameter :: first_share = 1.0_wp/16.0_wp                ! of the evaluations, after which the pace is known
+   real(wp), parameter :: too_slow = 3.0_wp                           ! evaluations that would be needed, relative to the permitted
    integer, parameter :: steps_between_checks = 32                    ! a few microseconds at least for the smallest system
 
    !> Stored motion: all samples of the requested displacements, every n-th sample of the others.
@@ -50,7 +52,7 @@ module hb_time_stepping
 contains
 
    !> Integrates from a state through the transient and the duration of `config`. `state` returns the last one.
-   subroutine integrate_from(system, config, step, retained_dofs, state, record, error)
+   subroutine integrate_from(system, config, step, retained_dofs, state, record, error, ends_early)
       type(integration_system_t), intent(inout), target :: system
       type(integration_config_t), intent(in) :: config
       real(wp), intent(in) :: step                                    !! [s], > 0
@@ -58,9 +60,13 @@ contains
       type(integration_state_t), intent(inout) :: state
       type(integration_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: ends_early                     !! if the permitted evaluations will not suffice by far
       class(integrator_t), allocatable :: integrator
       real(wp) :: begun, ended
+      logical :: watches_pace
 
+      watches_pace = .false.
+      if (present(ends_early)) watches_pace = ends_early
       call cpu_time(begun)
       call new_integrator(integrator, system, config, step/config%substeps, error)
       if (.not. allocated(error) .and. system%lists_impacts) &
@@ -68,7 +74,8 @@ contains
       if (.not. allocated(error)) call integrator%start(state, error)
       record%is_under_way = .not. allocated(error)
       record%step = step
-      if (.not. allocated(error)) call record_steps(integrator, system, config, retained_dofs, state, record, error)
+      if (.not. allocated(error)) call record_steps(integrator, system, config, retained_dofs, watches_pace, state, record, &
+                                                         error)
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) then
@@ -116,19 +123,22 @@ contains
    end subroutine new_integrator
 
    !> Advances step by step and records.
-   subroutine record_steps(integrator, system, config, retained_dofs, state, record, error)
+   subroutine record_steps(integrator, system, config, retained_dofs, watches_pace, state, record, error)
       class(integrator_t), intent(inout) :: integrator
       type(integration_system_t), intent(inout), target :: system         !! the integrator points to it
       type(integration_config_t), intent(in) :: config
       integer, intent(in) :: retained_dofs(:)
+      logical, intent(in) :: watches_pace
       type(integration_state_t), intent(inout) :: state
       type(integration_record_t), intent(inout) :: record                 !! with its step
       type(error_t), allocatable, intent(out) :: error
       integer :: done, i, n_retained, n_steps, n_stored, n_transient, stat, stride
+      integer(int64) :: n_before
 
       call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
       if (allocated(error)) return
       system%laws%max_evaluations = config%max_evaluations
+      n_before = system%laws%n_evaluations
       n_transient = nint(config%transient/record%step)
       n_steps = max(1, nint(config%duration/record%step))
       do done = 0, n_transient - 1, steps_between_checks
@@ -160,6 +170,8 @@ contains
          call check_finite(state, config%largest, error)
          call check_budget()
          if (allocated(error)) return
+         call check_pace(real(i, wp)/n_steps)
+         if (allocated(error)) return
          call note_progress(n_transient + i, n_transient + n_steps)
       end do
 
@@ -174,6 +186,17 @@ contains
             call fail(error, "the time integration was cancelled")
          end if
       end subroutine check_budget
+
+      !> Ends a record that would need far more evaluations than permitted.
+      subroutine check_pace(done)
+         real(wp), intent(in) :: done                                 ! share of the record
+         real(wp) :: used
+
+         if (.not. watches_pace) return
+         used = (system%laws%n_evaluations - n_before)/real(max(1_int64, config%max_evaluations - n_before), wp)
+         record%is_out_of_work = used > max(first_share, too_slow*done)
+         if (record%is_out_of_work) call fail(error, "the time integration would exceed its budget of work by far")
+      end subroutine check_pace
 
       subroutine keep(i)
          integer, intent(in) :: i
