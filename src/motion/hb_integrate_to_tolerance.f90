@@ -33,6 +33,7 @@ module hb_integrate_to_tolerance
    public :: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples, status_within, store_lines
 
    integer, parameter :: candidates_of_retained = 4                   ! at most, for each tuple of a set
+   real(wp), parameter :: share_of_several = 1.0_wp/3.0_wp          ! of the work, under three tones or more: more rarely decides
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
    real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: with one tone a larger box is cheap
    real(wp), parameter :: share_of_tail = 0.3_wp                      ! of the tolerance, in omitted tuples; the rest is the misfit
@@ -274,6 +275,8 @@ contains
       record%order = first_order(system, options, candidates_of_retained*record%capacity)
       associate (of_methods => 2.0_wp*options%integration%max_work) ! two may need as much
          record%budget%limit = min(of_methods - result%integration_work, max(of_methods, options%max_work()) - result%work_spent)
+         if (system%tones%n_tones > 2 .and. options%primary_method /= primary_method%integration) &
+            record%budget%limit = min(record%budget%limit, share_of_several*of_methods)
       end associate
       record%max_failures = huge(1)
       record%result = result

@@ -31,6 +31,7 @@ module hb_level_solver
    contains
       procedure :: prepare => level_solver_prepare
       procedure :: solve => level_solver_solve
+      procedure :: permitted_work => level_solver_permitted_work
    end type level_solver_t
 
 contains
@@ -85,8 +86,7 @@ contains
          solver%patience = merge(0, patience, with_fallback)
          solver%max_fallback_work = min(options%solver%max_fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%max_fallback_work = share_of_fallback*solver%max_fallback_work
-         call limit%enter(huge(1.0_wp), max(options%max_work() - self%work_spent, &
-                                            merge(options%accuracy%max_work, 0.0_wp, with_fallback)))
+         call limit%enter(huge(1.0_wp), self%permitted_work(with_fallback))
          call solve_level(self%system, self%whole, self%level_options, level, first_guess, result, error, found)
          call limit%leave()
          result%work_spent = limit%budget%spent
@@ -100,6 +100,22 @@ contains
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_solve
+
+   !> Work that a level may take: what is left, without the share of a time integration that may follow. A further search takes
+   !> no more than all levels before it, but a share of the limit in any case.
+   pure real(wp) function level_solver_permitted_work(self, with_fallback) result(work)
+      class(level_solver_t), intent(in) :: self
+      logical, intent(in) :: with_fallback
+
+      associate (options => self%options)
+         work = options%max_work()
+         if (options%has_time_domain() .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
+             .not. any(self%system%tones%is_unknown)) work = options%accuracy%max_work + options%solver%max_fallback_work
+         work = max(0.0_wp, work - self%work_spent)
+         if (with_fallback .and. self%n_levels > 0) &
+            work = max(share_of_fallback*options%accuracy%max_work, min(work, self%work_spent))
+      end associate
+   end function level_solver_permitted_work
 
    !> Ends a level that its limit of work has interrupted: without a motion, or with one whose error is not known.
    subroutine end_level(result, error, has_motion)
