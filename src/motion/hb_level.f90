@@ -36,7 +36,8 @@ module hb_level
    real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
    real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid; multipliers were less accurate after 1.8
-   real(wp), parameter :: more_to_check = 4.0_wp                    ! samples, where a level only checks the estimate of another
+   real(wp), parameter :: more_to_check = 4.0_wp, least_to_check = 1.5_wp ! samples, where a level only checks the estimate of
+                                                                      ! another
    real(wp), parameter :: decay = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: min_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
@@ -79,7 +80,7 @@ contains
             finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
             finer = max(clearly_smaller, min(finer, largest_refinement))
             if (estimate_of_wanted(result) <= margin*options%accuracy%tolerance) &
-               finer = min(finer, more_to_check**(1.0_wp/top%set%n_tones))
+               finer = min(finer, affordable_growth(options, result)**(1.0_wp/top%set%n_tones))
             finer = finer*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
@@ -105,6 +106,19 @@ contains
       if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
          call apply_first_order_correction(result, top, next)
    end subroutine choose_next
+
+   !> Samples of a level that only checks the estimate of a motion, relative to those of that motion: as many as the permitted work
+   !> suffices for. From a known motion a sample takes half as much.
+   pure real(wp) function affordable_growth(options, result) result(more)
+      type(options_t), intent(in) :: options
+      type(motion_result_t), intent(in) :: result                     !! that is checked
+      real(wp), parameter :: share = 0.5_wp
+
+      associate (work => result%work_spent)
+         more = (options%accuracy%max_work - work)/max(share*work, 1.0_wp)
+      end associate
+      more = max(least_to_check, min(more, more_to_check))
+   end function affordable_growth
 
    !> Removes first-order errors from the start on a level if they are small, whatever the estimate is.
    subroutine apply_first_order_correction(result, top, next)
