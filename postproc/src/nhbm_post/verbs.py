@@ -532,4 +532,4 @@ def _save(fig, arguments, *parts: str) -> None:
     draw.relabel(fig, dict(arguments.labels))
     if is_paper:
         print(f"caption: {fig.nhbm_caption}")
-    print(f"wrote {draw.save(fig, output, arguments.dpi)}")
+    print(f"wrote {draw.save(fig, output, arguments.dpi, has_numbers=arguments.command in ('response', 'time'))}")

@@ -296,11 +296,12 @@ def _short(value: float, _=None) -> str:
     return rf"$10^{{{power}}}$" if digit == "1" else rf"${digit}\cdot 10^{{{power}}}$"
 
 
-def save(fig: Figure, path, dpi: int = 200) -> Path:
-    """Writes a figure; the ending of `path` chooses the format."""
+def save(fig: Figure, path, dpi: int = 200, has_numbers: bool = False) -> Path:
+    """Writes a figure; the ending of `path` chooses the format. `has_numbers`: the command writes them as CSV."""
     path = Path(path)
     if path.suffix.lower() not in ENDINGS:
-        raise UsageError(f"cannot draw to '{path}': the name must end in {', '.join(ENDINGS)}")
+        numbers = ", or in .csv for the numbers" if has_numbers else ""
+        raise UsageError(f"cannot draw to '{path}': the name must end in {', '.join(ENDINGS)}{numbers}")
     if fig.nhbm_later != 1.0:
         for text in fig.findobj(Text):
             text.set_fontsize(fig.nhbm_later * text.get_fontsize())
