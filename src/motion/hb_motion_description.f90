@@ -147,7 +147,6 @@ contains
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
       config = options%stability
-      config%patience = 1.0_wp
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%max_periods = stability%n_periods
       do
@@ -169,10 +168,13 @@ contains
       type(error_estimate_t), intent(in) :: found                     !! its error estimate, with `refined`
       type(stability_config_t), intent(in) :: config
       type(stability_t), intent(out) :: stability
+      type(stability_config_t) :: unlimited
       integer, allocatable :: carrying(:)
 
+      unlimited = config
+      unlimited%patience = 1.0_wp
       call find_carrying(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing), carrying)
-      call request_stability(system, discretisation, options, config, &
+      call request_stability(system, discretisation, options, unlimited, &
                              harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
                              huge(1.0_wp), stability)
    end subroutine stability_of_refined
