@@ -4,7 +4,7 @@ module hb_bearing_reader
    use hb_error, only: error_t
    use hb_interpolation, only: is_ascending
    use hb_number_reader, only: read_numbers
-   use hb_parameter_path, only: read_label
+   use hb_parameter_path, only: check_label
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
@@ -21,7 +21,8 @@ contains
       type(structure_t), intent(in) :: structure
       character(:), allocatable :: label
 
-      call read_label(group, label)                                   ! used by paths
+      if (group%given("label")) call group%get("label", label)        ! used by paths
+      call check_label(group, label)
       call find_dofs(group, structure, self%dofs)
       call read_numbers(self, group)
       if (.not. allocated(self%speeds)) return

@@ -6,7 +6,7 @@ module hb_frequency_part_input
    use hb_interpolation, only: is_ascending
    use hb_kinds, only: wp
    use hb_number_reader, only: read_numbers
-   use hb_parameter_path, only: read_label
+   use hb_parameter_path, only: check_label
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -31,7 +31,8 @@ contains
          return
       end if
       part%kind = findloc(choices_of("dynamic_stiffness", "type") == type, .true., dim=1)   ! in the order of `kind_of_part`
-      call read_label(group, label)                                   ! used by paths
+      if (group%given("label")) call group%get("label", label)        ! used by paths
+      call check_label(group, label)
       call read_names(group, name, names, force_name, force_names)
       if (allocated(names)) part%n_weights = size(names)
       if (allocated(force_names)) part%n_force_weights = size(force_names)

@@ -10,7 +10,7 @@ module hb_law_reader
    use hb_location_reader, only: read_dofs, read_further, read_location
    use hb_number_reader, only: group_problems_t, read_numbers
    use hb_operating_system, only: library_path
-   use hb_parameter_path, only: read_label
+   use hb_parameter_path, only: check_label
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -34,11 +34,9 @@ contains
       if (.not. allocated(kind_of_law)) return
       call allocate_law(box, kind_of_law)
       if (.not. allocated(box%law)) return
-      if (.not. group%given("label")) then
-         label = kind_of_law//" "//to_text(number)
-         call group%get("label", label)
-      end if
-      call read_label(group, label)
+      if (.not. group%given("label")) label = kind_of_law//" "//to_text(number)
+      call group%get("label", label)
+      call check_label(group, label)
       if (.not. allocated(label)) label = kind_of_law//" "//to_text(number)   ! the given value is not a text
       box%law%label = label
       select type (law => box%law)

@@ -9,7 +9,7 @@ module hb_parameter_path
    use hb_text, only: is_name, letters, lower, parse_integer, quote, shown, string_t, to_text
    implicit none
    private
-   public :: identifier, index_help, path_help, read_label, select_group, split_index, split_path
+   public :: check_label, identifier, index_help, path_help, select_group, split_index, split_path
 
    character(*), parameter :: path_help = &
       "a path is like solver%tolerance, law(2)%gap, law(label)%gap or tones%frequency(2)"
@@ -145,16 +145,14 @@ contains
       end if
    end subroutine add_labels
 
-   !> Reads the label of a group, if it is given; reports one that no path can contain, or that it would take for a number.
-   subroutine read_label(group, label)
+   !> Reports a given label that no path can contain, or that it would take for a number.
+   subroutine check_label(group, label)
       type(properties_t), intent(inout) :: group
-      character(:), allocatable, intent(inout) :: label     !! not allocated: the given value is no text
+      character(:), allocatable, intent(in) :: label        !! not allocated: the given value is no text
       integer :: number
       logical :: is_number
 
-      if (.not. group%given("label")) return
-      call group%get("label", label)
-      if (.not. allocated(label)) return
+      if (.not. (group%given("label") .and. allocated(label))) return
       call parse_integer(label, number, is_number)
       if (len_trim(label) == 0) then
          call group%problem("label", "is empty; leave it out, or give a name for paths such as law(name)%gap")
@@ -163,7 +161,7 @@ contains
       else if (scan(label, "()%") > 0) then
          call group%problem("label", quote(shown(label))//" cannot be part of a path: leave out '(', ')' and '%'")
       end if
-   end subroutine read_label
+   end subroutine check_label
 
    !> Returns the value of the key `label` of a group, empty if it has none.
    pure subroutine get_label(group, label)
