@@ -178,7 +178,7 @@ def test_time_lays_an_integration_below_with_the_difference(sweep, tmp_path, cap
         series = results.series(1, "v3")
     record = integration_record(tmp_path / "integration.h5", t, series.evaluate(t) + 2e-9 * np.cos(t))
     drawn = []
-    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
+    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_, **__: drawn.append(fig) or tmp_path / "x.png")
     status, _, err = run(capsys, "time", sweep, "--point", 1, "--dof", "v3", "--integration", record)
     assert (status, err) == (0, "")
     motion, difference = drawn[0].axes
@@ -197,7 +197,7 @@ def test_a_record_is_described_and_drawn(tmp_path, capsys, monkeypatch):
         file["coefficients"].attrs["units"] = "m"
         file["peak_frequency"], file["peak_coefficients"] = [[2.0, 3.5]], [[[0.3, -0.4], [0.0, 0.125]]]
     assert "peaks      0.5 at 2, 0.125 at 3.5 rad/s of v3" in run(capsys, "info", record)[1].splitlines()
-    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
+    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_, **__: drawn.append(fig) or tmp_path / "x.png")
     assert run(capsys, "time", record)[0] == 0 and run(capsys, "spectrum", record, "--over", "frequency")[0] == 0
     record_line, harmonics = drawn[0].axes[0].lines
     np.testing.assert_allclose(np.interp(record_line.get_xdata(), *harmonics.get_data()), record_line.get_ydata(), atol=1e-3)

@@ -277,7 +277,7 @@ def backbone_file(path):
 
 def test_backbone_draws_frequency_over_energy_with_units(tmp_path, monkeypatch):
     path, drawn = backbone_file(tmp_path / "a.h5"), []
-    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
+    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_, **__: drawn.append(fig) or tmp_path / "x.png")
     assert main(["backbone", str(path)]) == 0
     first, second = curves_of(drawn[0])
     np.testing.assert_allclose(first.get_ydata(), [1.001, 1.01, 1.1, 2.0])
@@ -384,7 +384,7 @@ def test_map_by_command(tmp_path, capsys):
 
 def test_time_reports_how_its_point_ended(tmp_path, monkeypatch):
     path, drawn = grid_file(tmp_path / "a.h5", n_gaps=1, status=[1, 7, 1, 1, 1]), []
-    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
+    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_, **__: drawn.append(fig) or tmp_path / "x.png")
     assert main(["time", str(path), "--point", "1"]) == 0
     assert "truncated: solved, but the truncation error exceeds its limit" in head_of(drawn[0])
     assert main(["time", str(path), "--point", "0,1"]) == 0
