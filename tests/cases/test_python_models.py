@@ -402,7 +402,7 @@ def test_sweeps_are_spread_over_processes():
 
 
 def test_what_cannot_be_sent_to_processes_is_named():
-    def local(q, p):
+    def local(q):
         return q**3
 
     model = duffing(spring=cubic)
