@@ -40,9 +40,10 @@ def test_what_is_no_rotor_is_refused():
     with pytest.raises(ModelError, match="diameter must be above 0, not 0.0"):
         rotors.rotor(1.0, 0.0, 4)
     made = pinned(1.0, 0.02, 4)
-    for mass, diametral, polar, name in ((-1.0, 0.1, 0.1, "mass"), (1.0, -0.1, 0.1, "diametral"), (1.0, 0.1, np.nan, "polar")):
-        with pytest.raises(ModelError, match=f"disk at 0.5: {name} must be 0 or more"):
-            made.disk(0.5, mass, diametral, polar)
+    for inertias, message in (((-1.0, 0.1, 0.1), "mass must be 0 or more"), ((1.0, -0.1, 0.1), "diametral must be 0 or more"),
+                              ((1.0, 0.1, np.nan), "polar must be finite")):  # fmt: skip
+        with pytest.raises(ModelError, match=f"disk at 0.5: {message}"):
+            made.disk(0.5, *inertias)
     for keys, name in (({"young": 0.0}, "young"), ({"density": -1.0}, "density"), ({"poisson": 0.7}, "poisson")):
         with pytest.raises(ModelError, match=name):
             Rotor(**keys)
