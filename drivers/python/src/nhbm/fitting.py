@@ -24,7 +24,7 @@ import numpy as np
 from nhbm import dataset, doubts
 from nhbm.errors import ModelError, imported
 from nhbm.groups import identifier, numbers_of, path_of, request
-from nhbm.keys import keys_of
+from nhbm.keys import keys_of, limits_of
 from nhbm.responses import absence_of, parts_of
 
 if TYPE_CHECKING:
@@ -516,11 +516,10 @@ def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]
     for path in paths:
         group = model._groups.find(path_of(path))
         key = keys_of(path_of(path).group, "" if group is None else str(group.keys.get("type", "")).lower()).get(path_of(path).key)
-        words = "" if key is None else key.range
-        least = re.match(r">=? *([-\d.e]+)", words)
-        most = re.search(r"<=? *([-\d.e]+)", words)
-        default = float(least[1]) if least else -np.inf, float(most[1]) if most else np.inf
-        if not least and _is_on_diagonal(model, path) and float(model[path]) >= 0:  # an amplitude does not tell its sign
+        limits = limits_of("" if key is None else key.range)
+        least = max(limits.minimum, limits.above)
+        default = least, limits.maximum
+        if least == -np.inf and _is_on_diagonal(model, path) and float(model[path]) >= 0:  # an amplitude does not tell its sign
             default = 0.0, default[1]
         ends = own.get(path, default)
         if len(ends) != 2 or not ends[0] < ends[1]:

@@ -101,7 +101,7 @@ def _check_word(subject: str, key: Key, value: str) -> None:
 _NUMBER = r"[-+]?[\d.]+(?:e[-+]?\d+)?"
 
 
-class _Limits(NamedTuple):
+class Limits(NamedTuple):
     """What the range of a key permits, as the program reads it (hb_input_keys)."""
 
     minimum: float
@@ -110,7 +110,7 @@ class _Limits(NamedTuple):
 
 
 @functools.lru_cache(maxsize=None)
-def _limits_of(words: str) -> _Limits:
+def limits_of(words: str) -> Limits:
     """From parts like `>= 0`, `> 0`, `<= 1`, `1 to 100`; other parts are for readers."""
     minimum, above, maximum = -math.inf, -math.inf, math.inf
     for part in words.split(","):
@@ -126,7 +126,7 @@ def _limits_of(words: str) -> _Limits:
         elif ends:
             minimum = float(ends[1])
             maximum = float(ends[2]) if re.fullmatch(_NUMBER, ends[2]) else maximum
-    return _Limits(minimum, above, maximum)
+    return Limits(minimum, above, maximum)
 
 
 def check_numbers(subject: str, name: str, key: Key, values: Any) -> None:
@@ -135,7 +135,7 @@ def check_numbers(subject: str, name: str, key: Key, values: Any) -> None:
     is_whole = "integer" in key.type
     if values is None or not (is_whole or "real" in key.type):
         return
-    limits = _limits_of(key.range)
+    limits = limits_of(key.range)
     array = np.asarray(values)
     if array.dtype.kind in "iuf"[: 2 if is_whole else 3] and array.size and np.isfinite(array).all():  # all at once
         if array.min() >= limits.minimum and array.min() > limits.above and array.max() <= limits.maximum:
@@ -149,7 +149,7 @@ def check_numbers(subject: str, name: str, key: Key, values: Any) -> None:
             raise ModelError(f"{subject}: {name}{index} = {shown} must be {wrong}")
 
 
-def _wrong_number(value: Any, limits: _Limits, is_whole: bool) -> str:
+def _wrong_number(value: Any, limits: Limits, is_whole: bool) -> str:
     """What a value must be and is not; empty if it is."""
     if isinstance(value, np.generic):
         value = value.item()
