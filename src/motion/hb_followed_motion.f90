@@ -6,6 +6,7 @@ module hb_followed_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_autonomous, only: find_energy
    use hb_basis, only: basis_t, whole_basis
+   use hb_bifurcation_error, only: add_error_of_bifurcation
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_course, only: curve_course_t
@@ -21,7 +22,7 @@ module hb_followed_motion
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
-   use hb_motion_description, only: describe_motion, solution_t, stability_of_refined
+   use hb_motion_description, only: describe_motion, solution_t
    use hb_motion_result, only: motion_result_t
    use hb_newton, only: solve_newton
    use hb_normal_mode, only: amplitude_functionals
@@ -31,10 +32,9 @@ module hb_followed_motion
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_response_slope, only: find_series_slope
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_stability, only: bifurcation_value, stability_config_t, stability_t
+   use hb_stability, only: stability_t
    use hb_system, only: system_t
    use hb_thresholds, only: agreement, faint, minor, rounding
-   use hb_tones, only: tones_t
    implicit none
    private
    public :: add_origin, add_waiting, curve_state_t, event_values_t, followed_motion_t, largest_load, max_tolerance_factor, &
@@ -708,7 +708,10 @@ contains
       if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
       if (allocated(error)) return
       if (self%model%options%accuracy%is_on) call apply_safety_factor(self%model%system, result)
-      call add_error_of_bifurcation(self, point, result)
+      associate (value => point%x(size(point%x)))
+         call add_error_of_bifurcation(self%problem%model, point%bifurcation, &
+                                       point%shift/max(abs(value), minor*abs(self%request%to - self%request%from)), result)
+      end associate
       if (.not. self%model%options%accuracy%is_on) return
       if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
          result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%options%accuracy%tolerance)
@@ -716,32 +719,6 @@ contains
       result%n_samples = self%level%n_samples
       result%n_levels = self%n_levels
    end subroutine followed_motion_describe
-
-   !> Estimates the error of a bifurcation that was found from the multipliers of a motion, by those of the motion with its
-   !> first-order errors removed: small errors of a motion may change multipliers much.
-   subroutine add_error_of_bifurcation(self, point, result)
-      class(followed_motion_t), intent(in) :: self
-      type(waiting_t), intent(in) :: point
-      type(motion_result_t), intent(inout) :: result
-      type(stability_t) :: refined
-      type(stability_config_t) :: config
-      type(tones_t) :: tones
-      real(wp) :: change
-
-      if (point%bifurcation == 0 .or. result%stability%is_integrated .or. .not. allocated(result%error_estimate%refined)) return
-      associate (model => self%problem%model, value => point%x(size(point%x)))
-         config = model%options%stability
-         tones = model%system%tones
-         tones%omega = result%frequency
-         call stability_of_refined(model%system, model%discretisation, model%options, tones, result%error_estimate, config, refined)
-         if (.not. allocated(refined%multipliers)) return
-         change = abs(bifurcation_value(point%bifurcation, refined%multipliers))
-         result%stability%estimate = max(result%stability%estimate, change)
-         if (.not. self%model%options%accuracy%is_on) return
-         change = change*point%shift/max(abs(value), minor*abs(self%request%to - self%request%from))
-         if (change > estimate_of(result)) result%level_estimate = min(1.0_wp, change)
-      end associate
-   end subroutine add_error_of_bifurcation
 
    !> Makes the last equation the plane across the tangent at a point, in units of the motion there: it does not
    !> depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
