@@ -14,9 +14,12 @@ sys.path.insert(0, str(TESTS))
 
 from point_parts.models import Law, Model  # noqa: E402
 from point_parts.truth import Motion, build, error_of  # noqa: E402
-from workflow_parts.held import GIVEN_UP, hold  # noqa: E402
+from workflow_parts.held import GIVEN_UP, Limits, hold  # noqa: E402
 from workflow_parts.reference import Box, System, autonomous, forced  # noqa: E402
 from workflow_parts.models import Axis, Workflow, random_workflow  # noqa: E402
+
+
+PATIENT = Limits(run=600.0, references=600.0)  # whatever the machine
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +75,7 @@ def test_the_period_of_a_relaxation_oscillation():
 def test_a_sweep_down_over_an_odd_law(library, tmp_path):
     """The set of a nearly linear point, one harmonic, is not the set of its neighbours."""
     sweep = Axis("tones%frequency", 3.0, 0.15, 40, False)
-    case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1)
+    case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1, PATIENT)
     off = [point.off for point in case.points]
     assert len(off) == 40 and max(off) < 1
 
@@ -82,21 +85,21 @@ LONG = [pytest.param(kind, number, marks=pytest.mark.long) for kind, number in (
 
 @pytest.mark.parametrize(("kind", "number"), [("mode_amplitude", 3), ("limit_cycle", 2), *LONG])
 def test_a_model_of_each_kind(library, tmp_path, kind, number):
-    case = hold(library, tmp_path, 1, number, random_workflow(1, number, (kind,)), 0)
+    case = hold(library, tmp_path, 1, number, random_workflow(1, number, (kind,)), 0, PATIENT)
     off = [point.off for point in case.points if np.isfinite(point.off)]
     assert len(off) > 5 and max(off) < 1
 
 
 @pytest.mark.parametrize(("law", "number"), [pytest.param("hertz", 0, marks=pytest.mark.long), ("base", 3)])
 def test_a_model_with_a_law_that_came_later(library, tmp_path, law, number):
-    case = hold(library, tmp_path, 1, number, random_workflow(1, number, ("frequency",), (law,)), 2)
+    case = hold(library, tmp_path, 1, number, random_workflow(1, number, ("frequency",), (law,)), 2, PATIENT)
     off = [point.off for point in case.points if np.isfinite(point.off)]
     assert len(off) == 2 and max(off) < 1
 
 
 def test_references_that_take_too_long_are_given_up(library, tmp_path):
     sweep = Axis("tones%frequency", 3.0, 0.15, 40, False)
-    case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1, limit=0.05)
+    case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1, Limits(references=0.05))
     assert case.points == [] and case.note.startswith(GIVEN_UP)
 
 

@@ -21,7 +21,7 @@ from workflow_parts.reference import Answer, Box, Mode, System, autonomous, forc
 from workflow_parts.models import Workflow
 
 TOLERANCE = 1e-2  # the default of `&accuracy`
-TIME_LIMIT = 12.0  # processor seconds of a run
+TIME_LIMIT = 12.0  # processor seconds of a run, where nothing else is asked for
 ORDERS = {1: (45, 90, 180), 2: (9, 13, 18)}  # of the reference, one after the other until it has nothing to speak of beyond
 REFINE = 1.2  # ratio of orders on the way to a reference that is not reached at once
 SAMPLES = {1: 16, 2: 8}  # of the reference, times the order of each tone
@@ -79,23 +79,33 @@ class Case:
         return Case(**{**line, "points": [Point(**point) for point in line["points"]]})
 
 
-def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_integrations: int, limit: float = 120.0) -> Case:
-    """Runs workflow `number` in `folder` and looks at all its points; at none where that takes over `limit` processor seconds."""
+@dataclass(frozen=True)
+class Limits:
+    """Processor seconds of the run of a workflow, and of the references of its points."""
+
+    run: float = TIME_LIMIT
+    references: float = 120.0
+
+
+def hold(
+    library, folder: Path, seed: int, number: int, workflow: Workflow, n_integrations: int, limits: Limits = Limits()
+) -> Case:
+    """Runs workflow `number` in `folder` and looks at all its points; at none where that takes longer than `limits`."""
     source = folder / f"workflow_{seed}_{number}.nml"
     result = source.with_suffix(".h5")
     source.write_text(f"! tests/workflows --seed {seed} --first {number} --count 1: {workflow.title}\n" + workflow.text())
     result.unlink(missing_ok=True)
     case = Case(number, workflow.kind, workflow.title, [], later=workflow.later)
     draw = np.random.default_rng([seed, number, 1])
-    case.seconds, case.note = _run(workflow, source, result, draw)
+    case.seconds, case.note = _run(workflow, source, result, draw, limits.run)
     if not result.exists():
         return case
     try:
-        with h5py.File(result) as file, _processor_time(limit):
+        with h5py.File(result) as file, _processor_time(limits.references):
             look_at(library, workflow, file, case, draw, n_integrations)
     except (TimeoutError, MemoryError) as reason:
         case.points.clear()
-        case.note = f"{GIVEN_UP}: {reason or f'more than {limit:g} s'}"
+        case.note = f"{GIVEN_UP}: {reason or f'more than {limits.references:g} s'}"
     return case
 
 
@@ -115,25 +125,25 @@ def _processor_time(limit: float):
         signal.signal(signal.SIGPROF, before)
 
 
-def _run(workflow: Workflow, source: Path, result: Path, draw) -> tuple[float, str]:
+def _run(workflow: Workflow, source: Path, result: Path, draw, limit: float) -> tuple[float, str]:
     """Processor seconds, and what went wrong."""
     if workflow.kind != "resumed":
-        return _process("solve", source, "-o", result, "--quiet", ranks=workflow.n_ranks)
+        return _process(limit, "solve", source, "-o", result, "--quiet", ranks=workflow.n_ranks)
     if draw.random() < 0.5:  # ends by itself, as a user does who sets a limit
-        seconds, note = _process("solve", source, "-o", result, "--quiet", "--time-limit", "0.05")
+        seconds, note = _process(limit, "solve", source, "-o", result, "--quiet", "--time-limit", "0.05")
     else:
         after = float(np.exp(draw.uniform(*np.log(RESUMED_AFTER))))
         which = signal.SIGKILL if draw.random() < 0.5 else signal.SIGTERM
-        seconds, note = _process("solve", source, "-o", result, "--quiet", stopped=(after, which))
+        seconds, note = _process(limit, "solve", source, "-o", result, "--quiet", stopped=(after, which))
     if not result.exists():  # stopped before there was anything
-        more, note = _process("solve", source, "-o", result, "--quiet")
+        more, note = _process(limit, "solve", source, "-o", result, "--quiet")
         return seconds + more, note
-    more, note = _process("resume", result, "--quiet")
+    more, note = _process(limit, "resume", result, "--quiet")
     return seconds + more, note
 
 
-def _process(*words, ranks: int | None = None, stopped: tuple[float, int] | None = None) -> tuple[float, str]:
-    limited = ["sh", "-c", f'ulimit -t {TIME_LIMIT:.0f}; exec "$@"', "sh", *command(*words, ranks=ranks)]
+def _process(limit: float, *words, ranks: int | None = None, stopped: tuple[float, int] | None = None) -> tuple[float, str]:
+    limited = ["sh", "-c", f'ulimit -t {limit:.0f}; exec "$@"', "sh", *command(*words, ranks=ranks)]
     with tempfile.TemporaryDirectory(prefix="mpi-") as own, tempfile.TemporaryFile() as said:  # MPI clears its own under others
         variables = {**environment(), "TMPDIR": own}
         process = subprocess.Popen(limited, env=variables, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True)
@@ -147,7 +157,7 @@ def _process(*words, ranks: int | None = None, stopped: tuple[float, int] | None
             return seconds, ""
         said.seek(0)
         text = said.read().decode(errors="replace").strip().splitlines()
-        late = seconds > 0.95 * TIME_LIMIT
+        late = seconds > 0.95 * limit
         return seconds, "no result in time" if late else f"exit status {process.returncode}: {text[-1] if text else ''}"
 
 
