@@ -1,7 +1,9 @@
 !> All calls of MPI. A build without MPI has another module of this name, in `without_mpi/`.
 !>
 !> In the order of use: `start_mpi`, `world`, `rank_of` and `size_of`, the collective calls, a `work_counter_t` that
-!> distributes points, `stop_mpi`. All take the communicator as an argument, so that a test can pass its own. Source:
+!> distributes points, `stop_mpi`. All take the communicator as an argument, so that a test can pass its own. A process that
+!> no launcher has started does not start MPI, which would take longer than many a run: its communicator is MPI_COMM_NULL,
+!> of this process alone, and each call returns what one rank would get. Source:
 !> MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and 11 (one-sided).
 module hb_mpi
    use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_get_status, ieee_set_halting_mode, ieee_set_status, ieee_status_type
@@ -16,10 +18,10 @@ module hb_mpi
       MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_Gather, MPI_INFO_NULL, MPI_Init, MPI_Initialized, MPI_INTEGER, &
       MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, &
       MPI_Win_flush, MPI_Win_free, MPI_Win_lock, MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, MPI_Win_unlock, &
-      MPI_Win_unlock_all, operator(/=)
+      MPI_Win_unlock_all, operator(/=), operator(==)
    implicit none
    private
-   public :: barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
+   public :: barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, is_alone, max_over, &
       new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, start_workers, stop_mpi, &
       sum_over, work_counter_t, world
 
@@ -36,6 +38,12 @@ module hb_mpi
       module procedure max_over_real
    end interface max_over
 
+   !> Variables that launchers set for each process: mpirun of Open MPI, of MPICH and Intel MPI, of MVAPICH, srun, jsrun, flux,
+   !> aprun, and those of PMIx and PALS.
+   character(*), parameter :: launched_by(*) = [character(22) :: "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE", &
+      "MPI_LOCALRANKID", "MV2_COMM_WORLD_RANK", "SLURM_STEP_ID", "JSM_NAMESPACE_RANK", "FLUX_TASK_RANK", "ALPS_APP_PE", &
+      "PALS_RANKID"]
+
    integer, parameter :: n_slots = 3                                  ! integers in the window of an owner
    integer(MPI_ADDRESS_KIND), parameter :: next_slot = 0, done_slot = 1, failed_slot = 2
 
@@ -49,6 +57,7 @@ module hb_mpi
    type :: work_counter_t
       private
       integer, allocatable :: owners(:)                ! owner of each counter
+      integer, pointer :: own(:) => null()             ! the slots of a process that is alone
       type(MPI_Win) :: window = MPI_WIN_NULL
       type(comm_t) :: comm = MPI_COMM_NULL             ! own copy, so that errors can be returned
    contains
@@ -73,23 +82,16 @@ contains
                            to_text(n)//" nhbm ...")
    end subroutine start_workers
 
-   !> Starts MPI unless it runs; also works without mpirun, as one rank.
+   !> Starts MPI if a launcher (mpirun, srun ...) has started this process, possibly with others, unless MPI runs.
    subroutine start_mpi()
       logical :: is_started
       type(ieee_status_type) :: floating_point
 
       call MPI_Initialized(is_started)
-      if (is_started) return
+      if (is_started .or. .not. is_launched()) return
       ! OMPIO opens an unused shared file pointer through a semaphore of the machine with the name of the file: a
       ! leftover one would hang the run. ROMIO creates none before it is used.
       call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
-      if (.not. is_launched()) then
-         ! Open MPI's helper process and its search for networks take half a second. Without that process all
-         ! processes share one folder, which the first that ends removes; therefore none is created.
-         call hb_set_default("OMPI_MCA_ess_singleton_isolated"//c_null_char, "1"//c_null_char)
-         call hb_set_default("OMPI_MCA_orte_create_session_dirs"//c_null_char, "0"//c_null_char)
-         call hb_set_default("OMPI_MCA_pml"//c_null_char, "ob1"//c_null_char)
-      end if
       call hb_set_default("HOME"//c_null_char, "/"//c_null_char)       ! without one, Open MPI 5 ends the process
       call ieee_get_status(floating_point)
       call ieee_set_halting_mode(ieee_all, .false.)                   ! Open MPI 5 divides by zero when it looks for networks
@@ -97,14 +99,12 @@ contains
       call ieee_set_status(floating_point)
    end subroutine start_mpi
 
-   !> Whether mpirun, srun or a similar launcher has started this process, possibly with others.
    logical function is_launched()
-      character(*), parameter :: variables(4) = [character(20) :: "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_STEP_ID"]
       integer :: i, status
 
       is_launched = .false.
-      do i = 1, size(variables)
-         call get_environment_variable(trim(variables(i)), status=status)
+      do i = 1, size(launched_by)
+         call get_environment_variable(trim(launched_by(i)), status=status)
          is_launched = is_launched .or. status /= 1                   ! 1: there is no such variable
       end do
    end function is_launched
@@ -124,8 +124,16 @@ contains
 
    !> Returns the communicator of all ranks.
    type(comm_t) function world()
-      world = MPI_COMM_WORLD
+      world = MPI_COMM_NULL
+      if (is_running()) world = MPI_COMM_WORLD
    end function world
+
+   !> Whether a communicator is that of a process without MPI.
+   logical function is_alone(comm)
+      type(comm_t), intent(in) :: comm
+
+      is_alone = comm == MPI_COMM_NULL
+   end function is_alone
 
    !> Gives the integer handle of a communicator, for libraries with an older interface.
    pure integer function comm_handle(comm)
@@ -143,14 +151,16 @@ contains
    integer function rank_of(comm)
       type(comm_t), intent(in) :: comm
 
-      call MPI_Comm_rank(comm, rank_of)
+      rank_of = 0
+      if (.not. is_alone(comm)) call MPI_Comm_rank(comm, rank_of)
    end function rank_of
 
    !> Returns the number of ranks.
    integer function size_of(comm)
       type(comm_t), intent(in) :: comm
 
-      call MPI_Comm_size(comm, size_of)
+      size_of = 1
+      if (.not. is_alone(comm)) call MPI_Comm_size(comm, size_of)
    end function size_of
 
    !> Returns the number of ranks that share the memory of this rank's computer.
@@ -158,6 +168,8 @@ contains
       type(comm_t), intent(in) :: comm
       type(comm_t) :: node
 
+      ranks_on_node = 1
+      if (is_alone(comm)) return
       call MPI_Comm_split_type(comm, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, node)
       call MPI_Comm_size(node, ranks_on_node)
       call MPI_Comm_free(node)
@@ -167,7 +179,7 @@ contains
    subroutine barrier(comm)
       type(comm_t), intent(in) :: comm
 
-      call MPI_Barrier(comm)
+      if (.not. is_alone(comm)) call MPI_Barrier(comm)
    end subroutine barrier
 
    !> Copies the text of rank `root` (default 0) to every rank; an unallocated text remains unallocated. Collective.
@@ -177,6 +189,7 @@ contains
       integer, intent(in), optional :: root
       integer :: source, length
 
+      if (is_alone(comm)) return
       source = 0
       if (present(root)) source = root
       length = -1
@@ -195,6 +208,10 @@ contains
       integer, allocatable, intent(inout) :: values(:)
       integer :: n
 
+      if (is_alone(comm)) then
+         if (.not. allocated(values)) allocate (values(0))
+         return
+      end if
       n = 0
       if (allocated(values)) n = size(values)
       call MPI_Bcast(n, 1, MPI_INTEGER, 0, comm)
@@ -210,6 +227,8 @@ contains
       type(comm_t), intent(in) :: comm
       integer, intent(in) :: value
 
+      sum_over = value
+      if (is_alone(comm)) return
       call MPI_Allreduce(value, sum_over, 1, MPI_INTEGER, MPI_SUM, comm)
    end function sum_over
 
@@ -218,6 +237,8 @@ contains
       type(comm_t), intent(in) :: comm
       integer, intent(in) :: value
 
+      largest = value
+      if (is_alone(comm)) return
       call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, comm)
    end function max_over_integer
 
@@ -226,6 +247,8 @@ contains
       type(comm_t), intent(in) :: comm
       real(wp), intent(in) :: value
 
+      largest = value
+      if (is_alone(comm)) return
       call MPI_Allreduce(value, largest, 1, MPI_DOUBLE_PRECISION, MPI_MAX, comm)
    end function max_over_real
 
@@ -236,6 +259,10 @@ contains
       real(wp), allocatable, intent(out) :: table(:, :)
 
       allocate (table(size(values), merge(size_of(comm), 0, rank_of(comm) == 0)))
+      if (is_alone(comm)) then
+         table(:, 1) = values
+         return
+      end if
       call MPI_Gather(values, size(values), MPI_DOUBLE_PRECISION, table, size(values), MPI_DOUBLE_PRECISION, 0, comm)
    end subroutine gather_rows
 
@@ -247,6 +274,7 @@ contains
       character(:), allocatable :: message
       integer :: mine, first
 
+      if (is_alone(comm)) return
       mine = size_of(comm)
       if (allocated(error)) mine = rank_of(comm)
       call MPI_Allreduce(mine, first, 1, MPI_INTEGER, MPI_MIN, comm)
@@ -269,6 +297,10 @@ contains
       integer :: rank, status
 
       self%owners = owners
+      if (is_alone(comm)) then
+         allocate (self%own(n_slots), source=0)
+         return
+      end if
       rank = rank_of(comm)
       call MPI_Comm_dup(comm, self%comm, status)
       if (status == MPI_SUCCESS) then
@@ -344,6 +376,11 @@ contains
       integer, intent(in) :: increment
       integer, asynchronous :: addend, found           ! MPI may access both until the flush
 
+      if (associated(self%own)) then
+         before = self%own(slot + 1)
+         self%own(slot + 1) = before + increment
+         return
+      end if
       addend = increment
       call MPI_Fetch_and_op(addend, found, MPI_INTEGER, owner, slot, MPI_SUM, self%window)
       call MPI_Win_flush(owner, self%window)
@@ -356,6 +393,10 @@ contains
       integer(MPI_ADDRESS_KIND), intent(in) :: slot
       integer, asynchronous :: nothing, found
 
+      if (associated(self%own)) then
+         value = self%own(slot + 1)
+         return
+      end if
       nothing = 0
       call MPI_Fetch_and_op(nothing, found, MPI_INTEGER, owner, slot, MPI_NO_OP, self%window)
       call MPI_Win_flush(owner, self%window)
@@ -366,6 +407,7 @@ contains
    subroutine work_counter_destroy(self)
       class(work_counter_t), intent(inout) :: self
 
+      if (associated(self%own)) deallocate (self%own)
       if (.not. is_running()) return
       if (self%window /= MPI_WIN_NULL) then
          call MPI_Win_unlock_all(self%window)

@@ -128,7 +128,7 @@ class Campaign:
         self.program, self.folder = program, folder
         self.environment = {
             **os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OPENBLAS_NUM_THREADS": "1",
-            "OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "TMPDIR": str(folder / "tmp"),
+            "TMPDIR": str(folder / "tmp"),
             "LSAN_OPTIONS": "detect_leaks=0",
         }  # fmt: skip
         (folder / "tmp").mkdir()
