@@ -7,7 +7,7 @@ program nhbm
    use command_table, only: verb_names, write_completion, write_help, write_manual
    use console, only: finish_output, print_error, say
    use exit_status, only: bad_input, incomplete, success
-   use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
+   use hb_blas_threads, only: can_end_blas, take_blas_memory, use_one_blas_thread
    use hb_crash_handler, only: protect_outside_code
    use hb_error, only: error_t, fail
    use hb_hdf5, only: can_end_library
@@ -84,7 +84,7 @@ program nhbm
    call report_error(merge(incomplete, bad_input, status == incomplete))
    call wait_for_points()                                             ! a signal to mpirun does not change the status any more
    flush (error_unit)
-   if (.not. can_end_library()) &                                     ! HDF5 would crash when MPI ends
+   if (.not. (can_end_library() .and. can_end_blas())) &              ! HDF5 would crash when MPI ends
       call hb_exit_at_once(int(merge(incomplete, bad_input, status == incomplete), c_int))
    call stop_mpi()
    flush (error_unit)

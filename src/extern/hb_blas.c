@@ -20,7 +20,7 @@ void hb_use_one_blas_thread(void)
    openblas_set_num_threads(1);
 }
 
-/* Size of the buffer that OpenBLAS 0.3 allocates at its first call; its own constant is not exported. */
+/* Size of the buffer that each thread of OpenBLAS 0.3 allocates at its first call; its own constant is not exported. */
 static const size_t buffer_bytes = 144u << 20;
 
 int hb_take_blas_memory(void)
@@ -31,9 +31,10 @@ int hb_take_blas_memory(void)
    double one = 1.0;
 
    if (openblas_set_num_threads != NULL) {
-      void *const room = mmap(NULL, buffer_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+      const size_t n_bytes = buffer_bytes * (size_t)openblas_get_num_threads();
+      void *const room = mmap(NULL, n_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
       if (room == MAP_FAILED) return -1;
-      munmap(room, buffer_bytes);
+      munmap(room, n_bytes);
    }
    dpotrf_("L", &n, &one, &n, &info, 1);
    return 0;

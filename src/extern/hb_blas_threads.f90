@@ -6,7 +6,9 @@ module hb_blas_threads
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: n_blas_threads, take_blas_memory, use_one_blas_thread
+   public :: can_end_blas, n_blas_threads, take_blas_memory, use_one_blas_thread
+
+   logical :: is_short_of_memory = .false.
 
    interface
       !> Makes OpenBLAS use one thread, unless the user's environment requests a number (OPENBLAS_NUM_THREADS,
@@ -30,7 +32,13 @@ contains
    subroutine take_blas_memory(error)
       type(error_t), allocatable, intent(out) :: error
 
-      if (hb_take_blas_memory() /= 0) call fail(error, "a limit on memory (ulimit -v) leaves less than the 144 MiB that "// &
-         "OpenBLAS takes at its first call; raise it")
+      is_short_of_memory = hb_take_blas_memory() /= 0
+      if (is_short_of_memory) call fail(error, "a limit on memory (ulimit -v) leaves less than the 144 MiB that "// &
+         "each thread of OpenBLAS takes at its first call; raise it, or set OPENBLAS_NUM_THREADS=1")
    end subroutine take_blas_memory
+
+   !> Whether the process may end as usual. Without its memory OpenBLAS would wait for its threads, which never stop to request theirs.
+   logical function can_end_blas()
+      can_end_blas = .not. is_short_of_memory
+   end function can_end_blas
 end module hb_blas_threads
