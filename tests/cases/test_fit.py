@@ -65,7 +65,7 @@ def test_standard_errors_are_those_of_linear_regression():
 D, K3 = 0.08, 2.0
 
 
-def swept(omegas, periods=80, steps=60):
+def swept(omegas, periods=60, steps=40):
     """Amplitudes and phases of the first harmonic of x'' + D x' + x + K3 x**3 = FORCE cos(omega t) at each of the frequencies in
     turn: the classical Runge-Kutta method."""
     x, v, found = 0.0, 0.0, []
@@ -125,10 +125,11 @@ def test_sweeps_with_jumps_are_fitted_from_afar(sweeps, tmp_path):
 def test_a_first_guess_that_leads_astray_is_replaced():
     """Five times the stiffness: the misfit has a minimum beyond all of the data."""
     model = hardening(k3=0.4)
-    omega, amplitude = np.linspace(0.7, 1.3, 13), []
+    omega, amplitude = np.linspace(0.7, 1.3, 7), []
     for model["tones[0]"] in omega:
         amplitude.append(model.response("x1 (1)", order=3))
-    found = nhbm.fit(hardening(k3=2.0), {"frequency": omega, "amplitude": amplitude}, ["spring.stiffness"], "x1 (1)", order=3)
+    data = {"frequency": omega, "amplitude": amplitude}
+    found = nhbm.fit(hardening(k3=2.0), data, ["spring.stiffness"], "x1 (1)", order=3, max_step=0.2)
     assert found.values[0] == pytest.approx(0.4, rel=1e-6)
 
 
@@ -154,7 +155,7 @@ def covered(sweeps, n, first):
 
 
 def test_intervals_contain_the_true_values(sweeps):
-    assert (covered(sweeps, 4, first=1000) > 0).all()
+    assert (covered(sweeps, 2, first=1000) > 0).all()
 
 
 @pytest.mark.long
@@ -184,10 +185,11 @@ def noisy(values, share, seed=5):
 
 def test_what_the_data_do_not_determine_is_reported():
     """A stop that no motion reaches has no influence; load, mass, damping and stiffness have one up to a common factor."""
-    model = linear()
+    model = linear(1.21, 0.2)  # a misfit that falls to rounding takes dozens of curves
     model.law("elastic_stop", "x1", stiffness=1.0, gap=10.0, label="stop")
+    few = {"frequency": OMEGA[::2], "amplitude": abs(Z[::2])}
     with pytest.warns(NotConverged, match=r"the data do not determine law.stop.%gap$"):
-        found = nhbm.fit(model, {"frequency": OMEGA, "amplitude": abs(Z)}, [*LINEAR, "stop.gap"], "x1 (1)", order=1)
+        found = nhbm.fit(model, few, [*LINEAR, "stop.gap"], "x1 (1)", order=1, max_step=1.0)
     assert np.isinf(found.errors[2]) and (found.errors[:2] < 1e-6).all() and "+- inf" in repr(found)
     every = ["load[0].cos", "structure.mass[0]", *LINEAR]
     with pytest.warns(NotConverged, match="do not determine load.1.%cos, structure%mass.1., structure%stiffness.1."):
