@@ -50,11 +50,11 @@ def test_size_is_that_of_the_file(source, tmp_path):
 
 def test_the_size_by_tolerance_is_that_of_a_complete_file(source, tmp_path):
     """Not that of the room for all harmonics, which is reserved as a sparse file."""
-    text = INPUT.replace("&harmonics order = 3 /", "").replace("n = 20", "n = 2000")
+    text = INPUT.replace("&harmonics order = 3 /", "").replace("n = 20", "n = 400")
     source.write_text(text)
     words = plan(source).stdout
     assert " GB with 8 harmonics a point; for 8000, " in words
-    planned = 2000 * int(words.split()[3])
+    planned = 400 * int(words.split()[3])
     assert 0.5 < planned / solve(text, tmp_path).stat().st_size < 2.0
     reserved = float(words.partition("for 8000, ")[2].split()[0]) * 1e9
     assert reserved > 50 * planned
