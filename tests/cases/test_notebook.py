@@ -21,7 +21,7 @@ matplotlib.use("Agg")
 
 @pytest.fixture(scope="module")
 def curve():
-    return duffing().curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1 (1)")
+    return duffing().curve("tones[0]", 0.5, 2.5, order=5, max_step=0.2, peak_of="x1 (1)")
 
 
 def test_models_and_results_are_shown_as_tables(curve):
@@ -85,7 +85,7 @@ def test_pictures_of_a_motion(curve, tmp_path):
     motion = curve.isel(point=3)
     for figure in (motion.nhbm.orbit(), motion.nhbm.spectrum("x1"), motion.nhbm.spectrum(over="frequency")):
         assert figure._repr_png_().startswith(b"\x89PNG")
-    moving = motion.nhbm.animate(frames=4)
+    moving = motion.nhbm.animate(frames=2)
     moving.save(tmp_path / "motion.gif")
     assert (tmp_path / "motion.gif").read_bytes().startswith(b"GIF") and "<img" in moving._repr_html_()
     with pytest.raises(ModelError, match="give one motion"):

@@ -19,6 +19,7 @@ from program import ALL_CONVERGED, INCOMPLETE, run
 import nhbm
 from nhbm import Model, ModelError, dataset
 
+RANGE, COARSE = ("tones[0]", 0.5, 2.5), {"order": 5, "max_step": 0.2}  # of curves with few points
 INTERNALS = {"curve_unknowns", "curve_direction", "curve_step", "iterations", "residual", "setup_seconds", "rank", "fallback"}
 
 
@@ -30,12 +31,11 @@ def stop(**groups):
 
 
 @functools.cache
-@functools.cache
 def results():
     return {
         "motion": duffing().solve(order=5),
         "by tolerance": stop().solve(tolerance=1e-2),
-        "curve": duffing().curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1 (1)"),
+        "curve": duffing().curve(*RANGE, **COARSE, peak_of="x1 (1)"),
         "curve by tolerance": duffing().curve("tones[0]", 0.8, 1.2, tolerance=1e-2),
         "sweep": duffing().sweep({"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.4, 0.5, 0.6]}, order=5),
         "long sweep": duffing().sweep({"tones[0]": np.linspace(0.5, 0.7, 60)}, order=5),
@@ -72,10 +72,10 @@ def test_a_saved_result_is_read_back_unchanged(tmp_path):
 def test_a_saved_result_is_that_of_the_command(tmp_path):
     """The same datasets with the same attributes, and the same numbers."""
     sweep = "&sweep parameter = 'law(spring)%stiffness', values = 0.4, 0.5 /\n"
-    curve = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5 /\n"
+    curve = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, max_step = 0.2 /\n"
     cases = {
         "sweep": (DUFFING + "&harmonics order = 5 /\n" + sweep, lambda m: m.sweep({"spring.stiffness": [0.4, 0.5]}, order=5)),
-        "curve": (DUFFING + "&harmonics order = 5 /\n" + curve, lambda m: m.curve("tones[0]", 0.5, 2.5, order=5)),
+        "curve": (DUFFING + "&harmonics order = 5 /\n" + curve, lambda m: m.curve(*RANGE, **COARSE)),
         "tolerance": (DUFFING, lambda m: m.solve()),
     }
     flags = {"flag_meanings", "flag_labels", "flag_plurals", "flag_marks", "bifurcations"}
@@ -113,12 +113,12 @@ def test_the_command_reads_what_was_saved(name, tmp_path):
 
 def test_a_stopped_curve_is_resumed_to_its_end(tmp_path):
     """Bit by bit as if it had not been stopped."""
-    stopped = duffing().curve("tones[0]", 0.5, 2.5, order=5, on_point=lambda point: float(point["tones_frequency"]) > 1.0)
+    stopped = duffing().curve(*RANGE, **COARSE, on_point=lambda point: float(point["tones_frequency"]) > 1.0)
     stopped.nhbm.save(tmp_path / "curve.h5")
     assert run("info", "curve.h5", cwd=tmp_path).status == INCOMPLETE
     assert nhbm.open_dataset(tmp_path / "curve.h5")["status"].values.tolist().count("converged") == stopped.sizes["point"]
     assert run("resume", "curve.h5", cwd=tmp_path).status == ALL_CONVERGED
-    whole, found = duffing().curve("tones[0]", 0.5, 2.5, order=5), nhbm.open_dataset(tmp_path / "curve.h5")
+    whole, found = duffing().curve(*RANGE, **COARSE), nhbm.open_dataset(tmp_path / "curve.h5")
     for name in ("coefficients", "tones_frequency", "curve_kind"):
         assert np.array_equal(found[name].values, whole[name].values)
     assert run("info", "curve.h5", cwd=tmp_path).status == ALL_CONVERGED
@@ -164,7 +164,7 @@ def test_names_do_not_depend_on_spelling():
 
 
 def test_events_of_a_curve_are_a_table():
-    curve = duffing().curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1 (1)")
+    curve = duffing().curve(*RANGE, **COARSE, peak_of="x1 (1)")
     events = curve.nhbm.events("x1 (1)", "max x1")
     kinds = curve["curve_kind"].values
     assert events["kind"].tolist() == kinds[np.isin(kinds, ["start", "peak", "fold", "end"])].tolist()
@@ -186,7 +186,7 @@ def test_a_response_is_the_same_everywhere():
     points = model.sweep({"tones[0]": [0.8, 0.9]}, order=5)
     np.testing.assert_allclose(points.nhbm.response("x1")[0], found["response"], rtol=1e-12)
     assert found["response"].attrs["units"] == "m"
-    curve = model.curve("tones[0]", 0.5, 2.5, order=5, peak_of="x1")
+    curve = model.curve(*RANGE, **COARSE, peak_of="x1")
     of_curve = curve.nhbm.response("x1")[0]
     assert float(of_curve.max()) == float(of_curve[curve["curve_kind"].values == "peak"][0])
 
