@@ -109,9 +109,9 @@ def test_fixed_parts_shrink_as_a_whole(tmp_path):
     from conftest import walled
 
     with Results(walled(tmp_path / "a.h5", 2)) as results, appearance(width=120.0):
-        fig = draw_correction(results, 0, n_samples=16)
+        fig = draw_correction(results, 0, view="map", n_samples=16)
         native, size = fig.get_figwidth(), fig.texts[0].get_fontsize()
-        save(fig, tmp_path / "a.svg")
+        save(fig, tmp_path / "a.png", dpi=40)
     assert fig.get_figwidth() * 25.4 == pytest.approx(120.0)
     assert fig.texts[0].get_fontsize() == pytest.approx(size * 120.0 / 25.4 / native)
 

@@ -151,7 +151,7 @@ def test_cost_looks_at_the_larger_half():
 
 def test_commands_draw_and_print_rates(order_sequence, table, capsys):
     for command, *options in (("work-precision", "--reference", table), ("convergence", "--reference", table), ("cost",)):
-        assert main([command, str(order_sequence), *map(str, options)]) == 0
+        assert main([command, str(order_sequence), *map(str, options), "--dpi", "80"]) == 0
         assert order_sequence.with_name(f"order_sequence_{command}.png").stat().st_size > 10_000
     out = capsys.readouterr().out
     assert "newton: error ~ exp(-1 harmonics%order)" in out
@@ -192,7 +192,7 @@ def change(path, **columns):
 def test_logarithmic_axes_report_omitted_points(order_sequence, capsys):
     times = np.array([0.0, 1e-7, 4e-7, 16e-7] * 2)
     change(order_sequence, kernel_tangent_seconds=times, harmonics_order=[0.0, 2.0, 4.0, 8.0] * 2)
-    assert main(["bench", str(order_sequence), "--over", "harmonics%order"]) == 0
+    assert main(["bench", str(order_sequence), "--over", "harmonics%order", "--dpi", "40"]) == 0
     printed = capsys.readouterr().out
     assert "2 points with harmonics%order = 0 or less not drawn: the axis is logarithmic" in printed
     fig, _, notes = draw.draw_bench(Bench(order_sequence), "n_unknowns")
@@ -207,7 +207,7 @@ def test_noise_makes_no_exponent(order_sequence, capsys):
     assert exponents["tangent"].exponent == pytest.approx(2.0, abs=1e-9)
     exponents = dict(draw.draw_bench(Bench(order_sequence), "n_harmonics")[1])
     assert not any(exponents.values()) and "the sizes span a factor of 1.03 alone" in exponents["tangent"].reason
-    assert main(["bench", str(order_sequence), "--over", "n_harmonics"]) == 0
+    assert main(["bench", str(order_sequence), "--over", "n_harmonics", "--dpi", "40"]) == 0
     assert "tangent: no exponent, the sizes span" in capsys.readouterr().out
 
 
@@ -224,7 +224,7 @@ def test_files_are_joined(order_sequence):
 
 
 def test_command_draws_kernels(order_sequence, capsys):
-    assert main(["bench", str(order_sequence), "--also", str(order_sequence), "--over", "harmonics%order"]) == 0
+    assert main(["bench", str(order_sequence), "--also", str(order_sequence), "--over", "harmonics%order", "--dpi", "40"]) == 0
     assert "tangent: time ~ n^" in capsys.readouterr().out
     assert order_sequence.with_name("order_sequence_bench.png").exists()
 

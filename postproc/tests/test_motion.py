@@ -184,12 +184,13 @@ def test_the_bar_of_a_flat_spectrum_is_as_high_as_it():
 
 def test_animations_are_written(tmp_path, capsys):
     path = single(tmp_path / "a.h5", 2)
-    assert main(["animate", str(path), "--frames", "5", "--dpi", "40"]) == 0
+    assert main(["animate", str(path), "--frames", "2", "--dpi", "40"]) == 0
     with Image.open(tmp_path / "a_animate.gif") as image:
-        assert image.n_frames == 5 and image.size == (352, 156)
+        assert image.n_frames == 2 and image.size == (352, 156)
     assert main(["animate", str(path), "--frames", "5", "-o", str(tmp_path / "a.png")]) == 2
     assert "must end in .gif, .mp4" in capsys.readouterr().err
-    assert main(["surface", str(path), "--dpi", "40"]) == 0 and main(["orbit", str(path), "--dpi", "40", "--section", "2"]) == 0
+    assert main(["surface", str(path), "--view", "map", "--dpi", "40"]) == 0
+    assert main(["orbit", str(path), "--dpi", "40", "--section", "2"]) == 0
     assert main(["orbit", str(path), "--section", "3"]) == 2 and "no tone 3; tones: 1 to 2" in capsys.readouterr().err
 
 
@@ -197,5 +198,5 @@ def test_mp4(tmp_path):
     if not shutil.which("ffmpeg"):
         pytest.importorskip("imageio_ffmpeg")
     path = single(tmp_path / "a.h5", 1)
-    assert main(["animate", str(path), "--frames", "4", "--dpi", "40", "-o", str(tmp_path / "a.mp4")]) == 0
+    assert main(["animate", str(path), "--frames", "2", "--dpi", "40", "-o", str(tmp_path / "a.mp4")]) == 0
     assert (tmp_path / "a.mp4").read_bytes()[4:8] == b"ftyp"
