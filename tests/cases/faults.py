@@ -47,7 +47,7 @@ def is_hydra(launcher: str) -> bool:
 def run_with_fault(*arguments, cwd, **fault) -> Run:
     """Runs the program with such a fault, and waits for its end."""
     words, of_ranks = faulty_command(*arguments, **fault)
-    done = subprocess.run(words, cwd=cwd, env={**environment(), **of_ranks}, capture_output=True, timeout=120.0)
+    done = subprocess.run(words, cwd=cwd, env={**environment(), **of_ranks}, capture_output=True, timeout=600.0)
     return Run(done.returncode, done.stdout.decode(errors="replace"), done.stderr.decode(errors="replace"))
 
 

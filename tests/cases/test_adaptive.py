@@ -27,7 +27,7 @@ SWEEP = "&solver chain_length = 4 /\n&sweep parameter = 'law(1)%gap', from = 0.5
 MADE_BY_WHOM = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "error_estimate_seconds")
 
 
-def _solve(text, folder, *options, ranks=None, name="out.h5", limit=120.0):
+def _solve(text, folder, *options, ranks=None, name="out.h5", limit=600.0):
     (folder / "model.nml").write_text(text)
     return run("solve", "model.nml", "-o", name, "--overwrite", *options, cwd=folder, ranks=ranks, limit=limit), folder / name
 

@@ -75,7 +75,7 @@ def test_a_record_is_written_and_its_differences_are_printed(tmp_path):
 def test_the_limit_is_of_processor_time(tmp_path):
     def solve(name, text):
         path = tmp_path / name
-        path.write_text(f"#!{sys.executable}\nimport time\n{text}\nraise SystemExit('no input')\n")
+        path.write_text(f"#!{sys.executable} -IS\nimport time\n{text}\nraise SystemExit('no input')\n")
         path.chmod(0o755)
         return compare.solve(str(path), ROOT / "inputs" / "paper" / "table2.nml", 1.0, compare.read_work)
 

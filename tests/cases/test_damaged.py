@@ -217,5 +217,5 @@ def test_model_in_which_hdf5_finds_no_end_is_named_with_the_entry(tmp_path):
     data[at + 24 : at + 32] = (2**64 - 16).to_bytes(8, "little")
     path.write_bytes(data)
     command = [sys.executable, "-m", "nhbm.command", "info", path]
-    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, timeout=60)
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, timeout=600)
     assert done.returncode == 2 and "case.h5', at 'format': HDF5 exceeded its time" in done.stderr

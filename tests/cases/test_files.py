@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from faults import count_calls, run_with_fault
-from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, run
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, run, seconds_of, seconds_of_children
 
 MODEL = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
@@ -158,7 +158,7 @@ def test_sources_that_are_no_files(verb, folder):
 
 def run_into(output, *arguments, cwd):
     return subprocess.run(
-        command(*arguments), cwd=cwd, env=environment(), stdout=output, stderr=subprocess.PIPE, text=True, timeout=60
+        command(*arguments), cwd=cwd, env=environment(), stdout=output, stderr=subprocess.PIPE, text=True, timeout=600
     )
 
 
@@ -226,16 +226,14 @@ def fails(done):
 # Memory, signals
 
 
-def under_limit(megabytes, words, cwd, timeout=60):
-    """Runs a command that may have so much address space."""
+def under_limit(megabytes, words, cwd):
+    """Runs a command that may have so much address space, and ten seconds of the processor."""
     limit = megabytes * 1000**2
     code = (
         f"import os, resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit})); "
-        "os.execv(sys.argv[1], sys.argv[1:])"
+        "resource.setrlimit(resource.RLIMIT_CPU, (10, 10)); os.execv(sys.argv[1], sys.argv[1:])"
     )
-    return subprocess.run(
-        ["python3", "-c", code, *words], cwd=cwd, env=environment(), capture_output=True, text=True, timeout=timeout
-    )
+    return subprocess.run(["python3", "-c", code, *words], cwd=cwd, env=environment(), capture_output=True, text=True)
 
 
 @on_linux
@@ -243,9 +241,7 @@ def under_limit(megabytes, words, cwd, timeout=60):
 def test_too_little_address_space_is_reported(megabytes, threads, folder):
     """OpenBLAS requests its memory repeatedly, without an end; so do its threads, for which it waits when the process ends."""
     with_threads = ["/usr/bin/env", f"OPENBLAS_NUM_THREADS={threads}"]
-    try:
-        under_limit(megabytes, command("version"), folder, timeout=5)
-    except subprocess.TimeoutExpired:
+    if under_limit(megabytes, command("version"), folder).returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         pytest.skip("this OpenBLAS requests its memory while it is loaded, before the program begins")
     done = under_limit(megabytes, [*with_threads, *command("solve", "case.nml")], folder)
     if "AddressSanitizer" in done.stderr:
@@ -264,10 +260,10 @@ def test_signal_before_the_first_point_ends_at_once(tmp_path):
         process = subprocess.Popen(command("solve", "case.nml", "--quiet"), cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
         try:
             wait_until_caught(process, number)
+            before = seconds_of_children() + seconds_of(process)
             process.send_signal(number)
-            began = time.monotonic()
-            words = process.communicate(timeout=20)[1].decode()
-            assert time.monotonic() - began < 2.0
+            words = process.communicate(timeout=600)[1].decode()
+            assert seconds_of_children() - before < 2.0
             assert process.returncode == INCOMPLETE and "before the first point" in words, (process.returncode, words)
         finally:
             process.kill()
@@ -277,7 +273,7 @@ def test_signal_before_the_first_point_ends_at_once(tmp_path):
 
 def wait_until_caught(process, number):
     """Waits until the program has installed its handler, which precedes every long operation."""
-    for _ in range(1000):
+    for _ in range(100_000):
         status = Path(f"/proc/{process.pid}/status").read_text()
         if int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1:
             return
@@ -297,6 +293,6 @@ def test_plan_of_many_points_takes_little_memory(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "100000000 points" in done.stdout and int(done.stdout.split()[-1]) < 200_000
-    began = time.process_time()
+    before = seconds_of_children()
     refused(run("solve", "case.nml", "--quiet", cwd=tmp_path), "100000000 points are more than one result file takes")
-    assert time.process_time() - began < 1.0 and not (tmp_path / "case.h5").exists()
+    assert seconds_of_children() - before < 5.0 and not (tmp_path / "case.h5").exists()

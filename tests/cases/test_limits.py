@@ -1,6 +1,5 @@
 """Signals and limits end a run within a second at any time. Many more cases in `tests/limits`, label long."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -11,16 +10,21 @@ import h5py
 import numpy as np
 import pytest
 from limit_parts.models import MODELS, build_laws
-from program import INCOMPLETE, command, environment, messages_of, program, read, run, solve
+from program import INCOMPLETE, command, environment, messages_of, program, read, run, seconds_of, solve
 
 ROOT = Path(__file__).resolve().parents[2]
 NO_MOTION = 11  # docs/user/schema.md
-IN_TIME = 1.0  # second of the processor, so that other work of the machine does not count
+REFERENCE = 0.05  # seconds of the loop below on the machine where a second is the limit
 
 
-def used(pid):
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+def in_time():
+    """A second of the processor, so that other work of the machine does not count, and more where a loop of Python takes longer."""
+    best = np.inf
+    for _ in range(3):
+        began = time.process_time()
+        sum(k * k for k in range(500_000))
+        best = min(best, time.process_time() - began)
+    return max(1.0, best / REFERENCE)
 
 
 @pytest.mark.parametrize("name", ["time integration, cvode", "exponents"])
@@ -36,12 +40,13 @@ def test_a_signal_ends_a_run_within_a_second(name, tmp_path):
     time.sleep(0.3)
     if process.poll() is not None:
         pytest.skip("done before a signal came")
-    before = last = used(process.pid)
+    limit, before = in_time(), seconds_of(process)
+    last = before
     process.send_signal(signal.SIGTERM)
     while process.poll() is None:
-        assert last - before < IN_TIME
+        assert last - before < limit
         time.sleep(0.005)
-        last = used(process.pid) if process.poll() is None else last
+        last = max(last, seconds_of(process))
     assert process.returncode == INCOMPLETE
 
 

@@ -45,7 +45,7 @@ static void steal(int how)
    case 4: truncate("case.h5", file.st_size / 2); break;
    case 5:
       close(open("waiting", O_CREAT | O_WRONLY, 0666));
-      for (int i = 0; i < 600 && stat("go", &file) != 0; i++) usleep(100000);
+      for (int i = 0; i < 6000 && stat("go", &file) != 0; i++) usleep(100000);
       break;
    default: break;
    }
@@ -116,7 +116,7 @@ def test_two_runs_do_not_write_to_one_file(tmp_path):
         done = run("resume", "case.h5", "--quiet", cwd=tmp_path)
         assert done.status == BAD_INPUT and "another run" in done.stderr, (done.status, done.stderr)
         (tmp_path / "go").touch()
-        assert first.wait(60) == ALL_CONVERGED
+        assert first.wait(600) == ALL_CONVERGED
     finally:
         first.kill()
         first.wait()

@@ -269,7 +269,7 @@ def make_model(name, folder):
     source = Path(sys.modules["nhbm"].__file__).resolve().parents[1]
     path = f"{commands}:{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "PYTHONPATH": str(source), "PYTHON": sys.executable}
-    done = subprocess.run([INPUTS / f"{name}.sh", folder], env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([INPUTS / f"{name}.sh", folder], env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
 
 

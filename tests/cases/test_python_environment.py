@@ -17,7 +17,7 @@ def without_packages(script: Path, *arguments: str) -> subprocess.CompletedProce
     """Runs a script with a Python that has only its standard library."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     return subprocess.run(
-        [sys._base_executable, "-S", script, *arguments], env=environment, capture_output=True, text=True, timeout=120
+        [sys._base_executable, "-S", script, *arguments], env=environment, capture_output=True, text=True, timeout=600
     )
 
 

@@ -16,7 +16,10 @@ import numpy as np
 import pytest
 
 from faults import run_with_fault
-from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, command, environment, read, run
+from program import (
+    ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, command, environment, read, run, seconds_of, seconds_of_children,
+    wait_until_taken,
+)  # fmt: skip
 
 PENDING, CONVERGED, OUT_OF_BUDGET, FAILED = 0, 1, 3, 6
 
@@ -293,7 +296,7 @@ def holds(condition) -> bool:
 
 
 def wait_for(process, condition):
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 600.0
     while not holds(condition):
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
@@ -302,7 +305,7 @@ def wait_for(process, condition):
 
 def finish(process):
     """Exit status and standard error."""
-    text = process.communicate(timeout=120.0)[1].decode(errors="replace")
+    text = process.communicate(timeout=600.0)[1].decode(errors="replace")
     return process.returncode, text
 
 
@@ -327,47 +330,51 @@ DENSE += ("--set", "solver%max_iterations=40", "--set", "solver%line_search=.fal
 
 @pytest.fixture(scope="module")
 def undisturbed_point(tmp_path_factory):
-    """A result file, and the seconds that its run took."""
+    """A result file, and the processor seconds that its run took."""
     folder = tmp_path_factory.mktemp("point")
-    began = time.monotonic()
+    before = seconds_of_children()
     run("solve", write(folder, POINT_OF_SECONDS), "--quiet", *DENSE, cwd=folder)
-    return folder / "case.h5", time.monotonic() - began
+    return folder / "case.h5", seconds_of_children() - before
 
 
+@on_linux
 @pytest.mark.parametrize("ending", [signal.SIGTERM, None], ids=["SIGTERM", "time limit"])
 def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, undisturbed_point, tmp_path):
     """A point of some seconds: its run ends long before, and after resume the result is that of an undisturbed run."""
     whole, undisturbed = undisturbed_point
-    source, result = write(tmp_path, POINT_OF_SECONDS), tmp_path / "case.h5"
-    began = time.monotonic()
+    result = ended(tmp_path, POINT_OF_SECONDS, *DENSE)  # a limit may pass before the file is there
+    before = seconds_of_children()
     limit = () if ending else ("--time-limit", str(0.2 * undisturbed))
-    process = begin(tmp_path, "solve", source, "--quiet", *DENSE, *limit)
+    process = begin(tmp_path, "resume", result, "--quiet", *limit)
     if ending:
-        wait_for(process, result.exists)
-        time.sleep(0.2 * undisturbed)
+        wait_for(process, lambda: seconds_of(process) > 0.2 * undisturbed)
         process.send_signal(ending)
     status, text = finish(process)
     assert status == INCOMPLETE and "1 point is left" in text
-    assert time.monotonic() - began < 0.7 * undisturbed
+    assert seconds_of_children() - before < 0.7 * undisturbed
     assert read(result, "status").tolist() == [PENDING]
     run("resume", result, cwd=tmp_path)
     assert_same(result, whole)
 
 
+@on_linux
 def test_second_signal_drops_the_point_in_flight(tmp_path):
+    """Without waiting for its iteration."""
     long_point = BEAM.format(order=30, samples=150, augmentation=1.0e3)
     result = tmp_path / "case.h5"
     dense = ("--set", "solver%method='newton'", "--set", "solver%fallback=.false.", "--set", "solver%tolerance=1e-30")
+    before = seconds_of_children()
     process = begin(tmp_path, "solve", write(tmp_path, long_point), "--quiet", *dense)
     wait_for(process, result.exists)
-    time.sleep(0.3)
+    begun = seconds_of(process)
+    wait_for(process, lambda: seconds_of(process) > begun + 0.3)
     process.send_signal(signal.SIGTERM)
-    time.sleep(0.1)
-    began = time.monotonic()
+    wait_until_taken(process, signal.SIGTERM)
+    before += seconds_of(process)
     process.send_signal(signal.SIGTERM)
     status, text = finish(process)
     assert status == INCOMPLETE and "second signal" in text and "nhbm resume case.h5" in text
-    assert time.monotonic() - began < 2.0
+    assert seconds_of_children() - before < 2.0
     assert read(result, "status").tolist() == [PENDING]
 
 
@@ -396,11 +403,14 @@ def test_signal_to_one_rank_ends_all_ranks(tmp_path):
 
 @pytest.mark.parametrize("ranks", [None, 2])
 def test_time_limit(ranks, tmp_path):
-    source = write(tmp_path, SWEPT.replace(f"n = {N_SWEPT}", "n = 2000"))
-    done = run("solve", source, "--time-limit", "2", cwd=tmp_path, ranks=ranks)
-    status = read(tmp_path / "case.h5", "status")
-    assert done.status == INCOMPLETE and "stopped by the time limit" in done.stderr
-    assert 0 < (status == CONVERGED).sum() < 2000
+    result = ended(tmp_path, SWEPT.replace(f"n = {N_SWEPT}", "n = 2000"))
+    for limit in (1, 10, 60):  # within the first a slow machine solves no point
+        done = run("resume", result, "--time-limit", limit, cwd=tmp_path, ranks=ranks)
+        assert done.status == INCOMPLETE and "stopped by the time limit" in done.stderr
+        n_solved = int((read(result, "status") == CONVERGED).sum())
+        if n_solved > 0:
+            break
+    assert 0 < n_solved < 2000
 
 
 def ranks_of(process):
@@ -478,7 +488,7 @@ def disturb(folder, whole, disturbance, seed):
         wait_for_moment(process, result, moments, n_done(result))
         disturbance(process)
         try:
-            process.communicate(timeout=60.0)
+            process.communicate(timeout=120.0)
         except subprocess.TimeoutExpired:  # mpirun may wait for ever for a rank that was killed while it started
             kill_all(process)
             finish(process)

@@ -104,7 +104,7 @@ def test_a_signal_ends_a_run_that_goes_on_later(tmp_path, undisturbed, end):
     else:  # as a batch system does
         for pid in [process.pid, *ranks_of(process)]:
             os.kill(pid, signal.SIGUSR1)
-    stderr = process.communicate(timeout=60)[1]
+    stderr = process.communicate(timeout=600)[1]
     n_left = N_SWEPT - n_done(tmp_path / "case.h5")
     assert (process.returncode, n_left > 0) in ((INCOMPLETE, True), (ALL_CONVERGED, False)), stderr
     assert "second signal" not in stderr
@@ -121,7 +121,7 @@ def test_a_killed_process_ends_a_run_that_goes_on_later(tmp_path, undisturbed, v
     assert len(workers) in (0, 2)
     for pid in {"a worker": workers[:1], "the command": [process.pid], "all": [process.pid, *workers]}[victim]:
         os.kill(pid, signal.SIGKILL)
-    process.communicate(timeout=60)  # nobody has its standard error any more: all have ended
+    process.communicate(timeout=600)  # nobody has its standard error any more: all have ended
     if workers and victim == "a worker":
         assert process.returncode == 128 + signal.SIGKILL
     if n_done(tmp_path / "case.h5") < N_SWEPT:
