@@ -21,7 +21,7 @@ from program import ALL_CONVERGED, run
 import nhbm
 from nhbm import Model, ModelError
 
-CURVE = "&curve parameter = 'tones%frequency', from = 0.3, to = 3.0, peak_of = 'x1 (1)' /\n"
+CURVE = "&curve parameter = 'tones%frequency', from = 0.6, to = 2.2, max_step = 0.2, peak_of = 'x1 (1)' /\n"
 IMPACTS = """&structure type = 'matrices', n_dofs = 1, mass = 0.5, damping = 0.3, stiffness = 50 /
 &tones frequency = 20.1 /
 &load dof = 'x1', tuple = 1, cos = 6 /
@@ -55,7 +55,7 @@ def test_points_have_the_bits_of_the_command(text, tmp_path):
 def test_curves_have_the_bits_of_the_command(tmp_path):
     (tmp_path / "curve.nml").write_text(DUFFING + CURVE)
     assert run("solve", "curve.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
-    curve = Model.from_namelist(DUFFING).curve("tones.frequency", 0.3, 3.0, peak_of="x1 (1)")
+    curve = Model.from_namelist(DUFFING).curve("tones.frequency", 0.6, 2.2, max_step=0.2, peak_of="x1 (1)")
     with h5py.File(tmp_path / "curve.h5") as file:
         n = np.count_nonzero(file["curve_kind"][()])
         assert curve.sizes["point"] == n
@@ -68,9 +68,9 @@ def test_curves_have_the_bits_of_the_command(tmp_path):
     kinds = curve["curve_kind"].values.tolist()
     assert kinds.count("fold") == 2 and kinds.count("peak") == 1
     some = Model.from_namelist(DUFFING).curve(
-        "tones.frequency", 0.3, 3.0, on_point=lambda point: float(point["tones_frequency"]) > 0.5
+        "tones.frequency", 0.6, 2.2, on_point=lambda point: float(point["tones_frequency"]) > 0.7
     )
-    assert float(some["tones_frequency"][:-1].max()) <= 0.5 < float(some["tones_frequency"][-1])
+    assert float(some["tones_frequency"][:-1].max()) <= 0.7 < float(some["tones_frequency"][-1])
 
 
 def verdicts(data):
@@ -111,24 +111,32 @@ def long_solution(more=""):
 def test_an_interrupt_ends_a_solution():
     """Ctrl-C ends a long solution within a second, and the model remains usable."""
     model = long_solution()
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-    started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        started = time.process_time()
         model.solve()
-    assert time.monotonic() - started < 3.0
+    assert time.process_time() - started < 3.0
 
 
-def test_other_threads_go_on_during_a_solution():
+def test_other_threads_go_on_during_a_solution(monkeypatch):
     """The lock of the interpreter is released while the library works."""
-    model, pauses = long_solution("&solver time_limit = 0.5 /\n"), 0
-    thread = threading.Thread(target=model.solve)
+    solve, within, pauses = nhbm.Session.solve, [], []
+
+    def timed(*arguments, **keys):
+        within.append(time.monotonic())
+        found = solve(*arguments, **keys)
+        within.append(time.monotonic())
+        return found
+
+    monkeypatch.setattr(nhbm.Session, "solve", timed)
+    thread = threading.Thread(target=long_solution("&solver time_limit = 0.5 /\n").solve)
     with pytest.warns(nhbm.NotConverged):
         thread.start()
         while thread.is_alive():
             time.sleep(0.005)
-            pauses += 1
+            pauses.append(time.monotonic())
         thread.join()
-    assert pauses > 20
+    assert sum(within[0] < moment < within[1] for moment in pauses) > 3  # without: at most the one that ends with it
 
 
 def test_threads_with_a_model_each_do_not_meet():
@@ -163,7 +171,6 @@ def test_solved_models_leave_nothing_behind():
     assert make(500) - before < 4000  # KiB
 
 
-@pytest.mark.long
 class _Heap(ctypes.Structure):
     """struct mallinfo2 of the GNU C library."""
 
@@ -183,9 +190,9 @@ def test_curves_leave_nothing_behind():
 
     n_points = [curve() for _ in range(5)][-1]
     before = of_heap().in_use
-    for _ in range(20):
+    for _ in range(10):
         curve()
-    assert (of_heap().in_use - before) / 20 < 16 * n_points
+    assert (of_heap().in_use - before) / 10 < 16 * n_points
 
 
 def test_an_interrupt_as_a_call_begins_hides_no_later_one(monkeypatch):
@@ -236,8 +243,8 @@ def test_models_leave_nothing_behind(n):
                 session.solve()
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    make(1000)
-    before = make(1000)
+    make(500)
+    before = make(500)
     assert make(n) - before < max(n / 25, 600)  # KiB
 
 
@@ -321,7 +328,7 @@ def test_a_script_needs_no_guard_for_its_processes(tmp_path):
     """Otherwise each process would run the script again, up to the sweep for which it is created."""
     path = tmp_path / "script.py"
     path.write_text(SCRIPT.format(law="", use="model.law('cubic_spring', 'x1', stiffness=1.0)"))
-    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=600)
     assert done.stdout == "points 4\n", done.stderr
 
 
@@ -329,7 +336,7 @@ def test_a_script_needs_no_guard_for_its_processes(tmp_path):
 def test_a_script_with_laws_of_its_own_is_warned_of_its_guard(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT.format(law=OWN_LAW, use="model.law(force, 'x1')"))
-    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=600)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith("nhbm.errors.ModelError: a process of the sweep has ended"), done.stderr
     assert '__name__ == "__main__":' in done.stderr

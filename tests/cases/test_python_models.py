@@ -318,11 +318,12 @@ def test_wrong_keys_are_reported_when_they_are_set():
 
 
 def test_points_of_a_curve_are_named(tmp_path):
-    curve = duffing().curve("tones[0]", 0.5, 2.5, order=3, peak_of="x1 (1)")
+    curve = duffing().curve("tones[0]", 0.5, 2.5, order=3, max_step=0.2, peak_of="x1 (1)")
     assert curve["curve_kind"][0] == "start" and (curve["curve_kind"] == "peak").sum() == 1
     path = tmp_path / "curve.nml"
     path.write_text(
-        DUFFING + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, peak_of = 'x1 (1)' /\n"
+        DUFFING + "&harmonics order = 3 /\n"
+        "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, max_step = 0.2, peak_of = 'x1 (1)' /\n"
     )
     subprocess.run([os.environ["NHBM"], "solve", path, "--quiet"], check=True, cwd=tmp_path, env=_ENVIRONMENT)
     with h5py.File(tmp_path / "curve.h5") as file:
@@ -346,8 +347,8 @@ def test_curves_that_end_early_are_reported():
     with pytest.warns(nhbm.NotConverged, match="limit of its points"):
         found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.5, 2.5, order=3, points=12)
     assert np.isnan([found.value, found.at, *found.slopes, *found.at_slopes]).all()
-    assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3)).any()
-    whole = model.curve("tones[0]", 0.5, 2.5, order=3)
+    assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3, max_step=0.2)).any()
+    whole = model.curve("tones[0]", 0.5, 2.5, order=3, max_step=0.2)
     assert set(reasons(whole)) == {"none"}
 
 
@@ -385,7 +386,7 @@ def test_a_curve_that_turns_at_a_graze_is_reported():
 def test_a_curve_that_ends_at_a_graze_is_reported():
     """The value lies between the graze and the motions with an impact."""
     with pytest.warns(nhbm.NotConverged, match="ended where a wall is grazed"):
-        curve = grazing().curve("tones[0]", 1.411, 1.408, order=3, points=40, values=[GRAZE + 1e-7])
+        curve = grazing().curve("tones[0]", 1.4108, 1.408, order=3, points=40, values=[GRAZE + 1e-7])
     assert curve["curve_kind"][-1] == "grazing" and reasons(curve)[-1] == "grazing" and set(reasons(curve)[:-1]) == {"none"}
     assert float(curve["tones_frequency"][-1]) == pytest.approx(GRAZE, abs=1e-6)
 
@@ -422,7 +423,7 @@ def test_sweeps_are_spread_over_ranks(tmp_path):
     )
     path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     command = [os.environ.get("MPIEXEC", "mpirun"), "-n", "2", sys.executable, "ranks.py"]
-    subprocess.run(command, cwd=tmp_path, env={**os.environ, **_ENVIRONMENT, "PYTHONPATH": path}, check=True, timeout=120)
+    subprocess.run(command, cwd=tmp_path, env={**os.environ, **_ENVIRONMENT, "PYTHONPATH": path}, check=True, timeout=600)
     alone = duffing().sweep({"tones[0]": np.linspace(0.6, 0.9, 5)}, order=5)["coefficients"].values
     for rank in range(2):
         assert np.array_equal(np.load(tmp_path / f"rank_{rank}.npy"), alone)
@@ -535,16 +536,17 @@ def test_one_of_several_values_is_set_for_all_operations():
 
 def test_a_curve_begins_between_its_ends():
     """The key `start` of &curve, whose name the range has in Python."""
-    whole = duffing().curve("tones[0]", 0.5, 2.5, order=5)
-    curve = duffing().curve("tones[0]", 0.5, 2.5, order=5, first=0.7)
+    keys = {"order": 5, "max_step": 0.2}
+    whole = duffing().curve("tones[0]", 0.5, 2.5, **keys)
+    curve = duffing().curve("tones[0]", 0.5, 2.5, **keys, first=0.7)
     begin = curve.isel(point=curve["curve_kind"].values == "start")
     assert begin["tones_frequency"].values.tolist() == [0.7]
     assert float(curve["curve_length"].min()) < 0 < float(curve["curve_length"].max())
     for data in (whole, curve):
         assert sorted(data["tones_frequency"].values[data["curve_kind"] == "end"].tolist())[-1] == 2.5
     np.testing.assert_allclose(curve["tones_frequency"].min(), 0.5)
-    assert duffing().peak("x1", "tones[0]", 0.5, 2.5, order=5, first=0.7).at == pytest.approx(
-        duffing().peak("x1", "tones[0]", 0.5, 2.5, order=5).at, rel=1e-8
+    assert duffing().peak("x1", "tones[0]", 0.5, 2.5, **keys, first=0.7).at == pytest.approx(
+        duffing().peak("x1", "tones[0]", 0.5, 2.5, **keys).at, rel=1e-8
     )
 
 
