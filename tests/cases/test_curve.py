@@ -11,7 +11,8 @@ from nhbm_post.reader import Results
 from curve_models import DUFFING, FOLD, PENDING, SOLUTION, UNUSED, assert_same_bits
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, read, run, solve
 
-CURVE = DUFFING + "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, start = 1.2, values = 1.0, points = 300 /\n"
+STEPS = "points = 300, max_step = 0.1"
+CURVE = DUFFING + f"&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, start = 1.2, values = 1.0, {STEPS} /\n"
 FAMILY = CURVE + "&sweep parameter = 'load(1)%cos', values = 0.05, 0.12, 0.18, 0.3 /\n"
 KINK = """
 &structure type = 'chain', n_masses = 2, mass = 2.565, 2.139, coupling_stiffness = 2.008, 0.3647, 1.786, damping_mass = 0.00687 /
@@ -114,7 +115,7 @@ def test_a_family_has_the_same_bits_on_two_ranks(family, tmp_path):
     assert_same_bits(family, solve(FAMILY, tmp_path, ranks=2))
 
 
-@pytest.mark.parametrize("share", [0.05, 0.4, 0.9])
+@pytest.mark.parametrize("share", [pytest.param(0.05, marks=pytest.mark.long), 0.4, 0.9])
 def test_an_ended_curve_goes_on_bit_by_bit(family, tmp_path, share):
     """Rows after a point, which may contain anything, as after a killed run."""
     path = tmp_path / "family.h5"
@@ -314,7 +315,7 @@ def test_stability_that_was_not_looked_for_is_reported(tmp_path):
 &harmonics order = 3 /
 &load dof = 'v61', tuple = 1, cos = 0.05 /
 &law type = 'elastic_stop', dof = 'v61', stiffness = 2e3, gap = 2e-3 /
-&curve parameter = 'tones%frequency', from = 30.0, to = 31.0 /
+&curve parameter = 'tones%frequency', from = 30.0, to = 31.0, max_step = 1.0 /
 """
     (tmp_path / "beam.nml").write_text(model)
     hint = "&stability method = 'integration' requests it"

@@ -1,5 +1,6 @@
 """Curves by tolerance: sets, folds and bifurcations along them, and how they go on after interruptions."""
 
+import functools
 import re
 import shutil
 
@@ -113,14 +114,13 @@ def test_curves_by_tolerance_have_the_same_bits_on_two_ranks_and_resumed(by_tole
     names = (*SOLUTION, "tuples", "grid", "n_harmonics")
     whole = read(by_tolerance, *names)
     others = [solve(text, tmp_path, ranks=2)]
-    for share in (0.4, 0.7):
-        others.append(shutil.copy(by_tolerance, tmp_path / f"ended_{share}.h5"))
-        with h5py.File(others[-1], "r+") as file:
-            for first in (0, 300):
-                n_used = int((file["status"][first : first + 300] != UNUSED).sum())
-                file["status"][first + int(share * n_used) : first + 300] = PENDING
-        done = run("resume", others[-1], cwd=tmp_path)
-        assert done.status == ALL_CONVERGED, done.stderr
+    others.append(shutil.copy(by_tolerance, tmp_path / "ended.h5"))
+    with h5py.File(others[-1], "r+") as file:
+        for first, share in ((0, 0.4), (300, 0.7)):
+            n_used = int((file["status"][first : first + 300] != UNUSED).sum())
+            file["status"][first + int(share * n_used) : first + 300] = PENDING
+    done = run("resume", others[-1], cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
     for other in others:
         for name, one, two in zip(names, whole, read(other, *names)):
             assert one.tobytes() == two.tobytes(), (other, name)
@@ -154,7 +154,8 @@ BY_TOLERANCE = {
 
 @pytest.fixture(scope="module")
 def followed(tmp_path_factory):
-    return {name: solve(text, tmp_path_factory.mktemp(name)) for name, text in BY_TOLERANCE.items()}
+    """The result of each of them, solved where the first test needs it."""
+    return functools.cache(lambda name: solve(BY_TOLERANCE[name], tmp_path_factory.mktemp(name)))
 
 
 ENDED = [(name, share) for name in BY_TOLERANCE for share in (0.35, 0.8)]
@@ -163,7 +164,7 @@ ENDED = [(name, share) for name in BY_TOLERANCE for share in (0.35, 0.8)]
 @pytest.mark.long  # seconds: the curves apart are solved again
 @pytest.mark.parametrize(("name", "share"), ENDED)
 def test_curves_by_tolerance_go_on_bit_by_bit(followed, tmp_path, name, share):
-    path = followed[name]
+    path = followed(name)
     broken = shutil.copy(path, tmp_path / f"{name}.h5")
     with h5py.File(broken, "r+") as file:
         file["status"][int(share * (file["status"][...] != UNUSED).sum()) :] = PENDING
@@ -211,7 +212,7 @@ def test_other_motions_are_each_found_to_the_tolerance(followed, tmp_path):
     """Those of the whole curve, which passes the frequency three times."""
     whole = solve(STOP.replace("points", "values = 0.7, points"), tmp_path)
     amplitudes = []
-    for file in (followed["others"], whole):
+    for file in (followed("others"), whole):
         with Results(file) as results:
             there = np.flatnonzero(results.curve.values == 0.7)
             there = [p for p in there if results.curve_kind()[p] in ("start", "value")]
@@ -223,7 +224,7 @@ def test_other_motions_are_each_found_to_the_tolerance(followed, tmp_path):
 
 def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_path):
     there = solve(STOP.replace("gap = 1.0", "gap = 0.8"), tmp_path)
-    with Results(followed["fold"]) as ridge, Results(there) as curve:
+    with Results(followed("fold")) as ridge, Results(there) as curve:
         (point,) = ridge.select({"curve_kind": "value"})
         fold = curve.select({"curve_kind": "fold"})[0]
         assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
