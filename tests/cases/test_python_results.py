@@ -58,15 +58,19 @@ def test_users_get_what_they_need_and_internals_stand_apart():
     assert "curve_step" in curve.nhbm.details and curve.isel(point=[2, 5]).nhbm.details["curve_step"].sizes["point"] == 2
 
 
-def test_a_saved_result_is_read_back_unchanged(tmp_path):
-    for name, data in results().items():
-        path = tmp_path / f"{name.replace(' ', '_')}.h5"
-        data.nhbm.save(path)
-        again = nhbm.open_dataset(path)
-        xr.testing.assert_identical(again.load(), data)
-        for column, values in data.nhbm.details.data_vars.items():
-            np.testing.assert_array_equal(again.nhbm.details[column].values, values.values, err_msg=f"{name}: {column}")
-        again.close()
+@pytest.mark.parametrize("name", [
+    *("by tolerance", "curve by tolerance", "sweep", "samples"),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "curve", "long sweep")),
+])  # fmt: skip
+def test_a_saved_result_is_read_back_unchanged(name, tmp_path):
+    data = results()[name]
+    data.nhbm.save(tmp_path / "saved.h5")
+    again = nhbm.open_dataset(tmp_path / "saved.h5")
+    xr.testing.assert_identical(again.load(), data)
+    details = again.nhbm.details
+    for column, values in data.nhbm.details.data_vars.items():
+        np.testing.assert_array_equal(details[column].values, values.values, err_msg=f"{name}: {column}")
+    again.close()
 
 
 def test_a_saved_result_is_that_of_the_command(tmp_path):

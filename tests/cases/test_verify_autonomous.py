@@ -32,17 +32,28 @@ def solved_and_verified(source: Path, folder: Path, *options) -> tuple[Path, str
     return result, done.stdout
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.long] * (name in ("duffing_backbone", "two_masses_energy"))) for name in AUTONOMOUS],
-)
-def test_motions_with_tones_of_their_own_stay(tmp_path, name):
-    result, text = solved_and_verified(INPUTS / "autonomous" / f"{name}.nml", tmp_path)
+MANY_POINTS = ("duffing_backbone", "duffing_energy", "two_masses_energy", "van_der_pol_tied")  # 7 to 30
+
+
+def assert_motions_stay(name: str, folder: Path, *options) -> None:
+    result, text = solved_and_verified(INPUTS / "autonomous" / f"{name}.nml", folder, *options)
     status, kinds = read(result, "status", "integration_verdict")
+    if options:
+        status, kinds = (column[[int(point) for point in options[1].split(",")]] for column in (status, kinds))
     empty = np.isin(status, (COLLAPSED, NO_MOTION, LOCKED))
     assert (kinds[empty] == NOT_DONE).all() and text.count("skipped") == empty.sum()
     expected = UNSTABLE if name == "dry_whip" else AGREES  # friction drives the whirl outwards, damping inwards
     assert (kinds[~empty] == expected).all(), text
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in MANY_POINTS)) for name in AUTONOMOUS])
+def test_motions_with_tones_of_their_own_stay(tmp_path, name):
+    assert_motions_stay(name, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["duffing_energy", "van_der_pol_tied"])
+def test_two_of_many_motions_stay(tmp_path, name):
+    assert_motions_stay(name, tmp_path, "--points", "2,6")
 
 
 @pytest.mark.long

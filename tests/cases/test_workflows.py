@@ -80,10 +80,11 @@ def test_a_sweep_down_over_an_odd_law(library, tmp_path):
     assert len(off) == 40 and max(off) < 1
 
 
-LONG = [pytest.param(kind, number, marks=pytest.mark.long) for kind, number in (("load", 0), ("ranks", 2), ("mode_energy", 6))]
+LONG_KINDS = ("load", 0), ("ranks", 2), ("mode_energy", 6), ("limit_cycle", 2)
+LONG = [pytest.param(kind, number, marks=pytest.mark.long) for kind, number in LONG_KINDS]
 
 
-@pytest.mark.parametrize(("kind", "number"), [("mode_amplitude", 3), ("limit_cycle", 2), *LONG])
+@pytest.mark.parametrize(("kind", "number"), [("mode_amplitude", 3), ("limit_cycle", 3), *LONG])
 def test_a_model_of_each_kind(library, tmp_path, kind, number):
     case = hold(library, tmp_path, 1, number, random_workflow(1, number, (kind,)), 0, PATIENT)
     off = [point.off for point in case.points if np.isfinite(point.off)]
@@ -99,7 +100,7 @@ def test_a_model_with_a_law_that_came_later(library, tmp_path, law, number):
 
 def test_references_that_take_too_long_are_given_up(library, tmp_path):
     sweep = Axis("tones%frequency", 3.0, 0.15, 40, False)
-    case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1, Limits(references=0.05))
+    case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1, Limits(run=600.0, references=0.05))
     assert case.points == [] and case.note.startswith(GIVEN_UP)
 
 
