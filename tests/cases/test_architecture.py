@@ -9,8 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 
@@ -95,10 +93,25 @@ def used_modules(path: Path) -> list[tuple[int, str]]:
 
 
 LAYER_OF_MODULE = {name_of(path): layer_of(path) for path in sources()}
-SOURCES = pytest.mark.parametrize("path", sources(), ids=name_of)
 
 
-@SOURCES
+def for_all_sources(test):
+    """One test of all sources: an item of pytest for each costs more than what is looked at."""
+
+    def of_all():
+        problems = []
+        for path in sources():
+            try:
+                test(path)
+            except AssertionError as problem:
+                problems.append(str(problem).partition("\nassert ")[0])
+        assert not problems, "\n".join(problems)
+
+    of_all.__name__, of_all.__doc__ = test.__name__, test.__doc__
+    return of_all
+
+
+@for_all_sources
 def test_source_is_in_a_known_layer(path):
     assert layer_of(path) in LAYERS, (
         f"{path.relative_to(ROOT)}: '{layer_of(path)}' is no layer; add it to LAYERS here, to docs/develop/architecture.md "
@@ -106,7 +119,7 @@ def test_source_is_in_a_known_layer(path):
     )
 
 
-@SOURCES
+@for_all_sources
 def test_file_is_named_after_its_module(path):
     modules = [match.group(1).lower() for _, s in statements(path) if (match := MODULE.match(s))]
     name = name_of(path)
@@ -119,7 +132,7 @@ def test_module_names_are_unique():
     assert len(names) == len(set(names))
 
 
-@SOURCES
+@for_all_sources
 def test_no_arrow_goes_up(path):
     height = LAYERS.index(layer_of(path))
     for number, module in used_modules(path):
@@ -176,7 +189,7 @@ def test_integration_is_independent_of_the_balance():
             left.append(module)
 
 
-@SOURCES
+@for_all_sources
 def test_outside_libraries_stay_in_extern(path):
     if layer_of(path) == "extern":
         return
@@ -205,7 +218,7 @@ def _defined(path: Path) -> set[str]:
     return {match.group(1).lower() for _, s in statements(path) if (match := pattern.search(s))}
 
 
-@SOURCES
+@for_all_sources
 def test_nothing_in_the_library_stops_the_program(path):
     for number, statement in statements(path):
         assert not STOP.match(statement), (
@@ -217,7 +230,7 @@ LAYERS_WITHOUT_INPUT = {"solve", "hypertime", "structure", "balance", "stability
 INPUT_WORDS = re.compile(r'"[^"]*?(?:\bnhbm [a-z]+|&[a-z_]{3,}\b)[^"]*"')
 
 
-@SOURCES
+@for_all_sources
 def test_lower_layers_name_no_commands_and_groups(path):
     """Their messages are those of a library; advice that names commands and groups is given by the layers above."""
     if layer_of(path) not in LAYERS_WITHOUT_INPUT:
@@ -227,7 +240,7 @@ def test_lower_layers_name_no_commands_and_groups(path):
         assert not INPUT_WORDS.search(code), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
 
 
-@SOURCES
+@for_all_sources
 def test_use_statements_name_what_they_use(path):
     """`use ..., only:` everywhere; outside extern/ without exception."""
     if layer_of(path) == "extern":
@@ -239,7 +252,7 @@ def test_use_statements_name_what_they_use(path):
             )
 
 
-@SOURCES
+@for_all_sources
 def test_lists_of_names_stand_in_the_order_of_the_alphabet(path):
     """Modules are in alphabetical order in `use`, intrinsic ones first, and so are the names of each statement."""
     before = None
@@ -259,7 +272,7 @@ PROCEDURE = re.compile(r"(?:[\w()=*:]+\s+)*?(?:subroutine|function)\s+(\w+)\s*\(
 MAX_ARGUMENTS = 8
 
 
-@SOURCES
+@for_all_sources
 def test_procedures_have_few_arguments(path):
     """Interfaces of other libraries are in extern/."""
     if layer_of(path) == "extern":
@@ -275,7 +288,7 @@ DEFERRED_LENGTH = re.compile(r"character\s*\(\s*:\s*\)[^:]*allocatable[^:]*::(.*
 IN_ONE_THREAD = "extern", "files", "study"  # their texts are made by the command, which has one thread
 
 
-@SOURCES
+@for_all_sources
 def test_functions_return_no_text_of_deferred_length(path):
     """Gfortran stores the length in static memory, which threads would share."""
     if layer_of(path) in IN_ONE_THREAD:
@@ -395,7 +408,7 @@ def _holders() -> set[tuple[str, str]]:
 HOLDERS = _holders()
 
 
-@SOURCES
+@for_all_sources
 def test_groups_of_studies_are_read_by_studies(path):
     """The solution of one motion receives what it needs as arguments; a caller without an input gets the same result."""
     if layer_of(path) in ("study", "api"):
@@ -406,7 +419,7 @@ def test_groups_of_studies_are_read_by_studies(path):
     assert not looked_up
 
 
-@SOURCES
+@for_all_sources
 def test_what_is_pointed_to_is_a_target(path):
     """If a procedure receives an object and another that points to such an object, the compiler must know that they may be the
     same."""
@@ -431,7 +444,7 @@ COPIED_SYSTEMS = {("hb_census", "own")}
 WHOLE = re.compile(r"^type\s*\(\s*(?:model_t|system_t)\s*\)(?!.*\bintent\b).*::\s*(\w+)", re.IGNORECASE)
 
 
-@SOURCES
+@for_all_sources
 def test_no_system_is_copied_to_change_a_setting(path):
     """What solves a motion changes the discretisation or the options of a system, which are values."""
     if layer_of(path) not in ("balance", "stability", "motion", "timedomain"):
