@@ -73,34 +73,41 @@ def test_a_saved_result_is_read_back_unchanged(name, tmp_path):
     again.close()
 
 
-def test_a_saved_result_is_that_of_the_command(tmp_path):
+AS_COMMANDS = {
+    "sweep": (
+        DUFFING + "&harmonics order = 5 /\n&sweep parameter = 'law(spring)%stiffness', values = 0.4, 0.5 /\n",
+        lambda m: m.sweep({"spring.stiffness": [0.4, 0.5]}, order=5),
+    ),
+    "curve": (
+        DUFFING + "&harmonics order = 5 /\n&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, max_step = 0.2 /\n",
+        lambda m: m.curve(*RANGE, **COARSE),
+    ),
+    "tolerance": (DUFFING, lambda m: m.solve()),
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "sweep")) for name in AS_COMMANDS])
+def test_a_saved_result_is_that_of_the_command(name, tmp_path):
     """The same datasets with the same attributes, and the same numbers."""
-    sweep = "&sweep parameter = 'law(spring)%stiffness', values = 0.4, 0.5 /\n"
-    curve = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, max_step = 0.2 /\n"
-    cases = {
-        "sweep": (DUFFING + "&harmonics order = 5 /\n" + sweep, lambda m: m.sweep({"spring.stiffness": [0.4, 0.5]}, order=5)),
-        "curve": (DUFFING + "&harmonics order = 5 /\n" + curve, lambda m: m.curve(*RANGE, **COARSE)),
-        "tolerance": (DUFFING, lambda m: m.solve()),
-    }
+    text, solve = AS_COMMANDS[name]
+    (tmp_path / "ours.nml").write_text(text)
+    assert run("solve", "ours.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    solve(Model.from_namelist(DUFFING)).nhbm.save(tmp_path / "python.h5")
     flags = {"flag_meanings", "flag_labels", "flag_plurals", "flag_marks", "bifurcations"}
-    for name, (text, solve) in cases.items():
-        (tmp_path / f"{name}.nml").write_text(text)
-        assert run("solve", f"{name}.nml", "-o", "ours.h5", "--overwrite", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
-        solve(Model.from_namelist(DUFFING)).nhbm.save(tmp_path / "python.h5")
-        with h5py.File(tmp_path / "ours.h5") as ours, h5py.File(tmp_path / "python.h5") as python:
-            assert set(ours) == set(python), name
-            for column in ours:
-                a, b = ours[column], python[column]
-                assert a.dtype == b.dtype and a.ndim == b.ndim, (name, column)
-                for attribute in ("units", "long_name", "dof_units", "parameter", *flags):
-                    assert a.attrs.get(attribute) == b.attrs.get(attribute), (name, column, attribute)
-            assert set(ours.attrs) == set(python.attrs)
-            n, k = python["coefficients"].shape[0], python["coefficients"].shape[2]
-            np.testing.assert_array_equal(ours["coefficients"][:n, :, :k], python["coefficients"][()])
-            assert set(ours["checksum"].attrs["of"].split()) == set(python["checksum"].attrs["of"].split())
-            assert len(python["curve_unknown"]) == len(ours["curve_unknown"]) if name == "curve" else True
-        opened, saved = nhbm.open_dataset(tmp_path / "ours.h5"), nhbm.open_dataset(tmp_path / "python.h5")
-        assert set(opened.variables) == set(saved.variables) and opened.sizes == saved.sizes, name
+    with h5py.File(tmp_path / "ours.h5") as ours, h5py.File(tmp_path / "python.h5") as python:
+        assert set(ours) == set(python)
+        for column in ours:
+            a, b = ours[column], python[column]
+            assert a.dtype == b.dtype and a.ndim == b.ndim, column
+            for attribute in ("units", "long_name", "dof_units", "parameter", *flags):
+                assert a.attrs.get(attribute) == b.attrs.get(attribute), (column, attribute)
+        assert set(ours.attrs) == set(python.attrs)
+        n, k = python["coefficients"].shape[0], python["coefficients"].shape[2]
+        np.testing.assert_array_equal(ours["coefficients"][:n, :, :k], python["coefficients"][()])
+        assert set(ours["checksum"].attrs["of"].split()) == set(python["checksum"].attrs["of"].split())
+        assert len(python["curve_unknown"]) == len(ours["curve_unknown"]) if name == "curve" else True
+    opened, saved = nhbm.open_dataset(tmp_path / "ours.h5"), nhbm.open_dataset(tmp_path / "python.h5")
+    assert set(opened.variables) == set(saved.variables) and opened.sizes == saved.sizes
 
 
 @pytest.mark.parametrize("name", ["curve", "sweep", *(pytest.param(n, marks=pytest.mark.long) for n in ("motion", "long sweep"))])
