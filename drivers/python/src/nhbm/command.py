@@ -272,9 +272,6 @@ def _named(option: str, text: str, form: str) -> tuple[str, str]:
 
 
 def run_fit(options: Any) -> int:
-    from nhbm.fitting import compare_fits, fit
-    from nhbm.model import Model
-
     if options.data.endswith(".nml") or options.input.lower().endswith(".csv"):
         options.input, options.data = options.data, options.input
     if bool(options.other) != bool(options.or_by):
@@ -285,6 +282,9 @@ def run_fit(options: Any) -> int:
         raise ModelError(f"file '{missing[0]}' does not exist")
     if len(by) < 1 + bool(options.other):
         raise ModelError("--or names the same input; another law needs an input of its own")
+    from nhbm.fitting import compare_fits, fit  # after what needs no packages
+    from nhbm.model import Model
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConverged)  # printed with the fit
         fits = {name: fit(Model.from_file(name), options.data, paths, options.of, order=options.order, tolerance=options.tolerance,
