@@ -363,6 +363,13 @@ def test_map_shows_what_the_sweep_lacks(tmp_path):
     assert np.isnan(map_of(fig)[1]).sum() == 2
 
 
+def test_map_leaves_pending_cells_blank(tmp_path):
+    with Results(grid_file(tmp_path / "a.h5", status=[1] * 9 + [STALLED] + [0] * 5)) as results:
+        fig = draw_map(results)
+    assert "5 pending" in legend_of(fig) and "1 stalled" in legend_of(fig)
+    assert [line.get_gid() for ax in fig.axes for line in ax.lines] == ["stalled"]
+
+
 def test_map_needs_a_grid(sweep, tmp_path):
     with Results(grid_file(tmp_path / "a.h5", n_gaps=1)) as results, pytest.raises(UsageError, match="needs two parameters"):
         draw_map(results)

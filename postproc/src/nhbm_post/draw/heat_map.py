@@ -10,7 +10,7 @@ from matplotlib.patches import Patch, PathPatch
 from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
-from ..outcome import SOLVED
+from ..outcome import NAMES, PENDING, SOLVED
 from ..parameter import Parameter
 from ..reader import Results
 from ..text import list_text
@@ -34,8 +34,8 @@ def draw_map(
 ):
     """`measure` over two swept parameters `over` (x, y), one cell per point.
 
-    Cells of points that have not converged carry the mark of their status: solved ones on their colour, others on white. Cells that
-    are not in the sweep are grey. Further swept parameters must be fixed by `where`. `logarithmic`: letters of `x`, `y`, `z` (the
+    Cells of points that have not converged carry the mark of their status: solved ones on their colour, others on white. Cells of
+    pending points are blank, and those that are not in the sweep grey. Further swept parameters must be fixed by `where`. `logarithmic`: letters of `x`, `y`, `z` (the
     colours), or `none`; by default x and y are logarithmic if the sweep is.
     """
     measure = measure or Measure()
@@ -83,9 +83,12 @@ def draw_map(
         if n_lost:
             notes.append(f"{n_lost} cells of value 0 have no colour on a logarithmic scale")
     with style.look():
-        statuses = marks.by_status(results, points)
+        n_pending = int((results.status[points] == PENDING).sum())
+        statuses = [one for one in marks.by_status(results, points) if one[0] != NAMES[PENDING]]
         counts = {(name, is_solved): group.size for name, is_solved, group in statuses}
         handles = marks.keys(counts, {})
+        if n_pending:
+            handles.append(Patch(facecolor=_UNSOLVED, edgecolor=style.WALL, label=f"{n_pending} pending"))
         if (~is_there).any():
             handles.append(Patch(facecolor=_OUTSIDE, label=f"{int((~is_there).sum())} not in the sweep"))
         is_unstable = is_there & (results.stability()[number] < 0)
