@@ -15,6 +15,7 @@ from nhbm_post.draw.marks import mark
 from nhbm_post.draw.style import unit_scale
 from nhbm_post.measure import Measure
 from nhbm_post.outcome import TEXTS
+from nhbm_post.report import info
 
 CONVERGED, STALLED, FAILED, TRUNCATED = 1, 2, 6, 7
 
@@ -361,6 +362,14 @@ def test_map_shows_what_the_sweep_lacks(tmp_path):
         fig = draw_map(results, over=("law(1)%gap", "tones%frequency"))
     assert "2 not in the sweep" in legend_of(fig)
     assert np.isnan(map_of(fig)[1]).sum() == 2
+
+
+def test_an_equilibrium_is_named(tmp_path):
+    with h5py.File(grid_file(tmp_path / "a.h5", n_gaps=1), "r+") as file:
+        file["coefficients"][...] = 0.0
+    with Results(tmp_path / "a.h5") as results:
+        assert "zero at all points" in head_of(draw_response(results))
+        assert info(results).splitlines()[-1].endswith("  0")
 
 
 def test_map_leaves_pending_cells_blank(tmp_path):

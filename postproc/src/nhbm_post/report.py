@@ -144,6 +144,8 @@ def _last_column(results: Results, point: int, dof: str) -> str:
         series = results.series(point, dof, allow_unconverged=True)
     except ReaderError:
         return results.message(point) or "-"
+    if not np.any(series.amplitudes):
+        return "0"
     largest = np.argsort(series.amplitudes, kind="stable")[::-1][:_N_AMPLITUDES]
     texts = [f"{tuple_text(series.tuples[k])} {series.amplitudes[k]:.4e}" for k in largest]
     return "  ".join(texts) + ("" if results.status[point] in SOLVED else "  (not a solution)")

@@ -221,6 +221,8 @@ def draw_response(
         if not axis.is_number:
             values = list(dict.fromkeys(axis.values))
             below.set_xticks(range(len(values)), values)
+        if not np.nanmax(np.abs(y)) > 0.0:
+            notes.append("zero at all points: nothing moves; nhbm-post multipliers shows the stability of the equilibrium")
         without = sum(int((curve.is_solved & np.isnan(curve.y)).sum()) for curve in curves)
         if without:
             notes.append(f"{without} solved points lack this harmonic")
