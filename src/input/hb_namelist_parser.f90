@@ -47,35 +47,22 @@ contains
       type(scan_t), intent(inout) :: scan
       character(:), allocatable, intent(out) :: name
       integer :: last
-      logical :: at_line_start
 
       name = ""
-      at_line_start = .true.
       do while (scan%position <= len(text))
          select case (text(scan%position:scan%position))
          case (line_feed)
-            at_line_start = .true.
             scan%line = scan%line + 1
          case (" ", tab, return)
             continue
-         case ("!")
+         case ("!", "#", "%", "*")                                    ! a comment, also as other programs mark it
             call skip_comment(text, scan)
             cycle
          case ("/")
-            if (at_line_start) then
-               if (rest_is_empty(text, scan%position + 1)) then
-                  call stop_at(scan, scan%line, "'/' outside of a group; was the group closed too early?")
-                  return
-               end if
-            end if
-            at_line_start = .false.
+            call stop_at(scan, scan%line, "'/' outside of a group; was the group closed too early?")
+            return
          case ("&")
             last = word_last(text, scan%position + 1)
-            if (.not. at_line_start) then
-               call stop_at(scan, scan%line, "misplaced '&': a group begins on a line of its own, "// &
-                            "and a comment with '!'")
-               return
-            end if
             name = lower(text(scan%position + 1:last))
             if (.not. is_name(name)) then
                call stop_at(scan, scan%line, &
@@ -91,25 +78,14 @@ contains
             scan%position = last + 1
             return
          case default
-            if (at_line_start .and. is_assignment(text(scan%position:))) then
-               call stop_at(scan, scan%line, "'"//shown(text(scan%position:word_last(text, scan%position)))// &
-                            "' outside of a group; a group begins with '&', a comment with '!'")
-               return
-            end if
-            at_line_start = .false.
+            last = max(scan%position, word_last(text, scan%position))
+            call stop_at(scan, scan%line, "'"//shown(text(scan%position:last))// &
+                         "' outside of a group; a group begins with '&', a comment with '!'")
+            return
          end select
          scan%position = scan%position + 1
       end do
    end subroutine next_group
-
-   !> Whether a line outside of groups assigns a value and therefore is no prose: a group without its '&', or a key after its '/'.
-   pure logical function is_assignment(text)
-      character(*), intent(in) :: text                      !! from the first character of the line that is no blank
-      integer :: last
-
-      last = scan(text//line_feed, line_feed//"!") - 1
-      is_assignment = scan(text(1:1), "#%*") == 0 .and. index(text(:last), "=") > 0
-   end function is_assignment
 
    !> Parses the body of group `name`, from the present position to after its '/' or '&end'.
    pure subroutine parse_body(text, scan, name, content)

@@ -62,6 +62,7 @@ CASES = [
     Bad("label empty", (line(7), "&law", "label: is empty", "law(name)%gap"), changed("'stop'", "''")),
     Bad("label that is a number", (line(7), "&law", "'1' is a number", "a name has a letter"), changed("'stop'", "'1'")),
     Bad("label of no path", (line(7), "&law", "'a(1)'", "leave out '(', ')' and '%'"), changed("'stop'", "'a(1)'")),
+    Bad("prose between groups", (line(AFTER), "'The' outside of a group", "comment with '!'"), GOOD + "The solver follows.\n"),
     Bad("group without its mark", (line(AFTER), "'solver' outside of a group", "with '&'"), GOOD + "solver time_limit = 1 /\n"),
     Bad("tolerance in percent", (line(AFTER), "tolerance = 10", "must be 1.0 or less"), GOOD + "&accuracy tolerance = 10 /\n"),
     Bad("unknown group", (line(AFTER), "'&solvr'", "did you mean '&solver'?"), GOOD + "&solvr /\n", n_lines=2),
