@@ -81,7 +81,7 @@ contains
          return
       end if
       call write_cost(study, end_of_time - wall_clock())
-      call describe_implausible(study%model%system, implausible)
+      call describe_implausible(study%model%system, study%model%options, implausible)
       if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
       else

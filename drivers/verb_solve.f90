@@ -521,7 +521,7 @@ contains
       if (allocated(error) .or. rank_of(comm) > 0) return
       warning = model_text(study%model, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
-      call describe_implausible(study%model%system, warning)
+      call describe_implausible(study%model%system, study%model%options, warning)
       call split(warning, new_line("a"), lines)
       do i = 1, size(lines)
          if (len(warning) > 0) call say("warning: "//lines(i)%value)
@@ -549,6 +549,7 @@ contains
 
       text = number_of(size(study%tuples, 2), "harmonic")
       if (study%model%options%accuracy%is_on) then
+         text = text//", samples"
          if (study%model%options%accuracy%grows_set) text = "harmonics"
          if (any([(study%plan%parameters(i)%path == "accuracy%tolerance", i=1, size(study%plan%parameters))])) then
             text = text//" for the tolerance of each point"

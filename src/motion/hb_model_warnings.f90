@@ -37,15 +37,17 @@ contains
       type(options_t), intent(in) :: options
       character(:), allocatable, intent(out) :: text
 
-      call describe_implausible(system, text)
+      call describe_implausible(system, options, text)
       call add_line(text, trim(commensurate_text(system%tones, options%error_estimate%commensurability)))
       if (has_no_load(system, discretisation)) call add_line(text, no_load_text)
    end subroutine describe_warnings
 
    !> Lists values of a model that suggest a mistake, one per line: tones far above or below all natural frequencies, negative
-   !> damping or stiffness, gaps that are very large or negative, repeated loads; none: an empty text.
-   subroutine describe_implausible(system, text)
+   !> damping or stiffness, gaps that are very large or negative, repeated loads, a tolerance beside given harmonics; none: an
+   !> empty text.
+   subroutine describe_implausible(system, options, text)
       type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       character(:), allocatable, intent(out) :: text
       type(string_t), allocatable :: lines(:)
       integer :: i
@@ -60,6 +62,8 @@ contains
          call describe_gaps(system%laws(i)%law, text)
       end do
       if (size(system%loads) <= max_loads) call describe_loads(system%loads, text)
+      if (options%accuracy%is_on .and. .not. options%accuracy%grows_set) call add_line(text, "the harmonics are given, so that "// &
+         "&accuracy refines the samples alone; for harmonics by its tolerance leave out the order or set of &harmonics")
    end subroutine describe_implausible
 
    !> Adds a line on each load whose phase seems to be in degrees, and that repeats a previous one: at the same place, with the
