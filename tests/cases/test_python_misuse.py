@@ -174,6 +174,42 @@ def test_wrong_arguments_are_named(made, message):
         made()
 
 
+def test_operations_of_an_input_are_left_out_with_their_calls():
+    text = duffing().to_namelist()
+    path = "tones%frequency"
+    for groups, call in (
+        ("&sweep parameter = 'law(spring)%stiffness', values = 1, 2 /\n&sweep parameter = 'tones%frequency', from = 1, to = 2, n = 3 /\n",
+         f"model.sweep({{'law(spring)%stiffness': [1.0, 2.0], '{path}': np.linspace(1.0, 2.0, 3)}})"),
+        (f"&sweep parameter = '{path}', values = 1, 2, axis = 1 /\n&sweep parameter = 'load(1)%cos', values = 1, 2, axis = 1 /\n",
+         f"model.sweep({{'{path}': [1.0, 2.0], 'load(1)%cos': [1.0, 2.0]}}, paired=True)"),
+        ("&sweep parameter = 'load(1)%cos', values = 1, 2 /\n"
+         f"&curve parameter = '{path}', from = 1, to = 2, start = 1.5, points = 30, peak_of = 'x1' /\n",
+         f"model.curve('{path}', 1.0, 2.0, first=1.5, points=30, peak_of='x1')"),
+    ):  # fmt: skip
+        names = " and ".join(sorted(set(re.findall(r"&\w+", groups)), reverse=True))
+        with pytest.warns(Implausible, match=re.escape(f"model: a model leaves out {names} of an input; call {call}")) as issued:
+            model = Model.from_namelist(text + groups)
+        assert len(issued) == 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotConverged)
+            assert eval(call, {"model": model, "np": np}).sizes["point"] > 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Model.from_namelist(text)
+
+
+def test_a_tolerance_beside_given_harmonics_is_named():
+    model = duffing()
+    model.set("harmonics", order=9)
+    model.set("accuracy", tolerance=1e-3)
+    with pytest.warns(Implausible, match="the harmonics are given, so that &accuracy refines the samples alone"):
+        model.solve()
+    model.set("harmonics", order=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.solve()
+
+
 def beam(**keys):
     return nhbm.Beam(**{"length": 1.0, "bending_stiffness": 1e3, "mass_per_length": 7.8, "n_elements": 4, **keys})
 

@@ -15,7 +15,7 @@ from nhbm import __version__, assembly, cyclic, examples, importing, reduction, 
 from nhbm.arguments import Parser
 from nhbm.checks import check
 from nhbm.child_process import is_input, run_in_child_process
-from nhbm.errors import ModelError, NotConverged
+from nhbm.errors import Implausible, ModelError, NotConverged
 from nhbm.factors import dense_modes, symmetric_part
 from nhbm.structure import MATRICES, Structure
 
@@ -287,6 +287,7 @@ def run_fit(options: Any) -> int:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConverged)  # printed with the fit
+        warnings.filterwarnings("ignore", ".* a model leaves out ", Implausible)  # a fit has frequencies of its own
         fits = {name: fit(Model.from_file(name), options.data, paths, options.of, order=options.order, tolerance=options.tolerance,
                           noise=options.noise, controlled=options.controlled) for name, paths in by.items()}  # fmt: skip
     found = fits[options.input]

@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from nhbm import doubts
-from nhbm.errors import ModelError, among
+from nhbm.errors import Implausible, ModelError, among
 from nhbm.groups import (
     GROUPS,
+    OPERATIONS,
     REPEATED,
     Builder,
     Group,
     Groups,
     InputPath,
     Settings,
+    call_of,
     check_label,
     numbers_of,
     path_of,
@@ -117,7 +119,7 @@ class Description(Laws):
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Self:
-        """Creates a model from the text of an input, without groups &sweep and &curve.
+        """Creates a model from the text of an input, without its groups &sweep and &curve: a warning names the calls instead.
 
         Parameters
         ----------
@@ -136,7 +138,11 @@ class Description(Laws):
         session = Session(model._find_structure)
         session.read(text, str(model._folder / name))
         given = Groups.of_text(session.input(given=True))
-        model._groups = Groups(group for group in given if group.name in GROUPS and group.name != "curve")
+        model._groups = Groups(group for group in given if group.name not in OPERATIONS)
+        left_out = [group for group in given if group.name in OPERATIONS]
+        if left_out:
+            names = " and ".join(f"&{name}" for name in dict.fromkeys(group.name for group in left_out))
+            doubts.warn(f"{name}: a model leaves out {names} of an input; call {call_of(left_out)}", Implausible)
         for group in model._groups:
             if group.keys.get("type") == "user" and not group.keys.get("library"):
                 group.put("name", next((law for law in session.laws if law.input_name == group.keys["name"]), group.keys["name"]))
@@ -144,7 +150,7 @@ class Description(Laws):
 
     @classmethod
     def from_file(cls, path: str | Path) -> Self:
-        """Creates a model from an input file."""
+        """Creates a model from an input file, as `from_namelist` does from its text."""
         try:
             text = Path(path).read_text(encoding="utf-8")
         except FileNotFoundError:

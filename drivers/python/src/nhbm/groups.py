@@ -25,6 +25,7 @@ GROUPS = (
     "normal_mode", "solver", "error_estimate", "stability",
     "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
+OPERATIONS = "sweep", "curve"  # groups of an input that are operations of a model
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them
 _EXPECTED = "expected a real number, text, bool or list of them, not"
 
@@ -127,6 +128,27 @@ def path_of(path: Any) -> InputPath:
     if number is None and name not in GROUPS:
         return InputPath("law", name, key, indices)
     return InputPath(name, None if number is None else int(number) + 1, key, indices)
+
+
+def call_of(operations: Iterable[Group]) -> str:
+    """The call of a model that does what groups &sweep and &curve of an input do; of a curve in a sweep, the curve."""
+    grid, axes = {}, []
+    for group in operations:
+        keys = {key: list(value) if isinstance(value, tuple) else value for key, value in group.keys.items()}
+        path = keys.pop("parameter", "")
+        if group.name == "curve":
+            first = {"first": keys.pop("start")} if "start" in keys else {}
+            ends = [repr(keys.pop(end, 0.0)) for end in ("from", "to")]
+            return f"model.curve({', '.join([repr(path), *ends, *(f'{key}={value!r}' for key, value in {**first, **keys}.items())])})"
+        axes.append(keys.get("axis", -len(axes)))
+        spaced = "geomspace" if keys.get("spacing") == "log" else "linspace"
+        if "from" in keys:
+            grid[path] = f"np.{spaced}({keys['from']}, {keys.get('to')}, {keys.get('n')})"
+        else:
+            values = list(map(repr, np.ravel(keys.get("values", keys.get("texts", []))).tolist()))
+            grid[path] = f"[{', '.join(values if len(values) < 7 else [*values[:2], '...', values[-1]])}]"
+    paired = ", paired=True" if len(set(axes)) < len(axes) else ""
+    return "model.sweep({" + ", ".join(f"{path!r}: {values}" for path, values in grid.items()) + "}" + paired + ")"
 
 
 def check_label(group: str, label: str) -> None:
