@@ -10,6 +10,7 @@ import warnings
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from in_process import cubic, duffing
 
@@ -161,6 +162,11 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, peak_of=["x1", "max x1"]), "'max x1' is a response of datasets"),
     (lambda: duffing().sweep({"tones[0]": [0.5]}, of="max x1"), "'max x1' is a response of datasets"),
     (lambda: duffing().gradient("x1 (1)", ["spring.stifness"]), "unknown key 'stifness'; did you mean 'stiffness'"),
+    (lambda: Model("beam.nml", tones=[1.0]), r"'beam.nml' is an input, not a model file: nhbm.Model.from_file\('beam.nml'\)"),
+    (lambda: nhbm.Matrices(mass=np.array([[np.eye(2)], [0]], dtype=object), stiffness=1.0), r"loadmat\(..., simplify_cells=True\)"),
+    (lambda: nhbm.open_dataset(__file__), "cannot be read: it is no HDF5 file"),
+    (lambda: xr.Dataset({"a": 1.0}).nhbm.amplitude("x1", 1), "this dataset is no result of nhbm: it has no 'coefficients'"),
+    (lambda: duffing().verify(xr.Dataset()), "this dataset is no result of nhbm"),
     (lambda: Model.from_file("nothing.nml"), "file 'nothing.nml' does not exist"),
     (lambda: Model.from_file(nhbm.__file__.replace("__init__.py", "")), "cannot be read: Is a directory"),
     (lambda: duffing().solve(tolerance=10.0), "tolerance = 10.0 must be 1.0 or less"),
@@ -208,6 +214,22 @@ def test_a_tolerance_beside_given_harmonics_is_named():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model.solve()
+
+
+def test_files_that_are_no_results_are_named(tmp_path):
+    nhbm.Structure(np.eye(2), np.eye(2)).write(tmp_path / "model.h5")
+    with pytest.raises(ModelError, match="cannot be read: it is a model file, which nhbm.Model takes"):
+        nhbm.open_dataset(tmp_path / "model.h5")
+    (tmp_path / "empty.h5").touch()
+    with pytest.raises(ModelError, match="cannot be read: it is empty"):
+        nhbm.open_dataset(tmp_path / "empty.h5")
+
+
+def test_a_law_that_gives_nan_is_named():
+    model = duffing()
+    model.law(lambda q: np.full_like(q, np.nan), "x1")
+    with pytest.warns(NotConverged, match="'<lambda>' gave NaN or infinity"):
+        assert "'<lambda>' gave NaN" in model.solve().nhbm.message
 
 
 def beam(**keys):

@@ -81,6 +81,8 @@ def has_own_tuples(motion: xr.Dataset) -> bool:
 def check_found(data: xr.Dataset, name: str) -> None:
     """Raises ModelError, with the status and the reason, if a dataset lacks a column, or the tuples of it, because no motion was
     found."""
+    if not {name, "status", "displacement", "integration_verdict"} & set(data.variables):
+        raise ModelError(f"this dataset is no result of nhbm: it has no '{name}'")
     if "status" not in data or (name in data.variables and {"tuple", "tuples"} & set(data.variables)):
         return
     check_motion(data, f", so there are no '{name}'")

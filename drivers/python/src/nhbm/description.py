@@ -63,6 +63,8 @@ class Description(Laws):
         if isinstance(structure, Builder):
             self._groups.add(Group("structure", structure.keys))
             self._check(self._groups.single("structure"))
+        elif isinstance(structure, (str, Path)) and str(structure).lower().endswith(".nml"):
+            raise ModelError(f"'{structure}' is an input, not a model file: nhbm.Model.from_file({str(structure)!r})")
         elif isinstance(structure, (Structure, str, Path)):
             file = structure if isinstance(structure, Structure) else str(structure)
             self._groups.add(Group("structure", {"type": "model", "file": file}))

@@ -15,6 +15,7 @@ from nhbm.child_process import atomic_write
 from nhbm.dataset import AXES, TUPLE, Source, split, with_words
 from nhbm.errors import ModelError
 from nhbm.groups import Groups, described, path_of
+from nhbm.hdf5_file import open_hdf5
 from nhbm.session import Session
 from nhbm.structure import Structure
 
@@ -59,9 +60,12 @@ def opened(path: str | Path) -> xr.Dataset:
     if not Path(path).is_file():
         raise ModelError(f"'{path}' is a folder" if Path(path).is_dir() else f"file '{path}' does not exist")
     try:
+        with open_hdf5(path) as file:
+            is_model = "format" in file.attrs
         data = xr.open_dataset(path, engine="h5netcdf")
-    except OSError as error:
-        raise ModelError(f"file '{path}' cannot be read: {error}") from None
+    except (OSError, ValueError) as error:
+        why = "it is a model file, which nhbm.Model takes" if isinstance(error, ValueError) and is_model else error
+        raise ModelError(f"file '{path}' cannot be read: {why}") from None
     if "status" not in data or "point" not in data.dims:
         return with_words(data)
     data = data.isel(point=np.flatnonzero(data["status"].values != _UNUSED))

@@ -503,6 +503,9 @@ def _square(name: str, matrix: Any, n: int = 0) -> Any:
             raise ModelError(f"{name} must be real; viscous damping is a matrix of its own, `damping`")
         full = np.atleast_2d(np.asarray(matrix, dtype=float))
     except (TypeError, ValueError):
+        if getattr(matrix, "dtype", None) == object:  # of scipy.io.loadmat, by default
+            raise ModelError(f"{name} is an array of objects, as of a struct of MATLAB: scipy.io.loadmat(..., simplify_cells=True)"
+                             " returns the matrix itself") from None  # fmt: skip
         raise ModelError(f"{name} must be a square matrix of numbers, not {matrix!r}") from None
     n = n or len(full)
     if full.shape != (n, n):

@@ -7,6 +7,7 @@ could thus show, under the name of a matrix, any file that its reader may read. 
 from __future__ import annotations
 
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -14,7 +15,12 @@ import h5py
 
 def open_hdf5(path: Any, **options: Any) -> h5py.File:
     """The file, open for reading; OSError if it cannot be opened or a part of it is in another file."""
-    file = h5py.File(path, "r", **options)
+    try:
+        file = h5py.File(path, "r", **options)
+    except OSError as error:
+        if "signature not found" in str(error):
+            raise OSError("it is empty" if Path(path).stat().st_size == 0 else "it is no HDF5 file") from None
+        raise
     name = _part_elsewhere(file, set())
     if name:
         file.close()

@@ -231,7 +231,7 @@ class Session:
 
     def doubt(self) -> str:
         """What is doubtful about the last motion, with numbers and what to do; empty if nothing is."""
-        return self._text("get_doubt")
+        return self._with_names(self._text("get_doubt"))
 
     def idle_laws(self) -> list[str]:
         """Laws that exert no force on the last motion, a sentence each."""
@@ -240,7 +240,13 @@ class Session:
     @property
     def message(self) -> str:
         """Reason for a failure of the last motion, or a note."""
-        return self._text("get_message")
+        return self._with_names(self._text("get_message"))
+
+    def _with_names(self, text: str) -> str:
+        """A text with the names of laws in Python instead of those that the library calls."""
+        for law in self.laws:
+            text = text.replace(f"'{law.input_name}_evaluate'", f"'{law.__name__}'")
+        return text
 
     def input(self, given: bool = False) -> str:
         """The complete input with all keys and their values, or the keys that are given alone."""
