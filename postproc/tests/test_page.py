@@ -259,6 +259,7 @@ def test_units_and_colours_suit_each_other(tmp_path, chromium):
     assert main(["report", str(path)]) == 0
     chromium.open(tmp_path / "curve.html")
     assert chromium.run("[600, 9e3, 2e4].map(v => scaled(v, 'Hz')[1])") == ["Hz", "Hz", "kHz"]
+    assert chromium.run("range([16, 16.4], true)") == [0, pytest.approx(16.4 * 1.05)]  # a flat curve below the frame
     assert chromium.run("[scaled(0.42, 'm/s')[1], scaled(0.42, 'm/s', 1)[1], scaled(4e-6, 'm/s', 1)[1]]") == ["mm/s", "m/s", "µm/s"]
     assert len(set(chromium.run("Array.from({length: 14}, (_, k) => colourOf(k, 14))"))) == 14
     assert chromium.run("[0, 6].map(k => colourOf(k, 7))") == ["#0072B2", "#000000"]
