@@ -302,6 +302,7 @@ DATA = {"frequency": OMEGA, "amplitude": abs(Z)}
 
 
 @pytest.mark.parametrize("made, message", [
+    (lambda: nhbm.fit(linear(), {"frequency;amplitude": OMEGA}, LINEAR, "x1 (1)"), "one column: commas separate columns"),
     (lambda: nhbm.fit(linear(), {"frequency": OMEGA}, LINEAR, "x1 (1)"), "need the columns 'amplitude' and 'frequency'"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1"), "'x1' is no harmonic; a fit needs one, such as 'x1 .1.'"),
     (lambda: nhbm.fit(linear(), DATA, ["structure.stifness[0]"], "x1 (1)"), "stifness"),

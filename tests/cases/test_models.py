@@ -97,6 +97,12 @@ def entries(form, matrix):
     return "".join(form.format(i + 1, j + 1, v) for i, j, v in zip(part.row, part.col, part.data))
 
 
+def test_a_file_without_its_option_is_named(capsys):
+    with pytest.raises(SystemExit):
+        nhbm_model(["import", "a.inp", "-o", "b.h5"])
+    assert "unknown: a.inp: give it to an option, such as --calculix" in capsys.readouterr().err
+
+
 def imported(kind, model, folder):
     """Writes the model in a format and gives the options of `nhbm-model import` for it."""
     given = {"mass": model.mass, "stiffness": model.stiffness}

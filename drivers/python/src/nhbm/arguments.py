@@ -19,12 +19,17 @@ class Parser(argparse.ArgumentParser):
             parser = self if verbs is None else verbs.choices.get(getattr(found, verbs.dest), self)
             words = [word.partition("=")[0] for word in rest if word.startswith("-")]
             close = difflib.get_close_matches(words[0], parser._option_string_actions, 1) if words else []
-            parser.error(f"unknown: {' '.join(rest)}" + (f"; did you mean '{close[0]}'?" if close else ""))
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            if not words:
+                files = [a.option_strings[-1] for a in parser._actions if a.metavar in ("STEM", "FILE") and a.option_strings]
+                hint = f": give it to an option, such as {files[0]}" if files else ""
+            parser.error(f"unknown: {' '.join(rest)}{hint}")
         return found
 
     def error(self, message: str) -> NoReturn:
         """Ends the process with the message."""
         wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
         close = difflib.get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), 1) if wrong else []
-        message += f"; did you mean '{close[0]}'?" if close else ""
+        if wrong and close:  # without the list of all
+            message = message.replace(wrong[0], f"'{wrong[1]}' is unknown; did you mean '{close[0]}'?")
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")

@@ -430,6 +430,8 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
     given = set(table.columns)
     if "amplitude" not in given or len(given & {"frequency", "hertz"}) != 1:
         known = ", ".join(sorted(given))
+        if len(given) == 1:
+            known += ", one column: commas separate columns"
         raise ModelError(f"data need the columns 'amplitude' and 'frequency' [rad/s] or 'hertz' [Hz]; there are: {known}")
     if table.empty:
         raise ModelError("data have no rows")
