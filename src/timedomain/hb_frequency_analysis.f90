@@ -16,6 +16,7 @@ module hb_frequency_analysis
    public :: find_frequencies
 
    integer, parameter :: n_refinements = 3                            ! of all lines, after the first
+   integer, parameter :: max_halvings = 60                            ! of an interval of frequencies
 
 contains
 
@@ -96,7 +97,8 @@ contains
       call samples%destroy()
    end subroutine largest_line
 
-   !> Moves a frequency to the maximum of the windowed average within +- `half_width`, by bisection of its slope.
+   !> Moves a frequency to the maximum of the windowed average within +- `half_width`, by Ridders' method for the zero
+   !> of its slope.
    !>
    !> Times are relative to the middle of the record, where the window is symmetric: the phase then does not affect
    !> the slope.
@@ -106,7 +108,7 @@ contains
       real(wp), intent(inout) :: frequency
       complex(wp), intent(out) :: amplitude
       real(wp), allocatable :: moments(:), weighted(:)
-      real(wp) :: high, low, middle
+      real(wp) :: at_frequency, at_high, at_low, at_middle, before, high, low, middle, root
       integer :: i
 
       middle = 0.5_wp*(size(x) - 1)*step
@@ -114,15 +116,20 @@ contains
       allocate (moments, source=[(((i - 1)*step - middle)*weighted(i), i=1, size(x))])
       low = frequency - half_width
       high = frequency + half_width
-      if (slope(low) > 0.0_wp .and. slope(high) < 0.0_wp) then
-         do i = 1, 60
-            frequency = 0.5_wp*(low + high)
+      at_low = slope(low)
+      at_high = slope(high)
+      if (at_low > 0.0_wp .and. at_high < 0.0_wp) then
+         do i = 1, max_halvings
+            before = frequency
+            at_middle = slope(0.5_wp*(low + high))
+            root = sqrt(at_middle**2 - at_low*at_high)
+            if (.not. root > 0.0_wp) exit
+            frequency = 0.5_wp*(low + high) + 0.5_wp*(high - low)*at_middle/root
+            at_frequency = slope(frequency)
+            if (abs(frequency - before) <= 2.0_wp*spacing(frequency)) exit
+            call narrow(0.5_wp*(low + high), at_middle, low, at_low, high, at_high)
+            call narrow(frequency, at_frequency, low, at_low, high, at_high)
             if (high - low <= 2.0_wp*spacing(frequency)) exit
-            if (slope(frequency) > 0.0_wp) then
-               low = frequency
-            else
-               high = frequency
-            end if
          end do
       end if
       amplitude = 2.0_wp*average_at(weighted, start, step, frequency)
@@ -139,4 +146,18 @@ contains
          slope = real(conjg(average)*by_w, wp)
       end function slope
    end subroutine maximise_average
+
+   !> Moves the end of an interval, positive at its low one and negative at the other, on whose side of the zero w is.
+   pure subroutine narrow(w, at_w, low, at_low, high, at_high)
+      real(wp), intent(in) :: w, at_w
+      real(wp), intent(inout) :: low, at_low, high, at_high
+
+      if (at_w > 0.0_wp .and. w > low) then
+         low = w
+         at_low = at_w
+      else if (at_w <= 0.0_wp .and. w < high) then
+         high = w
+         at_high = at_w
+      end if
+   end subroutine narrow
 end module hb_frequency_analysis
