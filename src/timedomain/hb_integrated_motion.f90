@@ -33,7 +33,7 @@ module hb_integrated_motion
    use hb_text, only: rounded, to_text
    use hb_thresholds, only: same_motion
    use hb_time_domain, only: evaluation_work, integration_config_t, integration_method, steady_motion_t, step_of
-   use hb_time_stepping, only: integrate_from, integration_record_t
+   use hb_time_stepping, only: early_end_t, integrate_from, integration_record_t
    implicit none
    private
    public :: fastest_of, find_steady_motion, has_bounds_of, lacks_mass, largest_in_parts
@@ -478,7 +478,7 @@ contains
       cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
       n_before = system%laws%n_evaluations
       config%max_evaluations = n_before + int(min((options%integration%max_work - steady%work)/cost, 1.0e18_wp), int64)
-      call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error, ends_early=.true.)
+      call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error, early_end_t(watches_pace=.true.))
       steady%is_out_of_work = next%is_out_of_work
       if (next%is_out_of_work .and. allocated(steady%message)) then
          deallocate (error)

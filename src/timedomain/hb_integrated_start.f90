@@ -25,7 +25,7 @@ module hb_integrated_start
    use hb_structure, only: max_dofs
    use hb_system, only: system_t
    use hb_time_domain, only: highest_part, integration_config_t, integration_method, locking_t, step_of
-   use hb_time_stepping, only: integrate_from, integration_record_t
+   use hb_time_stepping, only: early_end_t, integrate_from, integration_record_t
    implicit none
    private
    public :: change_of, find_locking, integrated_guess
@@ -35,9 +35,11 @@ module hb_integrated_start
    real(wp), parameter :: perturbations(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp] ! of the length of the laws
    real(wp), parameter :: first_perturbation = perturbations(1)
    real(wp), parameter :: step_of_mode = 0.2_wp                       ! radians of the fastest mode, of fixed steps
+   real(wp), parameter :: guessed = 1.0e-7_wp                         ! tolerance of the integrator: below what decides on locking
    real(wp), parameter :: steady = 0.02_wp                            !! change of the power from one half to the other
    real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
    real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the perturbation
+   integer, parameter :: periods_of_rest = 10                         ! in which a motion that has decayed is seen
 
    integer, parameter :: max_multiples = 80
    integer, parameter :: largest_structure = 64 ! degrees of freedom of models that are integrated automatically
@@ -58,7 +60,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(integration_record_t) :: record
       real(wp), allocatable :: found(:)
-      real(wp) :: best, change, share
+      real(wp) :: best, change, decayed, share
       integer :: i, n_failed, n_tries
       logical :: has_start
 
@@ -66,7 +68,9 @@ contains
       n_tries = merge(size(perturbations), 1, any(system%tones%is_unknown) .and. .not. has_start)
       best = huge(1.0_wp)
       n_failed = 0
+      decayed = 0.0_wp
       do i = 1, n_tries
+         if (perturbations(i) < decayed) cycle                        ! a larger one has passed this size
          call integrate_once(system, discretisation, options, omega, law_dofs, perturbations(i), record, error)
          if (allocated(error)) then
             n_failed = n_failed + 1
@@ -76,11 +80,15 @@ contains
          end if
          found = omega
          if (any(system%tones%is_unknown)) then
+            if (is_dead(discretisation, record, perturbations(i)*length_of(system), has_start)) then
+               decayed = max(decayed, perturbations(i))
+               cycle
+            end if
             found = system%tones%omega                                ! only guesses of the user are used
             call find_tones(record%every_displacement, record%start, record%step, discretisation%harmonics%tuples, &
                             system%tones%is_unknown, found, share, error)
             if (allocated(error)) return
-            if (share <= 0.0_wp .or. is_dead(discretisation, record, perturbations(i)*length_of(system), has_start)) cycle
+            if (share <= 0.0_wp) cycle
          end if
          change = change_of(record)
          if (change >= best) cycle
@@ -100,6 +108,7 @@ contains
       real(wp), intent(in) :: perturbation                            !! of the length of the laws
       type(integration_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
+      type(early_end_t) :: early_end
       type(integration_config_t) :: config
       type(integration_state_t) :: state
       type(integration_system_t), target :: equations
@@ -122,12 +131,17 @@ contains
       end if
       config = options%integration
       config%decimation = huge(1)
+      config%tolerance = max(config%tolerance, guessed)
       period = two_pi/minval(omega)
       if (config%duration <= 0.0_wp) then
          config%duration = periods_of_record*period
          config%transient = periods_of_transient*period
       end if
-      if (any(system%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), equations%length)
+      if (any(system%tones%is_unknown)) then
+         config%largest = runaway*max(maxval(abs(state%q)), equations%length)
+         early_end%smallest = dead*min(maxval(abs(state%q)), length_of(system))
+         early_end%rest = periods_of_rest*period
+      end if
       step = min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies))))
       if (config%method == integration_method%cvode .and. lacks_mass(system)) then
          config%method = integration_method%generalized_alpha
@@ -136,7 +150,7 @@ contains
          config%method = integration_method%runge_kutta_4
          config%substeps = ceiling(step*fastest_of(system)/step_of_mode)
       end if
-      call integrate_from(equations, config, step, law_dofs, state, record, error)
+      call integrate_from(equations, config, step, law_dofs, state, record, error, early_end)
    end subroutine integrate_once
 
    !> Typical length of the laws [m], 1 if they have none.
@@ -159,6 +173,8 @@ contains
       logical, intent(in) :: has_start
       real(wp) :: begun
 
+      is_dead = record%is_at_rest
+      if (is_dead) return
       begun = perturbation
       if (has_start) begun = maxval(abs(discretisation%start%values))
       associate (x => record%every_displacement)
@@ -211,7 +227,7 @@ contains
 
       if (system%structure%n_dofs > largest_structure) return
       call integrate_once(system, discretisation, options, omega, law_dofs, first_perturbation, record, error)
-      if (allocated(error)) return
+      if (allocated(error) .or. record%is_at_rest) return
       if (change_of(record) > steady) return
       if (all(system%tones%is_unknown)) then
          call find_leading_line(record, leading, error)

@@ -20,11 +20,12 @@ module hb_time_stepping
    use hb_time_domain, only: integration_config_t, integration_method
    implicit none
    private
-   public :: assess, integrate_from, integration_assessment_t, integration_record_t
+   public :: assess, early_end_t, integrate_from, integration_assessment_t, integration_record_t
 
    real(wp), parameter :: first_share = 1.0_wp/16.0_wp                ! of the evaluations, after which the pace is known
    real(wp), parameter :: too_slow = 3.0_wp                           ! evaluations that would be needed, relative to the permitted
    integer, parameter :: steps_between_checks = 32                    ! a few microseconds at least for the smallest system
+   integer, parameter :: steps_of_rest = 7                            ! likewise, of states that a motion at rest passes
 
    !> Stored motion: all samples of the requested displacements, every n-th sample of the others.
    type :: integration_record_t
@@ -39,7 +40,23 @@ module hb_time_stepping
       real(wp) :: cpu_seconds = 0.0_wp                                !! processor time, including set-up of the method [s]
       logical :: is_under_way = .false.                               !! the method has started: an error is one of the motion
       logical :: is_out_of_work = .false.                             !! the error is that of the budget
+      logical :: is_at_rest = .false.                                 !! the transient has ended at rest: there is no record
    end type integration_record_t
+
+   !> What ends a time integration before its time.
+   type :: early_end_t
+      logical :: watches_pace = .false.                               !! fails if the permitted evaluations are too few by far
+      real(wp) :: smallest = 0.0_wp                                   !! motion that is at rest [m]; 0: none
+      real(wp) :: rest = huge(1.0_wp)                                 !! interval of the transient in which it is at rest [s]
+   end type early_end_t
+
+   !> Extent of a motion within an interval of time.
+   type :: extent_t
+      real(wp), allocatable :: least(:), most(:)                      ! displacements [m], (n_dofs)
+      real(wp) :: begun = 0.0_wp                                      ! [s]
+   contains
+      procedure :: is_at_rest => extent_is_at_rest
+   end type extent_t
 
    !> Analysis of a record of a steady motion.
    type :: integration_assessment_t
@@ -52,7 +69,7 @@ module hb_time_stepping
 contains
 
    !> Integrates from a state through the transient and the duration of `config`. `state` returns the last one.
-   subroutine integrate_from(system, config, step, retained_dofs, state, record, error, ends_early)
+   subroutine integrate_from(system, config, step, retained_dofs, state, record, error, early_end)
       type(integration_system_t), intent(inout), target :: system
       type(integration_config_t), intent(in) :: config
       real(wp), intent(in) :: step                                    !! [s], > 0
@@ -60,13 +77,12 @@ contains
       type(integration_state_t), intent(inout) :: state
       type(integration_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: ends_early                     !! if the permitted evaluations will not suffice by far
+      type(early_end_t), intent(in), optional :: early_end            !! none if absent
       class(integrator_t), allocatable :: integrator
       real(wp) :: begun, ended
-      logical :: watches_pace
+      type(early_end_t) :: ends
 
-      watches_pace = .false.
-      if (present(ends_early)) watches_pace = ends_early
+      if (present(early_end)) ends = early_end
       call cpu_time(begun)
       call new_integrator(integrator, system, config, step/config%substeps, error)
       if (.not. allocated(error) .and. system%lists_impacts) &
@@ -74,8 +90,7 @@ contains
       if (.not. allocated(error)) call integrator%start(state, error)
       record%is_under_way = .not. allocated(error)
       record%step = step
-      if (.not. allocated(error)) call record_steps(integrator, system, config, retained_dofs, watches_pace, state, record, &
-                                                         error)
+      if (.not. allocated(error)) call record_steps(integrator, system, config, retained_dofs, ends, state, record, error)
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) then
@@ -123,16 +138,17 @@ contains
    end subroutine new_integrator
 
    !> Advances step by step and records.
-   subroutine record_steps(integrator, system, config, retained_dofs, watches_pace, state, record, error)
+   subroutine record_steps(integrator, system, config, retained_dofs, ends, state, record, error)
       class(integrator_t), intent(inout) :: integrator
       type(integration_system_t), intent(inout), target :: system         !! the integrator points to it
       type(integration_config_t), intent(in) :: config
       integer, intent(in) :: retained_dofs(:)
-      logical, intent(in) :: watches_pace
+      type(early_end_t), intent(in) :: ends
       type(integration_state_t), intent(inout) :: state
       type(integration_record_t), intent(inout) :: record                 !! with its step
       type(error_t), allocatable, intent(out) :: error
-      integer :: done, i, n_retained, n_steps, n_stored, n_transient, stat, stride
+      type(extent_t) :: extent
+      integer :: block, done, i, n_retained, n_steps, n_stored, n_transient, stat, stride
       integer(int64) :: n_before
 
       call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
@@ -141,10 +157,13 @@ contains
       n_before = system%laws%n_evaluations
       n_transient = nint(config%transient/record%step)
       n_steps = max(1, nint(config%duration/record%step))
-      do done = 0, n_transient - 1, steps_between_checks
-         call advance(integrator, state, config%substeps*min(steps_between_checks, n_transient - done), config%largest, error)
+      block = merge(steps_of_rest, steps_between_checks, ends%smallest > 0.0_wp)
+      do done = 0, n_transient - 1, block
+         call advance(integrator, state, config%substeps*min(block, n_transient - done), config%largest, error)
          call check_budget()
          if (allocated(error)) return
+         if (ends%smallest > 0.0_wp) record%is_at_rest = extent%is_at_rest(state, ends)
+         if (record%is_at_rest) return
          call note_progress(done, n_transient + n_steps)
       end do
       n_retained = size(retained_dofs)
@@ -192,7 +211,7 @@ contains
          real(wp), intent(in) :: done                                 ! share of the record
          real(wp) :: used
 
-         if (.not. watches_pace) return
+         if (.not. ends%watches_pace) return
          used = (system%laws%n_evaluations - n_before)/real(max(1_int64, config%max_evaluations - n_before), wp)
          record%is_out_of_work = used > max(first_share, too_slow*done)
          if (record%is_out_of_work) call fail(error, "the time integration would exceed its budget of work by far")
@@ -211,6 +230,27 @@ contains
          call integrator%forces(state, record%force(row, :))
       end subroutine keep
    end subroutine record_steps
+
+   !> Adds a state. Whether an interval ends here in which no displacement has changed by the smallest motion.
+   logical function extent_is_at_rest(self, state, ends) result(is_at_rest)
+      class(extent_t), intent(inout) :: self
+      type(integration_state_t), intent(in) :: state
+      type(early_end_t), intent(in) :: ends
+
+      if (.not. allocated(self%least)) then
+         self%least = state%q
+         self%most = state%q
+         self%begun = state%time
+      end if
+      self%least = min(self%least, state%q)
+      self%most = max(self%most, state%q)
+      is_at_rest = .false.
+      if (maxval(self%most - self%least) >= ends%smallest) then
+         deallocate (self%least, self%most)                           ! the next interval begins with the next state
+      else
+         is_at_rest = state%time - self%begun >= ends%rest
+      end if
+   end function extent_is_at_rest
 
    !> Fails if steps cannot be counted, or if the record would not fit into memory.
    subroutine check_length(config, step, n_retained, n_coordinates, error)
