@@ -183,16 +183,28 @@ def test_normal_modes_begin_at_internal_resonances(tmp_path):
         assert min(abs(frequency - 0.9969549), abs(frequency - 1.0030018)) < 1e-6
 
 
-def test_tori_end_where_their_tones_lock(tmp_path):
+@pytest.fixture(scope="module")
+def entrained(tmp_path_factory):
+    """Motions of a van der Pol oscillator of three periods of the load, along the curve of their frequency."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
+&tones frequency=0.995 /
+&harmonics order=15 /
+&load dof='x1', tuple=3, cos=0.9 /
+&law type='van_der_pol', dof='x1', strength=0.3 /
+&start dof='x1', tuple=1, cos=2.0 /
+&curve parameter='tones%frequency', start=0.995, from=0.97, to=1.02 /
+"""
+    return solve(text, tmp_path_factory.mktemp("entrained"))
+
+
+def test_tori_end_where_their_tones_lock(entrained, tmp_path):
     """A forced van der Pol oscillator near three times its frequency: its torus ends at a fold of the entrained motion of three
     periods, which it approaches ever more slowly."""
-    oscillator = """
+    torus = solve(
+        """
 &structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
 &law type='van_der_pol', dof='x1', strength=0.3 /
-"""
-    torus = solve(
-        oscillator
-        + """
 &tones frequency=2.9, 0.993, unknown=.false., .true. /
 &accuracy tolerance=1e-2 /
 &load dof='x1', tuple=1,0, cos=0.9 /
@@ -200,18 +212,6 @@ def test_tori_end_where_their_tones_lock(tmp_path):
 """,
         tmp_path,
         name="torus",
-    )
-    entrained = solve(
-        oscillator
-        + """
-&tones frequency=0.995 /
-&harmonics order=15 /
-&load dof='x1', tuple=3, cos=0.9 /
-&start dof='x1', tuple=1, cos=2.0 /
-&curve parameter='tones%frequency', start=0.995, from=0.97, to=1.02 /
-""",
-        tmp_path,
-        name="entrained",
     )
     with Results(torus) as results, Results(entrained) as one_tone:
         last = results.used[-1]
@@ -223,18 +223,9 @@ def test_tori_end_where_their_tones_lock(tmp_path):
         assert len(results.used) < 100
 
 
-def test_closed_curves_of_several_periods_are_traced_once(tmp_path):
+def test_closed_curves_of_several_periods_are_traced_once(entrained):
     """Entrained motions of three periods of the load: after a third of the way round the same motions follow, a period later."""
-    text = """
-&structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
-&tones frequency=0.995 /
-&harmonics order=15 /
-&load dof='x1', tuple=3, cos=0.9 /
-&law type='van_der_pol', dof='x1', strength=0.3 /
-&start dof='x1', tuple=1, cos=2.0 /
-&curve parameter='tones%frequency', start=0.995, from=0.97, to=1.02 /
-"""
-    with Results(solve(text, tmp_path)) as results:
+    with Results(entrained) as results:
         assert values_at(results, "fold") == pytest.approx([1.002760326, 0.9858923797], rel=1e-7)
         assert values_at(results, "end") == pytest.approx([0.995])
 

@@ -18,7 +18,7 @@ def mass(**keys):
 def test_pull_in_at_a_third_of_the_gap():
     model = mass(voltage=0.1)
     model.set("harmonics", order=1)
-    curve = model.curve("law(plate)%voltage", 0.1, 0.8)
+    curve = model.curve("law(plate)%voltage", 0.1, 0.8, max_step=0.2)
     (fold,) = np.flatnonzero(curve.curve_kind == "fold")
     assert curve.law_plate_voltage[fold].item() == pytest.approx(np.sqrt(4 * K * GAP**3 / (27 * C)), rel=1e-9)
     assert curve.coefficients[fold].values.ravel()[0] == pytest.approx(GAP / 3, rel=1e-6)
