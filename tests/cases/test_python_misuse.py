@@ -8,6 +8,7 @@ import re
 import threading
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -162,6 +163,8 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, peak_of=["x1", "max x1"]), "'max x1' is a response of datasets"),
     (lambda: duffing().sweep({"tones[0]": [0.5]}, of="max x1"), "'max x1' is a response of datasets"),
     (lambda: duffing().gradient("x1 (1)", ["spring.stifness"]), "unknown key 'stifness'; did you mean 'stiffness'"),
+    (lambda: Model("nothing.h5", tones=[1.0]), "model file 'nothing.h5' does not exist"),
+    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[[1.0, 2.0]]), r"tones are frequencies .*, not \[\[1.0, 2.0\]\]"),
     (lambda: Model("beam.nml", tones=[1.0]), r"'beam.nml' is an input, not a model file: nhbm.Model.from_file\('beam.nml'\)"),
     (lambda: nhbm.Matrices(mass=np.array([[np.eye(2)], [0]], dtype=object), stiffness=1.0), r"loadmat\(..., simplify_cells=True\)"),
     (lambda: nhbm.open_dataset(__file__), "cannot be read: it is no HDF5 file"),
@@ -184,7 +187,8 @@ def test_operations_of_an_input_are_left_out_with_their_calls():
     text = duffing().to_namelist()
     path = "tones%frequency"
     for groups, call in (
-        ("&sweep parameter = 'law(spring)%stiffness', values = 1, 2 /\n&sweep parameter = 'tones%frequency', from = 1, to = 2, n = 3 /\n",
+        ("&sweep parameter = 'law(spring)%stiffness', values = 1, 2 /\n"
+         "&sweep parameter = 'tones%frequency', from = 1, to = 2, n = 3 /\n",
          f"model.sweep({{'law(spring)%stiffness': [1.0, 2.0], '{path}': np.linspace(1.0, 2.0, 3)}})"),
         (f"&sweep parameter = '{path}', values = 1, 2, axis = 1 /\n&sweep parameter = 'load(1)%cos', values = 1, 2, axis = 1 /\n",
          f"model.sweep({{'{path}': [1.0, 2.0], 'load(1)%cos': [1.0, 2.0]}}, paired=True)"),
@@ -223,6 +227,16 @@ def test_files_that_are_no_results_are_named(tmp_path):
     (tmp_path / "empty.h5").touch()
     with pytest.raises(ModelError, match="cannot be read: it is empty"):
         nhbm.open_dataset(tmp_path / "empty.h5")
+    path = tmp_path / "motion.h5"
+    duffing().solve(order=3).nhbm.save(path)
+    part = tmp_path / "part.h5"
+    part.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(ModelError, match=f"cannot be read: it is truncated: 5000 of {path.stat().st_size} bytes"):
+        nhbm.open_dataset(part)
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema_version"] = 99
+    with pytest.raises(ModelError, match="has the schema version 99; this nhbm reads 1"):
+        nhbm.open_dataset(path)
 
 
 def test_a_law_that_gives_nan_is_named():

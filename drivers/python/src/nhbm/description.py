@@ -67,6 +67,8 @@ class Description(Laws):
             raise ModelError(f"'{structure}' is an input, not a model file: nhbm.Model.from_file({str(structure)!r})")
         elif isinstance(structure, (Structure, str, Path)):
             file = structure if isinstance(structure, Structure) else str(structure)
+            if isinstance(file, str) and not Path(file).is_file():
+                raise ModelError(f"model file '{file}' does not exist")
             self._groups.add(Group("structure", {"type": "model", "file": file}))
         else:
             raise ModelError(
@@ -76,7 +78,7 @@ class Description(Laws):
             self.set("tones", **tones)
         elif not (isinstance(tones, tuple) and len(tones) == 0):
             try:
-                frequencies = numbers_of("tones", tones)
+                frequencies = numbers_of("tones", tones if np.ndim(tones) < 2 else ())
             except ModelError:
                 raise ModelError(
                     "tones are frequencies [rad/s] or keys of &tones such as {'unknown': True} or {'hertz': 50.0}, "

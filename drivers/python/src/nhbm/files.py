@@ -50,6 +50,7 @@ _WORKER = {  # of the run
     "worker_total_seconds": (float, "s", "time from the first access to the end of the slowest rank"),
     "worker_overhead_per_point": (float, "s", "time per point that was neither solving nor waiting"),
 }
+_SCHEMA = 1  # version of result files
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable. {:9d}"
 _SCALES = {**AXES, "message_byte": "byte of a message", "worker": "rank or process of the run, from 0"}
 _VERDICTS = "not_done agrees unstable differs undecided"
@@ -61,7 +62,9 @@ def opened(path: str | Path) -> xr.Dataset:
         raise ModelError(f"'{path}' is a folder" if Path(path).is_dir() else f"file '{path}' does not exist")
     try:
         with open_hdf5(path) as file:
-            is_model = "format" in file.attrs
+            is_model, version = "format" in file.attrs, int(file.attrs.get("schema_version", _SCHEMA))
+        if version != _SCHEMA:
+            raise ModelError(f"file '{path}' has the schema version {version}; this nhbm reads {_SCHEMA}")
         data = xr.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError) as error:
         why = "it is a model file, which nhbm.Model takes" if isinstance(error, ValueError) and is_model else error

@@ -6,6 +6,7 @@ could thus show, under the name of a matrix, any file that its reader may read. 
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,9 @@ def open_hdf5(path: Any, **options: Any) -> h5py.File:
     except OSError as error:
         if "signature not found" in str(error):
             raise OSError("it is empty" if Path(path).stat().st_size == 0 else "it is no HDF5 file") from None
+        sizes = re.search(r"truncated file: eof = (\d+),.* stored_eof = (\d+)", str(error))
+        if sizes:
+            raise OSError(f"it is truncated: {sizes[1]} of {sizes[2]} bytes are there") from None
         raise
     name = _part_elsewhere(file, set())
     if name:
