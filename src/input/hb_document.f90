@@ -229,6 +229,14 @@ contains
       if (self%count(name) == 0) then
          if (allocated(self%known)) is_good = is_known(self, name)
          if (len(selector) > 0 .or. .not. is_good) then
+            if (len(selector) == 0 .and. self%count("law") > 0) then
+               call select_group(self%groups, "law", name, parameter%i_group, error)
+               is_good = .not. allocated(error)
+               if (is_good) then
+                  call fail(error, "a law is named by its label in brackets: law("//name//")%"//key_with_index)
+                  return
+               end if
+            end if
             key = "there is no group '&"
             if (len(selector) == 0) key = "unknown group '&"
             call fail_with_advice(key//name//"'", self, name, error)

@@ -31,6 +31,11 @@ contains
       else if (group%given("dofs")) then
          call group%get("dofs", names)
          if (.not. allocated(names)) return
+         if (.not. group%given("weights")) then
+            call group%problem("dofs", "needs 'weights', one for each, such as 1.0, -1.0; one degree of freedom, or each node "// &
+                               "of a set, is 'dof'")
+            return
+         end if
          call group%get("weights", weights, n=size(names))
          if (.not. allocated(weights)) return
          call read_coordinate(self, group, structure, "dofs", names, weights)

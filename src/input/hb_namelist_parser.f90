@@ -150,8 +150,13 @@ contains
          if (allocated(scan%problem)) return
       end do
       if (.not. rest_is_empty(text, scan%position)) then
-         call stop_at(scan, scan%line, "text behind the end of group &"//name// &
-                      "; a value with '/' needs quotes, a comment begins with '!'")
+         call skip_blanks(text, scan)
+         if (text(scan%position:scan%position) == "&") then
+            call stop_at(scan, scan%line, "a group begins on a line of its own, not behind the end of &"//name)
+         else
+            call stop_at(scan, scan%line, "text behind the end of group &"//name// &
+                         "; a value with '/' needs quotes, a comment begins with '!'")
+         end if
          return
       end if
       content%spelling = text(body%offset + 1:scan%position - 1)

@@ -465,14 +465,17 @@ contains
       class(properties_t), intent(in) :: self
       integer, intent(in) :: i_key, k
       character(:), allocatable, intent(out) :: word, problem
+      character(:), allocatable :: bare
       integer :: i
 
       problem = ""
       associate (rule => self%content%keys(i_key)%rule, kind => self%content%keys(i_key)%values(k)%kind)
          if (kind /= kind_of%word) then
             call self%content%get_shown(i_key, k, word)
+            bare = word
+            call drop_marks(bare)
             ! a name may be a number, such as that of a degree of freedom
-            if (kind /= kind_of%whole .or. allocated(rule%choices)) problem = "needs quotes: "//quote(shown(word))
+            if (kind /= kind_of%whole .or. allocated(rule%choices)) problem = "needs quotes: "//quote(shown(bare))
             return
          end if
          call self%content%get_word(i_key, k, word)
@@ -487,6 +490,17 @@ contains
          problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
       end associate
    end subroutine read_word
+
+   !> Removes quotation marks of typography, UTF-8 from U+2018 to U+201F, which are no quotes of an input.
+   pure subroutine drop_marks(word)
+      character(:), allocatable, intent(inout) :: word
+      integer :: i
+
+      do i = len(word) - 2, 1, -1
+         if (word(i:i + 1) /= char(226)//char(128)) cycle
+         if (iachar(word(i + 2:i + 2)) >= 152 .and. iachar(word(i + 2:i + 2)) <= 159) word = word(:i - 1)//word(i + 3:)
+      end do
+   end subroutine drop_marks
 
    !> Requests a key; `order` contains the positions of its values, and is not allocated if there are none, too few or
    !> too many.

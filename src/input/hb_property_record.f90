@@ -116,7 +116,7 @@ contains
       else if (self%content%is_given(i_key)) then
          self%content%keys(i_key)%has_problem = .true.
          message = location_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text
-         call self%content%add_comma_advice(i_key, message)
+         call self%content%add_advice(i_key, message)
          call add_problem(self, message)
       else
          call add_problem(self, self%location()//": "//trim(key)//": "//text)
@@ -261,7 +261,7 @@ contains
       character(:), allocatable :: message
 
       message = location_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(self%content%names%names(i_key))//" "//text
-      call self%content%add_comma_advice(i_key, message)
+      call self%content%add_advice(i_key, message)
       call add_problem(self, message)
    end subroutine key_problem
 
@@ -271,11 +271,13 @@ contains
       integer, intent(in) :: i_key, k                       !! value k of the key
       integer, intent(in) :: element(2)                     !! its indices, 0 for missing ones
       character(*), intent(in) :: text
-      character(:), allocatable :: value
+      character(:), allocatable :: message, value
 
       call self%content%get_shown(i_key, k, value)
-      call add_problem(self, location_at(self, self%content%keys(i_key)%values(k)%line, .true.)//": "// &
-                       element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "//shown(value)//" "//text)
+      message = location_at(self, self%content%keys(i_key)%values(k)%line, .true.)//": "// &
+                element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "//shown(value)//" "//text
+      if (self%content%keys(i_key)%values(k)%kind == kind_of%none) call self%content%add_advice(i_key, message)
+      call add_problem(self, message)
    end subroutine value_problem
 
    !> Requested keys, in alphabetical order.

@@ -8,7 +8,7 @@ module hb_property_values
    use hb_input_keys, only: kind_of, max_unit, rule_t
    use hb_kinds, only: int64, wp
    use hb_name_table, only: name_table_t
-   use hb_text, only: length_of, quote, string_t, to_text
+   use hb_text, only: length_of, quote, shown, string_t, to_text
    implicit none
    private
    public :: content_t, element_text, key_t, max_values, number_value, value_t
@@ -58,7 +58,7 @@ module hb_property_values
       type(name_table_t) :: names                           !! of the keys
       type(key_t), allocatable :: keys(:)                   !! (capacity), names%n in use
    contains
-      procedure :: add_comma_advice => content_add_comma_advice
+      procedure :: add_advice => content_add_advice
       procedure :: find_or_add => content_find_or_add
       procedure :: get_shown => content_get_shown
       procedure :: get_word => content_get_word
@@ -260,8 +260,8 @@ contains
    end function content_is_given
 
    !> Adds advice to a message if a value of a key of real numbers looks like the first half of a number with a
-   !> decimal comma: `1,5e-3` is two values.
-   pure subroutine content_add_comma_advice(self, i_key, message)
+   !> decimal comma, `1,5e-3` is two values, or like the unit of the number before it.
+   pure subroutine content_add_advice(self, i_key, message)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_key
       character(:), allocatable, intent(inout) :: message
@@ -270,6 +270,10 @@ contains
       associate (key => self%keys(i_key))
          do k = 1, merge(key%n - key%n_elements - 1, 0, key%is_real)
             associate (value => key%values(k), next => key%values(k + 1))
+               if (next%kind == kind_of%none .and. any(value%kind == [kind_of%whole, kind_of%number])) then
+                  message = message//"; numbers have no unit: leave out '"//shown(self%spelling(next%first:next%last))//"'"
+                  return
+               end if
                comma = value%last + 1
                if (next%first /= comma + 1 .or. value%kind /= kind_of%whole .or. value%last < value%first) cycle
                if (self%spelling(comma:comma) /= "," .or. scan(self%spelling(comma + 1:comma + 1), "0123456789") == 0) cycle
@@ -279,7 +283,7 @@ contains
             end associate
          end do
       end associate
-   end subroutine content_add_comma_advice
+   end subroutine content_add_advice
 
    !> Returns a word without its quotes, doubled quotes made single.
    pure subroutine content_get_word(self, i_key, k, word)

@@ -156,9 +156,12 @@ contains
       call read_numbers(matrices, group)
       do i = 1, merge(size(names_of_matrices), 0, n_dofs > 0)
          associate (n => size(matrices%of(i)%values))
-            if (all(n /= [n_dofs, n_dofs**2])) &
+            if (n_dofs == 1 .and. n /= 1) then
+               call group%problem(trim(names_of_matrices(i)), "has "//to_text(n)//" values, needs one: n_dofs = 1")
+            else if (all(n /= [n_dofs, n_dofs**2])) then
                call group%problem(trim(names_of_matrices(i)), "needs "//to_text(n_dofs**2)//" values row by row, or "// &
                                   to_text(n_dofs)//" for a diagonal matrix; there are "//to_text(n))
+            end if
          end associate
       end do
       if (group%given("speed") .and. .not. any([(group%given(trim(names_of_matrices(i))), i=5, size(names_of_matrices))])) &
