@@ -266,11 +266,14 @@ contains
    subroutine refuse_others(self, error)
       type(arguments_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: closest
       integer :: i
 
       do i = 1, size(self%given)
          if (any(option_names(self%verb) == self%given(i)%value) .or. self%wants_version) cycle
-         call fail(error, self%verb//" has no option "//self%given(i)%value//"; it has "//options_of(self%verb))
+         closest = trim(closest_word(self%given(i)%value, option_names(self%verb)))
+         if (len(closest) > 0) closest = " did you mean "//closest//"?"
+         call fail(error, self%verb//" has no option "//self%given(i)%value//";"//closest//" it has "//options_of(self%verb))
          return
       end do
    end subroutine refuse_others

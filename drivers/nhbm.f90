@@ -20,7 +20,7 @@ program nhbm
    use hb_text, only: join, string_t
    use hb_version, only: git_commit, program_version
    use key_table, only: print_keys
-   use starters, only: starter_names, starter_text
+   use starters, only: starter_list, starter_names, starter_text
    use verb_census, only: run_census
    use verb_check, only: run_check
    use verb_fit, only: run_fit
@@ -162,7 +162,7 @@ contains
       character(:), allocatable :: closest
 
       if (.not. allocated(options%input)) then
-         call say(starter_names())
+         call say(starter_list())
       else if (any(starter_names() == options%input)) then
          call say(starter_text(options%input))
       else

@@ -66,7 +66,8 @@ def test_two_dashes_end_the_options(tmp_path):
         (("solve", "case.nml", "--unset", "law%gap=1"), "--unset takes a path without a value, not 'law%gap=1'"),
         (("info", "case.h5", "--set", "a%b=1"), "info has no option --set; it has --check, --quiet"),
         (("verify", "case.h5", "--overwrite"), "verify has no option --overwrite; it has --time-limit, --workers"),
-        (("integrate", "case.nml", "--points=1"), "integrate has no option --points; it has --output, -o, --overwrite"),
+        (("verify", "case.h5", "--point", "0"), "verify has no option --point; did you mean --points? it has --time-limit"),
+        (("integrate", "case.nml", "--points=1"), "integrate has no option --points; did you mean --point? it has --output"),
     ],
 )
 def test_what_an_option_is_not(tmp_path, words, says):
@@ -150,7 +151,9 @@ def test_one_process_starts_no_mpi(tmp_path):
 
 def test_inputs_to_begin_with(tmp_path):
     """All except that of a model file are valid; that one requires its file."""
-    names = run("new", cwd=tmp_path).stdout.split()
+    listed = run("new", cwd=tmp_path).stdout.splitlines()
+    assert all(re.fullmatch(r"\w+ +[A-Z].{20,}\.", line) for line in listed)
+    names = [line.split()[0] for line in listed]
     assert names == sorted(path.stem for path in STARTERS.glob("*.nml"))
     for name in names:
         text = run("new", name, cwd=tmp_path).stdout
