@@ -132,14 +132,16 @@ def path_of(path: Any) -> InputPath:
 
 def call_of(operations: Iterable[Group]) -> str:
     """The call of a model that does what groups &sweep and &curve of an input do; of a curve in a sweep, the curve."""
-    grid, axes = {}, []
+    grid: dict[str, str] = {}
+    axes: list[int] = []
     for group in operations:
-        keys = {key: list(value) if isinstance(value, tuple) else value for key, value in group.keys.items()}
+        keys: dict[str, Any] = {key: list(value) if isinstance(value, tuple) else value for key, value in group.keys.items()}
         path = keys.pop("parameter", "")
         if group.name == "curve":
             first = {"first": keys.pop("start")} if "start" in keys else {}
             ends = [repr(keys.pop(end, 0.0)) for end in ("from", "to")]
-            return f"model.curve({', '.join([repr(path), *ends, *(f'{key}={value!r}' for key, value in {**first, **keys}.items())])})"
+            named = [f"{key}={value!r}" for key, value in {**first, **keys}.items()]
+            return f"model.curve({', '.join([repr(path), *ends, *named])})"
         axes.append(keys.get("axis", -len(axes)))
         spaced = "geomspace" if keys.get("spacing") == "log" else "linspace"
         if "from" in keys:
@@ -503,7 +505,7 @@ def _square(name: str, matrix: Any, n: int = 0) -> Any:
             raise ModelError(f"{name} must be real; viscous damping is a matrix of its own, `damping`")
         full = np.atleast_2d(np.asarray(matrix, dtype=float))
     except (TypeError, ValueError):
-        if getattr(matrix, "dtype", None) == object:  # of scipy.io.loadmat, by default
+        if getattr(getattr(matrix, "dtype", None), "kind", "") == "O":  # of scipy.io.loadmat, by default
             raise ModelError(f"{name} is an array of objects, as of a struct of MATLAB: scipy.io.loadmat(..., simplify_cells=True)"
                              " returns the matrix itself") from None  # fmt: skip
         raise ModelError(f"{name} must be a square matrix of numbers, not {matrix!r}") from None

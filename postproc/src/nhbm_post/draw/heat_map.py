@@ -35,8 +35,8 @@ def draw_map(
     """`measure` over two swept parameters `over` (x, y), one cell per point.
 
     Cells of points that have not converged carry the mark of their status: solved ones on their colour, others on white. Cells of
-    pending points are blank, and those that are not in the sweep grey. Further swept parameters must be fixed by `where`. `logarithmic`: letters of `x`, `y`, `z` (the
-    colours), or `none`; by default x and y are logarithmic if the sweep is.
+    pending points are blank, and those that are not in the sweep grey. Further swept parameters must be fixed by `where`.
+    `logarithmic`: letters of `x`, `y`, `z` (the colours), or `none`; by default x and y are logarithmic if the sweep is.
     """
     measure = measure or Measure()
     dof = results.default_dof(measure.quantity) if dof is None else dof
