@@ -37,7 +37,7 @@ contains
          "each thread of OpenBLAS takes at its first call; raise it, or set OPENBLAS_NUM_THREADS=1")
    end subroutine take_blas_memory
 
-   !> Whether the process may end as usual. Without its memory OpenBLAS would wait for its threads, which never stop to request theirs.
+   !> Whether the process may end as usual. Without its memory OpenBLAS would wait for threads that never stop to request theirs.
    logical function can_end_blas()
       can_end_blas = .not. is_short_of_memory
    end function can_end_blas
