@@ -432,8 +432,21 @@ contains
          self%result = trial
       end if
       self%estimate = missing_in(self%options, self%result)
+      associate (is_known => is_clear_impact(self%options, self%result))
+         self%max_failures = merge(1, max_failures, is_known)
+         self%max_idle = merge(1, max_idle, is_known)
+      end associate
       call note_level(self%n_levels + 1, size(self%top%unknowns), self%estimate)
    end subroutine refined_motion_solve
+
+   !> Whether a wall is struck so hard that no larger set can leave the limit of impacts: the status is known.
+   pure logical function is_clear_impact(options, result)
+      type(options_t), intent(in) :: options
+      type(motion_result_t), intent(in) :: result
+      real(wp), parameter :: clear = 10.0_wp                          ! of the limit
+
+      is_clear_impact = result%status == outcome%impact .and. result%error_estimate%impact > clear*options%error_estimate%impact
+   end function is_clear_impact
 
    !> Compares the motion of the next level with the level below, which may increase its estimate, and stores the best
    !> level so far.

@@ -18,6 +18,7 @@ module hb_level_solver
    public :: level_solver_t, solver_tolerance
 
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
+   real(wp), parameter :: share_of_first = 0.5_wp                     ! of all work: a level that takes more leaves too little
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: patience = 3                                 ! steps without improvement from the level below
 
@@ -101,8 +102,8 @@ contains
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_solve
 
-   !> Work that a level may take: what is left, without the share of a time integration that may follow. A further search takes
-   !> no more than all levels before it, but a share of the limit in any case.
+   !> Work that a level may take: what is left, without the share of a time integration that may follow. The first takes
+   !> half of it, a further search no more than all levels before it, but a share of the limit in any case.
    pure real(wp) function level_solver_permitted_work(self, with_fallback) result(work)
       class(level_solver_t), intent(in) :: self
       logical, intent(in) :: with_fallback
@@ -112,6 +113,7 @@ contains
          if (options%has_time_domain() .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
              .not. any(self%system%tones%is_unknown)) work = options%accuracy%max_work + options%solver%max_fallback_work
          work = max(0.0_wp, work - self%work_spent)
+         if (self%n_levels == 0 .and. options%accuracy%grows_set) work = share_of_first*work
          if (with_fallback .and. self%n_levels > 0) &
             work = max(share_of_fallback*options%accuracy%max_work, min(work, self%work_spent))
       end associate
