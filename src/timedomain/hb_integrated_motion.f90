@@ -4,7 +4,8 @@
 !> coefficients at all tuples of the set; their difference from those of the previous window, which is shorter and
 !> nearer to the start, is the spread. If the spread no longer falls, the motion is aperiodic or still in its
 !> transient. Averages do not show lines between the tuples: the remainder of the record after subtraction of the
-!> series must repeat as the tones do (hb_recurrence), or after several periods of them.
+!> series must repeat as the tones do (hb_recurrence), or after several periods of them. A record shorter than a beat of the tones
+!> does not determine the lines that differ by it: what they may exchange is a part of the error.
 module hb_integrated_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: coefficients_at
@@ -17,7 +18,7 @@ module hb_integrated_motion
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
-   use hb_line_fit, only: line_fit_t, new_line_fit
+   use hb_line_fit, only: line_fit_t, new_line_fit, unresolved_by
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
@@ -81,6 +82,7 @@ module hb_integrated_motion
       real(wp) :: decay = 0.0_wp                                      ! [1/s] of the slowest mode of the structure
       type(integration_record_t) :: record                            ! the last one
       type(line_fit_t) :: fit                                         ! of candidates to it
+      real(wp) :: unresolved = 0.0_wp                                 ! part of the motion in lines that it does not separate
       real(wp), allocatable :: remainder(:, :)                        ! what its series leaves, (n_samples, n_coordinates)
    end type windows_t
 
@@ -314,6 +316,9 @@ contains
          if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(windows%n_first)// &
             " periods has too many samples"
          if (steady%status == outcome%integrated) then
+            if (windows%unresolved > steady%spread) steady%message = steady%message//", and "//rounded(windows%unresolved)// &
+               " of the motion is of harmonics too close to each other for a record of this length"
+            steady%spread = hypot(steady%spread, windows%unresolved)
             windows%fit%max_work = huge(1.0_wp)
             steady%amplitudes = transpose(averages_of(system, discretisation, options, record%every_displacement, record, &
                                                       windows%fit))
@@ -395,6 +400,8 @@ contains
       if (finds_lines) then
          self%remainder = reshape([(z(:, i) - self%fit%series(averages(:, i)), i=1, size(z, 2))], shape(z))
          steady%spread = largest_in_parts(self%remainder, z)
+         self%unresolved = maxval([(unresolved_by(self%step*size(z, 1), self%frequencies, averages(:, i), steady%spread), &
+                                      i=1, size(z, 2))])
       else if (allocated(steady%averages)) then
          steady%spread = maxval(distance_of(averages, steady%averages, 0.0_wp))
       else

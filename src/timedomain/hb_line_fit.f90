@@ -15,11 +15,12 @@ module hb_line_fit
    use hb_torus, only: cheap_size
    implicit none
    private
-   public :: line_fit_t, new_line_fit
+   public :: line_fit_t, new_line_fit, unresolved_by
 
    integer, parameter :: width = 14                                   ! positions over which a line is distributed: errors of 1e-11
    integer, parameter :: max_products = 100
    real(wp), parameter :: work_of_position = 35.0_wp                  ! [ns] in a product: .6 to 1.3 times the time
+   real(wp), parameter :: curved = 13.4_wp                            ! 6 sqrt(5): phase squared over misfit of such lines
 
    type :: line_fit_t
       real(wp) :: work = 0.0_wp                                       !! of all fits so far [ns]
@@ -135,6 +136,36 @@ contains
          x = [samples(size(samples) - n/2 + 1:), samples(:n - n/2)]/self%shape
       end associate
    end function line_fit_series
+
+   !> Part of a series that a record does not determine, relative to its lines without the mean.
+   !>
+   !> Two lines closer than a cycle of the record share the motion at both of them, and that of a third one as close beyond the
+   !> candidates: a fit divides it by their importance, whichever of them it belongs to. Lines at equal distances whose phases
+   !> are b = (w1 - w2) T apart at the end of the record can exchange amplitudes as d, -2 d, d, and leave a misfit of
+   !> d b**2/(6 sqrt(5)): an error of sqrt(6) d at other times. The smaller of the two lines is such a d, unless the misfit is
+   !> too small for it.
+   pure real(wp) function unresolved_by(duration, frequencies, coefficients, misfit) result(share)
+      real(wp), intent(in) :: duration                                !! T [s] of the record
+      real(wp), intent(in) :: frequencies(:)                          !! w [rad/s], (n_lines)
+      complex(wp), intent(in) :: coefficients(:)                      !! (n_lines)
+      real(wp), intent(in) :: misfit                                  !! of the series, relative as the result
+      real(wp) :: beat, moving, turns(size(frequencies))
+      integer :: i, k
+
+      share = 0.0_wp
+      moving = norm2(pack(abs(coefficients), abs(frequencies) > 0.0_wp))
+      if (moving <= 0.0_wp) return
+      turns = duration*abs(frequencies)
+      do i = 2, size(turns)
+         do k = 1, i - 1
+            beat = abs(turns(i) - turns(k))
+            if (beat >= two_pi) cycle
+            share = hypot(share, min(abs(coefficients(i))/moving, abs(coefficients(k))/moving, &
+                                     misfit*curved/max(beat**2, tiny(1.0_wp))))
+         end do
+      end do
+      share = sqrt(6.0_wp)*share
+   end function unresolved_by
 
    !> Frees the memory of FFTW; safe to call twice.
    subroutine line_fit_destroy(self)
