@@ -431,7 +431,7 @@ contains
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)
       call store_integrated(system, here, options, coordinates, retained, result)
-      result%error_estimate%truncation = hypot(steady%spread, tail)
+      result%error_estimate%truncation = min(1.0_wp, hypot(steady%spread, tail))
       found%n_samples = samples_for(found%set%highest, degree_of(system))
       found%unknowns = guess_from(system, here, coordinates, retained)
       result%harmonics = found%set
