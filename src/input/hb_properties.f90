@@ -497,6 +497,7 @@ contains
       integer :: i
 
       do i = len(word) - 2, 1, -1
+         if (i + 2 > len(word)) cycle                              ! a mark behind it is gone
          if (word(i:i + 1) /= char(226)//char(128)) cycle
          if (iachar(word(i + 2:i + 2)) >= 152 .and. iachar(word(i + 2:i + 2)) <= 159) word = word(:i - 1)//word(i + 3:)
       end do
