@@ -73,9 +73,9 @@ contains
                i = i + 1
                if (i <= size(words)) value = words(i)%value
             end if
-            call take_option(self, name, value, has_value, error)
+            call store_option(self, name, value, has_value, error)
          else
-            call take_word(self, words(i)%value, error)
+            call store_word(self, words(i)%value, error)
          end if
          if (allocated(error)) return
          i = i + 1
@@ -84,7 +84,7 @@ contains
    end subroutine read_arguments
 
    !> Stores a word that is not an option: first the verb, then the file.
-   subroutine take_word(self, word, error)
+   subroutine store_word(self, word, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: word
       type(error_t), allocatable, intent(out) :: error
@@ -96,7 +96,7 @@ contains
       else
          call fail(error, "unexpected argument '"//word//"'; the input file is '"//self%input//"'")
       end if
-   end subroutine take_word
+   end subroutine store_word
 
    !> Splits `--name=value`, `--name` or `-n` into the long name and the value, which is empty if there is none.
    subroutine cut_option(word, name, value, has_value, error)
@@ -125,7 +125,7 @@ contains
    end subroutine cut_option
 
    !> Stores an option.
-   subroutine take_option(self, name, value, has_value, error)
+   subroutine store_option(self, name, value, has_value, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! the long one
       character(*), intent(in) :: value
@@ -137,7 +137,7 @@ contains
          if (len(value) == 0) then
             call fail(error, name//" needs a value")
          else
-            call take_value(self, name, value, error)
+            call store_value(self, name, value, error)
          end if
          return
       else if (has_value) then
@@ -155,17 +155,17 @@ contains
       case ("--resume"); self%resumes = .true.
       case ("--retry"); self%retries = .true.
       end select
-   end subroutine take_option
+   end subroutine store_option
 
    !> Stores the value of an option that has one.
-   subroutine take_value(self, option, value, error)
+   subroutine store_value(self, option, value, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: option, value
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: numbers(:)
 
       select case (option)
-      case ("--set"); call take_override(self, value, error)
+      case ("--set"); call store_override(self, value, error)
       case ("--unset")
          call add_string(self%overrides, value//"=")
          if (index(value, "=") > 0) call fail(error, "--unset takes a path without a value, not '"//value//"'")
@@ -195,10 +195,10 @@ contains
          if (self%level < 0) call fail(error, "unknown log level '"//value//"'; known: "//join(log_level_names, ", "))
       case default; self%output = value
       end select
-   end subroutine take_value
+   end subroutine store_value
 
    !> Stores path=value. Without a value, as from an empty variable of the shell, it would remove the key.
-   subroutine take_override(self, assignment, error)
+   subroutine store_override(self, assignment, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: assignment
       type(error_t), allocatable, intent(out) :: error
@@ -208,7 +208,7 @@ contains
       equals = index(assignment, "=")
       if (equals == 0 .or. len_trim(assignment(equals + 1:)) > 0) return
       call fail(error, "--set "//assignment//" has no value; --unset "//assignment(:equals - 1)//" removes the key")
-   end subroutine take_override
+   end subroutine store_override
 
    !> Reads whole numbers separated by commas, each with a lower bound.
    subroutine read_numbers(option, text, least, numbers, error)

@@ -7,12 +7,12 @@ program nhbm
    use command_table, only: verb_names, write_completion, write_help, write_manual
    use console, only: finish_output, print_error, say
    use exit_status, only: bad_input, incomplete, success
-   use hb_blas_threads, only: can_end_blas, take_blas_memory, use_one_blas_thread
+   use hb_blas_threads, only: allocate_blas_memory, can_end_blas, use_one_blas_thread
    use hb_crash_handler, only: protect_outside_code
    use hb_error, only: error_t, fail
    use hb_hdf5, only: can_end_library
    use hb_kinds, only: wp
-   use hb_memory, only: keep_freed_memory
+   use hb_memory, only: retain_freed_memory
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, start_workers, stop_mpi, world
    use hb_printable, only: printable
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
@@ -60,7 +60,7 @@ program nhbm
    integer :: status
    real(wp), parameter :: pause = 0.5_wp                              !! [s] see expect_signals
 
-   call keep_freed_memory()
+   call retain_freed_memory()
    call use_one_blas_thread()
    call survive_failed_writes()
    words = argument_list()
@@ -151,7 +151,7 @@ contains
       else if (.not. allocated(options%input)) then
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else
-         call take_blas_memory(error)
+         call allocate_blas_memory(error)
          call share_error(comm, error)
          if (.not. allocated(error)) call run_known_verb(verb)
       end if

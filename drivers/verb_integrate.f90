@@ -49,7 +49,7 @@ contains
       call load_study(options, comm, study, error)
       if (allocated(error)) return
       call choose_point(options, study, point, error)
-      if (.not. allocated(error)) call take_point(study, point, error)
+      if (.not. allocated(error)) call adopt_point(study, point, error)
       if (allocated(error)) return
       call check_integration(study%model%system, study%model%options, error)
       call annotate(error, options%input)
@@ -78,7 +78,7 @@ contains
    end subroutine choose_point
 
    !> Sets the model of the study to that of a point.
-   subroutine take_point(study, point, error)
+   subroutine adopt_point(study, point, error)
       type(study_t), intent(inout) :: study
       integer, intent(in) :: point                                    !! from 1
       type(error_t), allocatable, intent(out) :: error
@@ -89,7 +89,7 @@ contains
       call study%plan%apply(point, document)
       call read_model(study%model, document, error, callbacks=study%callbacks)
       call annotate(error, "point "//to_text(point - 1))
-   end subroutine take_point
+   end subroutine adopt_point
 
    subroutine integrate_to_file(options, study, path, error)
       type(arguments_t), intent(in) :: options

@@ -248,7 +248,7 @@ contains
 
       status = begin_call(model, "nhbm_verify_motion", handle, texts=[motion], needs_input=.true.)
       if (status /= c_status%success) return
-      call take_motion(motion, result, error)
+      call copy_motion(motion, result, error)
       status = c_status%invalid_argument
       if (.not. allocated(error)) then
          if (max_periods >= 0_c_int) status = c_status%invalid_input
@@ -258,7 +258,7 @@ contains
    end function nhbm_verify_motion
 
    !> Copies a motion of C. Fails for lengths that are zero or too large, and for arrays that are NULL.
-   subroutine take_motion(address, motion, error)
+   subroutine copy_motion(address, motion, error)
       type(c_ptr), intent(in) :: address
       type(motion_result_t), intent(out) :: motion
       type(error_t), allocatable, intent(out) :: error
@@ -292,7 +292,7 @@ contains
          call c_f_pointer(given%frequency_estimate, frequency_estimate, [n(1)])
          motion%error_estimate%frequency_error = real(frequency_estimate, wp)
       end associate
-   end subroutine take_motion
+   end subroutine copy_motion
 
    integer(c_int) function nhbm_get_warnings(model, warnings) bind(c, name="nhbm_get_warnings") result(status)
       type(c_ptr), value :: model, warnings

@@ -91,7 +91,7 @@ contains
       if (self%has_curve) then
          if (allocated(motion%curve%unknowns)) self%n_curve_unknowns = size(motion%curve%unknowns)
       end if
-      call self%go_through(motion)
+      call self%append_connected(motion)
       call self%refuse_unknown(error)
    end subroutine column_view_find
 

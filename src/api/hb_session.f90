@@ -314,7 +314,7 @@ contains
       call self%cancellation%leave()
       call self%neighbour%forget()                                    ! the last motion alone is a neighbour
       if (.not. allocated(failure) .and. allocated(level%unknowns)) &
-         call self%neighbour%keep(here, level, self%result%n_levels)
+         call self%neighbour%store(here, level, self%result%n_levels)
       if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted
       self%result%solve_seconds = wall_clock() - started
       call complete_result(self)

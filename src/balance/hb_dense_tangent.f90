@@ -54,14 +54,14 @@ contains
          if (laws%n_lanes == 1) then
             do i = 1, pairs%n_pairs
                call laws%tabulate(i, 1)
-               call put_products(self, linear, laws, frequencies, i, 1, is_filled(pairs%row(i), pairs%column(i)), jacobian)
+               call store_products(self, linear, laws, frequencies, i, 1, is_filled(pairs%row(i), pairs%column(i)), jacobian)
             end do
          else                                                         ! a row is written by one thread
             !$omp parallel do num_threads(laws%n_lanes) schedule(dynamic) private(i)
             do k = 1, laws%n_dofs
                do i = pairs%first(k), pairs%first(k + 1) - 1
                   call laws%tabulate(pairs%order(i), this_thread())
-                  call put_products(self, linear, laws, frequencies, pairs%order(i), this_thread(), &
+                  call store_products(self, linear, laws, frequencies, pairs%order(i), this_thread(), &
                                     is_filled(k, pairs%column(pairs%order(i))), jacobian)
                end do
             end do
@@ -293,7 +293,7 @@ contains
 
    !> T[df/dq] + T[df/dv] d/dt into block (row, column), and -T[df/ds] S(column, k) into block (row, k), column by column while
    !> these are in the cache: the rate of cos is -frequency sin, that of sin is frequency cos.
-   subroutine put_products(self, linear, laws, frequencies, pair, lane, is_first, jacobian)
+   subroutine store_products(self, linear, laws, frequencies, pair, lane, is_first, jacobian)
       type(dense_tangent_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(in) :: laws
@@ -308,9 +308,9 @@ contains
                  column => laws%jacobian%column(pair))
          do h = 1, set%n_harmonics
             if (set%sin_at(h) == 0) then                              ! an extra column receives values without a position
-               call put(jacobian(:, row, set%cos_at(h), column), self%columns(:, 1, lane))
+               call store_pair(jacobian(:, row, set%cos_at(h), column), self%columns(:, 1, lane))
             else
-               call put(jacobian(:, row, set%cos_at(h), column), jacobian(:, row, set%sin_at(h), column))
+               call store_pair(jacobian(:, row, set%cos_at(h), column), jacobian(:, row, set%sin_at(h), column))
             end if
             if (.not. laws%needs_reaction) cycle
             do k = pattern%first(column), pattern%last(column)
@@ -325,7 +325,7 @@ contains
 
    contains
 
-      subroutine put(cosine_column, sine_column)
+      subroutine store_pair(cosine_column, sine_column)
          real(wp), intent(inout), contiguous :: cosine_column(:), sine_column(:)
 
          associate (set => laws%transform%harmonics, table => laws%table)
@@ -337,7 +337,7 @@ contains
             if (laws%needs_velocity) &
                call table%add_columns(part_of(slope%by_rate, lane), set, h, 0.0_wp, -frequencies(h), cosine_column, sine_column)
          end associate
-      end subroutine put
+      end subroutine store_pair
 
       subroutine add_reaction(k, cosine_column, sine_column)
          integer, intent(in) :: k
@@ -348,7 +348,7 @@ contains
                                         cosine_column, sine_column)
          end associate
       end subroutine add_reaction
-   end subroutine put_products
+   end subroutine store_products
 
    !> Frees the memory of products; safe to call twice.
    subroutine dense_tangent_destroy(self)

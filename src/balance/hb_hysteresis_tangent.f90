@@ -145,13 +145,13 @@ contains
       call memory%load_from_rest(law, with_derivatives=.true.)
       call load_columns(self, memory)
       do round = 1, memory%rounds
-         call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+         call memory%integrate_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
          if (round == memory%rounds) exit
          do c = 1, size(self%first_slice, 6)
             do block = 1, self%n_blocks
                if (work_is_over()) return                             ! the solver ends too
                self%before = self%first_slice(:, :, :, :, block, c)
-               call go_round(self, memory, characteristic, block, c)
+               call integrate_round(self, memory, characteristic, block, c)
                self%first_slice(:, :, :, :, block, c) = self%before
             end do
          end do
@@ -197,12 +197,12 @@ contains
       associate (first => self%first_slice(:, :, :, :, block, coordinate))
          self%before = first
          if (allocated(self%closing)) then
-            call go_round(self, memory, characteristic, block, coordinate)
+            call integrate_round(self, memory, characteristic, block, coordinate)
             call close_columns(self, first)
          end if
          do round = 1, max_rounds
             if (work_is_over() .and. round > 1) return                ! the solver ends too
-            call go_round(self, memory, characteristic, block, coordinate, df)
+            call integrate_round(self, memory, characteristic, block, coordinate, df)
             change = maxval(abs(self%before - first))
             if (change <= repeat_tolerance*max(1.0_wp, maxval(abs(self%before)))) return
             if (allocated(self%closing)) then
@@ -240,7 +240,7 @@ contains
    end subroutine close_columns
 
    !> Integrates the columns `before` of the first slice through one round; with `df` stores the forces.
-   subroutine go_round(self, memory, characteristic, block, coordinate, df)
+   subroutine integrate_round(self, memory, characteristic, block, coordinate, df)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
@@ -261,7 +261,7 @@ contains
          end do
          call exchange(self%now, self%before)
       end do
-   end subroutine go_round
+   end subroutine integrate_round
 
    !> Derivative of one step of one sample: from `before` into `now`.
    subroutine step(self, memory, characteristic, slice, p, coordinate, factor, wave)

@@ -76,7 +76,7 @@ contains
       self%is_available = .false.
       if (characteristic%n_slice /= 1 .or. .not. memory%repeats) return
       call memory%differentiable()
-      call memory%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+      call memory%integrate_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
       n_runs = 0
       do k = 1, law%n_states
          do i = 1, self%n_steps

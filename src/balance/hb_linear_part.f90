@@ -34,7 +34,7 @@ module hb_linear_part
       type(block_factors_t), private :: factors                       ! LU of S on its supports, of the requested harmonics
    contains
       procedure :: move => linear_part_move
-      procedure :: take_loads => linear_part_take_loads
+      procedure :: adopt_loads => linear_part_adopt_loads
       procedure :: change_loads => linear_part_change_loads
       procedure :: entry => linear_part_entry
       procedure :: hold_free => linear_part_hold_free
@@ -100,17 +100,17 @@ contains
       call self%dynamic_stiffness_t%move(frequencies, drives, error)
    end subroutine linear_part_move
 
-   subroutine linear_part_take_loads(self, part, positions)
+   subroutine linear_part_adopt_loads(self, part, positions)
       class(linear_part_t), intent(inout) :: self
       type(dynamic_stiffness_t), intent(in) :: part
       integer, intent(in) :: positions(:)
       complex(wp) :: c(self%n_law, size(positions))
       logical :: is_singular(size(positions))
 
-      call self%dynamic_stiffness_t%take_loads(part, positions)
+      call self%dynamic_stiffness_t%adopt_loads(part, positions)
       call part%linear_amplitudes(c, is_singular)
       self%free_motion(:, positions) = c
-   end subroutine linear_part_take_loads
+   end subroutine linear_part_adopt_loads
 
    !> Changes the loads of a linear part without slopes: condenses the harmonics whose loads differ, and the fastest one,
    !> because rounding depends on its frequency. The numbers are those of a new linear part. Fails as
@@ -139,7 +139,7 @@ contains
       if (present(n_condensed)) n_condensed = size(positions)
       call new_dynamic_stiffness(part, structure, self%coordinates, frequencies(positions), loads%at(positions), error, &
                                  wanted_slopes_t(of_interior=.false.))
-      if (.not. allocated(error)) call self%take_loads(part, positions)
+      if (.not. allocated(error)) call self%adopt_loads(part, positions)
    end subroutine linear_part_change_loads
 
    !> Factorises S of harmonic h on its supports, unless it is factorised.

@@ -26,7 +26,7 @@ module hb_slider_derivative
       procedure :: integration => slider_derivative_integration
       procedure :: force => slider_derivative_force
       procedure, private :: load_from_rest => slider_derivative_load_from_rest
-      procedure, private :: go_round => slider_derivative_go_round
+      procedure, private :: integrate_round => slider_derivative_integrate_round
    end type slider_derivative_t
 
 contains
@@ -78,7 +78,7 @@ contains
          self%repeats = .false.
          do round = 1, max_rounds
             self%first = self%states(:, :, 1)
-            call self%go_round(sliders, characteristic, weight_slope)
+            call self%integrate_round(sliders, characteristic, weight_slope)
             change = maxval(abs(self%states(:, :, 1) - self%first))
             self%repeats = change <= repeat_tolerance*max(largest_path, maxval(abs(self%states)))
             if (self%repeats .or. work_is_over()) return
@@ -102,11 +102,11 @@ contains
       call self%load_from_rest(sliders)
       do round = 1, sliders%rounds
          if (sliders%is_clamped) then
-            call sliders%go_clamped_round(characteristic, change, largest_move)
+            call sliders%integrate_clamped(characteristic, change, largest_move)
          else
-            call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+            call sliders%integrate_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
          end if
-         if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
+         if (round < sliders%rounds) call self%integrate_round(sliders, characteristic, weight_slope)
          if (round == sliders%levelled_at) then
             call sliders%average_first_slice()
             self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
@@ -159,7 +159,7 @@ contains
    end subroutine slider_derivative_load_from_rest
 
    !> Integrates one round with the last steps of the states.
-   subroutine slider_derivative_go_round(self, sliders, characteristic, weight_slope)
+   subroutine slider_derivative_integrate_round(self, sliders, characteristic, weight_slope)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: sliders
       type(characteristic_t), intent(in) :: characteristic
@@ -221,7 +221,7 @@ contains
             end do
          end do
       end subroutine add_shift
-   end subroutine slider_derivative_go_round
+   end subroutine slider_derivative_integrate_round
 
    !> Derivatives of the forces, at the samples of the torus, after `integration`.
    subroutine slider_derivative_force(self, sliders, law, characteristic, df)

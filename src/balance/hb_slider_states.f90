@@ -56,12 +56,12 @@ module hb_slider_states
       procedure :: integration => slider_states_integration
       procedure :: differentiable => slider_states_differentiable
       procedure :: load_from_rest => slider_states_load_from_rest
-      procedure :: go_round => slider_states_go_round
+      procedure :: integrate_round => slider_states_integrate_round
       procedure :: find_closing => slider_states_find_closing
       procedure :: close => slider_states_close
       procedure :: rounds_of_derivatives => slider_states_rounds_of_derivatives
       procedure :: average_first_slice => slider_states_average_first_slice
-      procedure :: go_clamped_round => slider_states_go_clamped_round
+      procedure :: integrate_clamped => slider_states_integrate_clamped
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
       procedure :: repeat_last_round => slider_states_repeat_last_round
       procedure :: forgets_start => slider_states_forgets_start
@@ -114,12 +114,12 @@ contains
       self%levelled_at = 0
       do
          if (self%is_clamped) then
-            call self%go_clamped_round(characteristic, change, largest_move)
+            call self%integrate_clamped(characteristic, change, largest_move)
          else if (self%rounds == next_jump) then
             call jump(self, law, characteristic, change, largest_move)
             next_jump = next_jump + merge(between_jumps, next_jump, self%has_jumped .or. characteristic%n_slice == 1)
          else
-            call self%go_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
+            call self%integrate_round(law, characteristic, with_derivatives=.false., change=change, largest_move=largest_move)
          end if
          self%rounds = self%rounds + 1
          rounding = repeat_tolerance*max(largest, maxval(abs(self%states)))
@@ -154,7 +154,7 @@ contains
    end subroutine slider_states_load_from_rest
 
    !> Integrates one round from the states of the first slice back to it.
-   subroutine slider_states_go_round(self, law, characteristic, with_derivatives, change, largest_move)
+   subroutine slider_states_integrate_round(self, law, characteristic, with_derivatives, change, largest_move)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
@@ -187,7 +187,7 @@ contains
          end associate
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
-   end subroutine slider_states_go_round
+   end subroutine slider_states_integrate_round
 
    !> Repeats the last round with the derivatives of its steps, once after each `integration`.
    subroutine slider_states_repeat_last_round(self, law, characteristic)
@@ -199,7 +199,7 @@ contains
       if (self%has_last_round) return
       call self%differentiable()
       self%states(:, :, 1) = self%before
-      call self%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+      call self%integrate_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
       self%has_last_round = .true.
    end subroutine slider_states_repeat_last_round
 
@@ -244,7 +244,7 @@ contains
       real(wp), intent(out) :: change, largest_move                   !! of the round
 
       call self%differentiable()
-      call self%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
+      call self%integrate_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
       if (.not. change > 0.0_wp) return
       call find_closing(self%ds_ds_old, characteristic, self%closing)
       if (.not. allocated(self%closing)) return
@@ -338,8 +338,8 @@ contains
       self%has_slopes = .true.
    end subroutine slider_states_find_clamp_slopes
 
-   !> As `go_round`, by clamps.
-   subroutine slider_states_go_clamped_round(self, characteristic, change, largest_move)
+   !> As `integrate_round`, by clamps.
+   subroutine slider_states_integrate_clamped(self, characteristic, change, largest_move)
       class(slider_states_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: change, largest_move
@@ -365,7 +365,7 @@ contains
          largest_move = max(largest_move, maxval(abs(self%states(:, :, now) - self%start)))
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
-   end subroutine slider_states_go_clamped_round
+   end subroutine slider_states_integrate_clamped
 
    !> Mean over all samples of the slope of the force within a step: the spring while sliders stick, zero while they
    !> slip. After `integration`.

@@ -23,7 +23,7 @@ void hb_use_one_blas_thread(void)
 /* Size of the buffer that each thread of OpenBLAS 0.3 allocates at its first call; its own constant is not exported. */
 static const size_t buffer_bytes = 144u << 20;
 
-int hb_take_blas_memory(void)
+int hb_allocate_blas_memory(void)
 {
    void dpotrf_(const char *, const int *, double *, const int *, int *, size_t);
    const int n = 1;

@@ -7,7 +7,7 @@ void hb_use_one_blas_thread(void);
 
 /* Makes OpenBLAS allocate its working memory: at its first call it would otherwise retry endlessly if a limit such as ulimit -v
  * does not permit it. Returns 0, or -1 if there is too little memory. */
-int hb_take_blas_memory(void);
+int hb_allocate_blas_memory(void);
 
 /* Returns the number of threads of OpenBLAS; 0 with another library. */
 int hb_n_blas_threads(void);

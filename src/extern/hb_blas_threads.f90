@@ -6,7 +6,7 @@ module hb_blas_threads
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: can_end_blas, n_blas_threads, take_blas_memory, use_one_blas_thread
+   public :: allocate_blas_memory, can_end_blas, n_blas_threads, use_one_blas_thread
 
    logical :: is_short_of_memory = .false.
 
@@ -16,9 +16,9 @@ module hb_blas_threads
       subroutine use_one_blas_thread() bind(c, name="hb_use_one_blas_thread")
       end subroutine use_one_blas_thread
 
-      integer(c_int) function hb_take_blas_memory() bind(c, name="hb_take_blas_memory")
+      integer(c_int) function hb_allocate_blas_memory() bind(c, name="hb_allocate_blas_memory")
          import :: c_int
-      end function hb_take_blas_memory
+      end function hb_allocate_blas_memory
 
       !> Number of threads of OpenBLAS; 0 with another library.
       integer(c_int) function n_blas_threads() bind(c, name="hb_n_blas_threads")
@@ -29,13 +29,13 @@ module hb_blas_threads
 contains
 
    !> Makes BLAS allocate its working memory before its first call; fails if a limit leaves too little.
-   subroutine take_blas_memory(error)
+   subroutine allocate_blas_memory(error)
       type(error_t), allocatable, intent(out) :: error
 
-      is_short_of_memory = hb_take_blas_memory() /= 0
+      is_short_of_memory = hb_allocate_blas_memory() /= 0
       if (is_short_of_memory) call fail(error, "a limit on memory (ulimit -v) leaves less than the 144 MiB that "// &
          "each thread of OpenBLAS takes at its first call; raise it, or set OPENBLAS_NUM_THREADS=1")
-   end subroutine take_blas_memory
+   end subroutine allocate_blas_memory
 
    !> Whether the process may end as usual. Without its memory OpenBLAS would wait for threads that never stop to request theirs.
    logical function can_end_blas()

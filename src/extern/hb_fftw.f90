@@ -163,7 +163,7 @@ contains
       slot = slot_of(key)
       if (slot == 0) then
          call plan_real(n_samples, n_batch, samples, spectrum, backward, forward)
-         call keep(key, backward, forward, slot)
+         call store_plans(key, backward, forward, slot)
       end if
       call borrow(self, slot, error)
       call unlock_store()
@@ -195,7 +195,7 @@ contains
          if (.not. allocated(error)) call new_complex_block(samples, lead_samples*n*n_outer, 1, error)
          if (.not. allocated(error)) then
             call plan_axis(spectrum%values, samples%values)
-            call keep(key, backward, forward, slot)
+            call store_plans(key, backward, forward, slot)
          end if
          call spectrum%destroy()
          call samples%destroy()
@@ -253,7 +253,7 @@ contains
 
    !> Stores a pair in a free slot, or in that of the pair not used for longest; if all are in use, in a new one. The
    !> slot is 0 if planning failed.
-   subroutine keep(key, backward, forward, slot)
+   subroutine store_plans(key, backward, forward, slot)
       integer, intent(in) :: key(:)
       type(c_ptr), intent(in) :: backward, forward
       integer, intent(out) :: slot
@@ -279,7 +279,7 @@ contains
       store(slot)%key = key
       store(slot)%backward = backward
       store(slot)%forward = forward
-   end subroutine keep
+   end subroutine store_plans
 
    subroutine enlarge_store()
       type(stored_plan_t), allocatable :: larger(:)

@@ -6,7 +6,7 @@ module hb_file_location
    use hb_text, only: to_text
    implicit none
    private
-   public :: check_source, check_target, put_in_place
+   public :: check_source, check_target, give_final_name
 
    integer, parameter :: longest_name = 240                           ! bytes; parallel HDF5 under Open MPI aborts from 245 on
 
@@ -61,7 +61,7 @@ contains
    end subroutine check_target
 
    !> Gives a finished file its final name, atomically.
-   subroutine put_in_place(temporary, path, overwrite, error)
+   subroutine give_final_name(temporary, path, overwrite, error)
       character(*), intent(in) :: temporary, path
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
@@ -84,5 +84,5 @@ contains
       end if
       call rename_file(temporary, path, ok)
       if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
-   end subroutine put_in_place
+   end subroutine give_final_name
 end module hb_file_location

@@ -53,7 +53,7 @@ static int is_named(int descriptor, const char *path)
           open_file.st_ino == named_file.st_ino;
 }
 
-int hb_take_file(const char *path)
+int hb_lock_file(const char *path)
 {
    struct stat file;
    const int is_there = lstat(path, &file) == 0;

@@ -22,7 +22,7 @@ int hb_full_folder(const char *path, char *full, int n_bytes);
    descriptor for hb_release_file, -1 if the file cannot be created, -2 if another process has the lock, -3 if the name is not
    a regular file, -4 if it is an unrelated file: one that is not empty and does not have the sticky bit, which marks leftovers
    of killed processes. On a file system without locks the file counts as locked. */
-int hb_take_file(const char *path);
+int hb_lock_file(const char *path);
 
 /* Removes the sticky bit of a complete file. */
 void hb_finish_file(int descriptor);

@@ -48,13 +48,13 @@ module hb_hdf5
       procedure :: has => file_has
       procedure :: open_dataset => file_open_dataset
       generic :: get => get_integer, get_real, get_texts
-      generic :: put => put_integer, put_real, put_text
+      generic :: store => store_integer, store_real, store_text
       procedure, private :: get_integer => file_get_integer
       procedure, private :: get_real => file_get_real
       procedure, private :: get_texts => file_get_texts
-      procedure, private :: put_integer => file_put_integer
-      procedure, private :: put_real => file_put_real
-      procedure, private :: put_text => file_put_text
+      procedure, private :: store_integer => file_store_integer
+      procedure, private :: store_real => file_store_real
+      procedure, private :: store_text => file_store_text
    end type h5_file_t
 
    integer, parameter :: for_making = 1, for_replacing = 2, for_reading = 3, for_changing = 4 ! purposes of opening a file
@@ -396,7 +396,7 @@ contains
    end function file_has
 
    !> Adds a dataset with its values, scales, unit and meaning; does nothing after an error.
-   subroutine file_put_real(self, name, values, scales, units, long_name, error, dataset)
+   subroutine file_store_real(self, name, values, scales, units, long_name, error, dataset)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       real(wp), intent(in), contiguous :: values(..)
@@ -411,10 +411,10 @@ contains
       if (.not. allocated(error)) call made%write(values, error)
       call made%describe(units, long_name, error, scales)
       if (present(dataset)) dataset = made
-   end subroutine file_put_real
+   end subroutine file_store_real
 
    !> As for real numbers.
-   subroutine file_put_integer(self, name, values, scales, units, long_name, error, dataset)
+   subroutine file_store_integer(self, name, values, scales, units, long_name, error, dataset)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       integer, intent(in), contiguous :: values(..)
@@ -429,10 +429,10 @@ contains
       if (.not. allocated(error)) call made%write(values, error)
       call made%describe(units, long_name, error, scales)
       if (present(dataset)) dataset = made
-   end subroutine file_put_integer
+   end subroutine file_store_integer
 
    !> Adds one string of any length, byte by byte as given, with its meaning; does nothing after an error. For serial files only.
-   subroutine file_put_text(self, name, text, long_name, error, dataset)
+   subroutine file_store_text(self, name, text, long_name, error, dataset)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name, text, long_name
       type(error_t), allocatable, intent(inout) :: error
@@ -447,7 +447,7 @@ contains
       call add_varying(self, name, [integer ::], addresses, made, error)
       call made%describe("1", long_name, error)
       if (present(dataset)) dataset = made
-   end subroutine file_put_text
+   end subroutine file_store_text
 
    !> Reads values in the order of the file: of a vector or a scalar; with `extents` (fastest first) of an array that
    !> must have these; with `row` only of this one, counted from 1. Does nothing after an error.

@@ -90,7 +90,7 @@ contains
       integer :: i, ignored
 
       if (status >= 0) return
-      ignored = h5ewalk2(0_c_int64_t, 0_c_int, c_funloc(keep_innermost), c_loc(cause))
+      ignored = h5ewalk2(0_c_int64_t, 0_c_int, c_funloc(store_innermost), c_loc(cause))
       text = ""
       do i = 1, cause%length
          text = text//cause%text(i)
@@ -105,7 +105,7 @@ contains
    end subroutine check
 
    !> Callback of `H5Ewalk2`: stores the description of the innermost entry.
-   integer(c_int) function keep_innermost(depth, entry, data) bind(c)
+   integer(c_int) function store_innermost(depth, entry, data) bind(c)
       integer(c_int), value :: depth
       type(stack_entry_t), intent(in) :: entry
       type(c_ptr), value :: data
@@ -113,7 +113,7 @@ contains
       character(:), allocatable :: text
       integer :: i
 
-      keep_innermost = 0
+      store_innermost = 0
       if (depth /= 0) return
       call c_f_pointer(data, cause)
       text = c_text(entry%description)
@@ -121,7 +121,7 @@ contains
       do i = 1, cause%length
          cause%text(i) = text(i:i)
       end do
-   end function keep_innermost
+   end function store_innermost
 
    !> Creates a dataspace; without extents it is that of a scalar.
    subroutine new_space(space, extents, status)

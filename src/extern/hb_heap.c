@@ -6,7 +6,7 @@
 #endif
 
 /* Source of the numbers: glibc, malloc.h. */
-void hb_keep_freed_memory(void)
+void hb_retain_freed_memory(void)
 {
 #ifdef __GLIBC__
    enum { mebibyte = 1048576 };

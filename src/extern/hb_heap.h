@@ -3,6 +3,6 @@
 #define HB_HEAP_H
 
 /* Lets this process retain up to 64 MiB of freed memory. */
-void hb_keep_freed_memory(void);
+void hb_retain_freed_memory(void);
 
 #endif

@@ -7,7 +7,7 @@ module hb_memory
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: available_memory, keep_freed_memory
+   public :: available_memory, retain_freed_memory
 
    integer(c_int), parameter :: address_space = 9                     ! RLIMIT_AS of Linux
 
@@ -24,8 +24,8 @@ module hb_memory
 
       !> Lets this process retain up to 64 MiB of freed memory: each point allocates as much as the previous one, and new
       !> pages from the system must first be cleared. Source of the interface: hb_heap.h.
-      subroutine keep_freed_memory() bind(c, name="hb_keep_freed_memory")
-      end subroutine keep_freed_memory
+      subroutine retain_freed_memory() bind(c, name="hb_retain_freed_memory")
+      end subroutine retain_freed_memory
    end interface
 
 contains

@@ -8,8 +8,8 @@ module hb_operating_system
    implicit none
    private
    public :: beside, check_held, exists, file_kind, finish_file, folder_of, follow_links, has_space, held_file_t, hold_file, &
-      is_same_file, is_terminal, kind_of_file, library_path, link_file, process_id, release_file, remove_file, rename_file, &
-      replace_process, sync_file, take_file, utc_now
+      is_same_file, is_terminal, kind_of_file, library_path, link_file, lock_file, process_id, remove_file, rename_file, &
+      replace_process, sync_file, unlock_file, utc_now
 
    !> Kinds of file names; links are followed.
    type :: file_kind_t
@@ -61,7 +61,7 @@ module hb_operating_system
    procedure(call_with_paths), bind(c, name="hb_is_same_file") :: hb_is_same_file
    procedure(text_of_path), bind(c, name="hb_read_link") :: hb_read_link
    procedure(text_of_path), bind(c, name="hb_full_folder") :: hb_full_folder
-   procedure(call_with_path), bind(c, name="hb_take_file") :: hb_take_file
+   procedure(call_with_path), bind(c, name="hb_lock_file") :: hb_lock_file
    procedure(call_with_path), bind(c, name="hb_sync_file") :: hb_sync_file
    procedure(call_with_descriptor), bind(c, name="hb_finish_file") :: hb_finish_file
    procedure(call_with_descriptor), bind(c, name="hb_release_file") :: hb_release_file
@@ -220,13 +220,13 @@ contains
       ignored = c_unlink(c_path(path))
    end subroutine remove_file
 
-   !> Creates a file if necessary, and locks it for this process until `release_file` or the end of the process.
-   subroutine take_file(path, descriptor, error)
+   !> Creates a file if necessary, and locks it for this process until `unlock_file` or the end of the process.
+   subroutine lock_file(path, descriptor, error)
       character(*), intent(in) :: path
-      integer, intent(out) :: descriptor               !! for `release_file`
+      integer, intent(out) :: descriptor               !! for `unlock_file`
       type(error_t), allocatable, intent(out) :: error
 
-      descriptor = int(hb_take_file(c_path(path)))
+      descriptor = int(hb_lock_file(c_path(path)))
       select case (descriptor)
       case (0:); return
       case (-2); call fail(error, "another run is making it at this moment; give another --output")
@@ -235,13 +235,13 @@ contains
       case default
          call fail(error, "cannot be made; check the permission of its folder or give another --output")
       end select
-   end subroutine take_file
+   end subroutine lock_file
 
    !> Opens a file that is being written, to monitor it, and locks it if that does not conflict with parallel HDF5;
    !> fails if another process has the lock.
    subroutine hold_file(path, held, error)
       character(*), intent(in) :: path
-      type(held_file_t), intent(out) :: held           !! for `check_held` and `release_file`
+      type(held_file_t), intent(out) :: held           !! for `check_held` and `unlock_file`
       type(error_t), allocatable, intent(out) :: error
 
       held%descriptor = int(hb_hold_file(c_path(path), held%n_bytes))
@@ -264,7 +264,7 @@ contains
 
    !> Whether a file can grow to `n_bytes`; also true if the system cannot determine it.
    logical function has_space(descriptor, n_bytes)
-      integer, intent(in) :: descriptor                !! of `take_file`; the file is empty, before and after
+      integer, intent(in) :: descriptor                !! of `lock_file`; the file is empty, before and after
       integer(c_long_long), intent(in) :: n_bytes
 
       has_space = hb_check_space(int(descriptor, c_int), n_bytes) == 0
@@ -272,17 +272,17 @@ contains
 
    !> Marks a file as complete: from now on it is no longer treated as a leftover of a killed run.
    subroutine finish_file(descriptor)
-      integer, intent(in) :: descriptor                !! of `take_file`
+      integer, intent(in) :: descriptor                !! of `lock_file`
 
       call hb_finish_file(int(descriptor, c_int))
    end subroutine finish_file
 
    !> Releases a lock.
-   subroutine release_file(descriptor)
+   subroutine unlock_file(descriptor)
       integer, intent(in) :: descriptor
 
       call hb_release_file(int(descriptor, c_int))
-   end subroutine release_file
+   end subroutine unlock_file
 
    !> Writes all data of a file to the disk.
    subroutine sync_file(path, ok)

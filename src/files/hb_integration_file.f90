@@ -4,7 +4,7 @@
 module hb_integration_file
    use hb_error, only: annotate, error_t
    use hb_file_columns, only: amplitude_convention, file_columns_t
-   use hb_file_location, only: check_target, put_in_place
+   use hb_file_location, only: check_target, give_final_name
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
    use hb_integration, only: integration_t
    use hb_integration_laws, only: integration_laws_t
@@ -62,10 +62,10 @@ contains
          call move_alloc(error, writer%error)
          call record_columns(writer, content, origin%tuples)
          call move_alloc(writer%error, error)
-         call writer%file%put("input_text", origin%input_text, "the input as given", error)
-         call writer%file%put("input_complete", origin%input_complete, "the input after defaults", error)
+         call writer%file%store("input_text", origin%input_text, "the input as given", error)
+         call writer%file%store("input_complete", origin%input_complete, "the input after defaults", error)
          call writer%file%close(error)
-         if (.not. allocated(error)) call put_in_place(temporary, path, overwrite, error)
+         if (.not. allocated(error)) call give_final_name(temporary, path, overwrite, error)
          if (allocated(error)) call remove_file(temporary)
       end if
       call annotate(error, "time integration record '"//path//"'")
@@ -134,7 +134,7 @@ contains
       if (self%axis_index(name) > 0 .or. size(values) == 0) return
       call self%find_axes(axes, along)
       call self%find_units(units, along, shared, list)
-      call self%file%put(name, values, self%axes(along)%scale, shared, long_name, self%error, dataset)
+      call self%file%store(name, values, self%axes(along)%scale, shared, long_name, self%error, dataset)
       if (allocated(list) .and. .not. allocated(self%error)) call dataset%set_attribute("dof_units", list, self%error)
    end subroutine writer_real
 
@@ -148,7 +148,7 @@ contains
       integer, allocatable :: along(:)
 
       call self%find_axes(axes, along)
-      call self%file%put(name, values, self%axes(along)%scale, units, long_name, self%error)
+      call self%file%store(name, values, self%axes(along)%scale, units, long_name, self%error)
    end subroutine writer_integer
 
    !> Records have no columns of texts.

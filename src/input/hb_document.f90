@@ -82,7 +82,7 @@ module hb_document
       procedure :: required_group => document_required_group
       procedure :: remove => document_remove
       procedure :: resolve => document_resolve
-      procedure :: take_changes => document_take_changes
+      procedure :: adopt_changes => document_adopt_changes
       procedure :: unit_of => document_unit_of
       procedure, private :: set_number => document_set_number
       procedure, private :: set_word => document_set_word
@@ -261,7 +261,7 @@ contains
       value%line = parameter%line
       has_changed = .false.
       associate (group => self%groups%holders(parameter%i_group)%group)
-         call group%content%put(trim(parameter%key), [value], has_changed)
+         call group%content%replace(trim(parameter%key), [value], has_changed)
          if (has_changed .and. .not. group%has_changed) call note_change(self, parameter)
       end associate
    end subroutine document_set_number
@@ -285,14 +285,14 @@ contains
    end subroutine note_change
 
    !> Returns the numbers that have changed, and forgets them: the caller sets them, or reads everything again.
-   pure subroutine document_take_changes(self, changes)
+   pure subroutine document_adopt_changes(self, changes)
       class(document_t), intent(inout) :: self
       type(parameter_t), allocatable, intent(out) :: changes(:)
 
       allocate (changes(self%n_changes))
       if (self%n_changes > 0) changes = self%changes(:self%n_changes)
       self%n_changes = 0
-   end subroutine document_take_changes
+   end subroutine document_adopt_changes
 
    !> Sets a value of the input to a word.
    pure subroutine document_set_word(self, parameter, word)
@@ -303,7 +303,7 @@ contains
 
       words(1)%value = word
       associate (group => self%groups%holders(parameter%i_group)%group)
-         call group%content%put_words(trim(parameter%key), words, group%has_changed, parameter%element, parameter%line)
+         call group%content%replace_words(trim(parameter%key), words, group%has_changed, parameter%element, parameter%line)
       end associate
    end subroutine document_set_word
 
@@ -314,7 +314,7 @@ contains
       type(value_t) :: none(0)
 
       associate (group => self%groups%holders(parameter%i_group)%group)
-         call group%content%put(trim(parameter%key), none, group%has_changed)
+         call group%content%replace(trim(parameter%key), none, group%has_changed)
       end associate
    end subroutine document_remove
 

@@ -6,7 +6,7 @@ module hb_law_reader
    use hb_law, only: law_box_t, law_t, placement_t
    use hb_law_catalogue, only: allocate_law
    use hb_law_polynomial_coupled, only: polynomial_coupled_t
-   use hb_law_user, only: load_user_law, take_memory, user_t
+   use hb_law_user, only: adopt_memory, load_user_law, user_t
    use hb_location_reader, only: read_dofs, read_further, read_location
    use hb_number_reader, only: group_problems_t, read_numbers
    use hb_operating_system, only: library_path
@@ -46,7 +46,7 @@ contains
       end select
       problems%group => group
       call box%law%check(problems)
-      if (box%law%n_states > 0) call take_memory(box)
+      if (box%law%n_states > 0) call adopt_memory(box)
    end subroutine read_law
 
    !> Reads a law that declares all that an input gives.

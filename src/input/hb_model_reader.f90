@@ -104,7 +104,7 @@ contains
       real(wp), allocatable :: values(:)
       integer :: i
 
-      call document%take_changes(changes)
+      call document%adopt_changes(changes)
       is_done = .not. document%has_changed()
       if (.not. is_done .or. size(changes) == 0) return
       allocate (numbers(size(changes)), values(size(changes)))

@@ -274,10 +274,10 @@ contains
          values%kind = kind_of%truth
          values%number = number_of_truth(value)
       type is (string_t)
-         call self%content%put_words(lower(trim(key)), value, self%has_changed)
+         call self%content%replace_words(lower(trim(key)), value, self%has_changed)
          return
       end select
-      call self%content%put(lower(trim(key)), values, self%has_changed)
+      call self%content%replace(lower(trim(key)), values, self%has_changed)
    end subroutine properties_set_list
 
    !> Sets a key to a matrix.

@@ -63,8 +63,8 @@ module hb_property_values
       procedure :: get_shown => content_get_shown
       procedure :: get_word => content_get_word
       procedure :: is_given => content_is_given
-      procedure :: put => content_put
-      procedure :: put_words => content_put_words
+      procedure :: replace => content_replace
+      procedure :: replace_words => content_replace_words
       procedure :: copy_key => content_copy_key
    end type content_t
 
@@ -147,7 +147,7 @@ contains
    end subroutine content_find_or_add
 
    !> Replaces values of a key from outside: one element, or the whole list.
-   pure subroutine content_put(self, name, values, has_changed)
+   pure subroutine content_replace(self, name, values, has_changed)
       class(content_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
       type(value_t), intent(in) :: values(:)                !! a list, or one with an index
@@ -179,7 +179,7 @@ contains
          key%n_elements = 0
          key%n_listed = sum(values%count)
       end associate
-   end subroutine content_put
+   end subroutine content_replace
 
    !> Whether a value may differ from the previous one.
    elemental logical function differs(old, new)
@@ -190,7 +190,7 @@ contains
    end function differs
 
    !> Replaces all values of a key by words from outside.
-   pure subroutine content_put_words(self, name, words, has_changed, element, line)
+   pure subroutine content_replace_words(self, name, words, has_changed, element, line)
       class(content_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
       type(string_t), intent(in) :: words(:)
@@ -231,8 +231,8 @@ contains
       end associate
       values%first = [(n + k, k=1, size(words))]
       has_changed = .true.
-      call self%put(name, values, has_changed)
-   end subroutine content_put_words
+      call self%replace(name, values, has_changed)
+   end subroutine content_replace_words
 
    !> Copies the only key of `other`: all its values, or one element.
    pure subroutine content_copy_key(self, other, has_changed)
@@ -247,7 +247,7 @@ contains
       values%last = values%last + len(self%spelling)
       values%line = 0
       self%spelling = self%spelling//other%spelling
-      call self%put(trim(other%names%names(1)), values, has_changed)
+      call self%replace(trim(other%names%names(1)), values, has_changed)
    end subroutine content_copy_key
 
    !> Whether key number `i_key` has a value.

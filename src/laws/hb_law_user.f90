@@ -14,7 +14,7 @@ module hb_law_user
    use hb_user_library, only: any_number, law_input_t, load_user_library, user_library_t
    implicit none
    private
-   public :: load_user_law, take_memory, user_t, user_memory_t
+   public :: adopt_memory, load_user_law, user_memory_t, user_t
 
    type, extends(law_t) :: user_t
       character(:), allocatable :: name                               !! prefix of the functions
@@ -180,7 +180,7 @@ contains
    end subroutine user_law_frequency_slope
 
    !> Converts a law with states, as it was read, to a law with memory if it is a user's; others are unchanged.
-   subroutine take_memory(box)
+   subroutine adopt_memory(box)
       type(law_box_t), intent(inout) :: box
       type(user_memory_t), allocatable :: memory
 
@@ -198,7 +198,7 @@ contains
          memory%length_scale = law%length_scale
       end select
       if (allocated(memory)) call move_alloc(memory, box%law)
-   end subroutine take_memory
+   end subroutine adopt_memory
 
    subroutine user_memory_declare_numbers(self, numbers)
       class(user_memory_t), intent(inout) :: self

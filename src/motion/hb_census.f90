@@ -18,7 +18,7 @@ module hb_census
    use hb_harmonics, only: harmonics_t, new_box, new_of_parity
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
-   use hb_level, only: degree_of, join, level_t, put_on_level, put_on_set, transferred
+   use hb_level, only: degree_of, join, level_t, set_to_harmonics, set_to_level, transferred
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_motion_result, only: motion_result_t
@@ -199,7 +199,7 @@ contains
       if (self%here%symmetry == symmetry%odd) then
          call new_of_parity(odd, self%here%harmonics, 1, error)
          if (allocated(error)) return
-         call put_on_set(self%here, model%discretisation, odd)
+         call set_to_harmonics(self%here, model%discretisation, odd)
       end if
       associate (here => self%here, omega => model%system%tones%omega)
          call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), &
@@ -252,7 +252,7 @@ contains
       end if
       if (model%options%accuracy%refines_grid) &
          joined%n_samples = max(joined%n_samples, samples_for(joined%set%highest, degree_of(model%system)))
-      call put_on_level(here, model%system, model%discretisation, model%options, joined, error)
+      call set_to_level(here, model%system, model%discretisation, model%options, joined, error)
    end subroutine choose_set
 
    !> Makes a start: the motion to which it leads is counted, and added if it is a new one, with those found from it.

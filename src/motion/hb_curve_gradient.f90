@@ -163,7 +163,7 @@ contains
       call new_movement(movement, there%model, number, .false., error)
       if (.not. allocated(error)) call set_movement(there%model, movement, value, error)
       there%model%options%solver%tolerance = min(there%model%options%solver%tolerance, 1.0e-12_wp)
-      if (.not. allocated(error)) call there%put_on(level, error)
+      if (.not. allocated(error)) call there%adopt_level(level, error)
       if (.not. allocated(error)) then
          associate (from => self%curve%level%set, n_further => size(there%problem%which))
             x = transferred(from, level%set, self%point%x, n_further)

@@ -108,7 +108,7 @@ contains
 
       is_solved = self%n_levels == 0
       if (.not. is_solved) then
-         call go_over(self, is_solved)
+         call change_level(self, is_solved)
          if (allocated(self%error) .or. .not. is_solved) return
       end if
       self%motion%n_levels = self%n_levels + 1
@@ -123,7 +123,7 @@ contains
 
    !> Changes to the next level at the first point of the step; if that fails, the step is performed on the previous
    !> level.
-   subroutine go_over(self, is_found)
+   subroutine change_level(self, is_found)
       type(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_found
 
@@ -145,7 +145,7 @@ contains
             call step_here(self)
          end if
       end associate
-   end subroutine go_over
+   end subroutine change_level
 
    !> Performs the step on the present set.
    subroutine step_here(self)
@@ -228,11 +228,11 @@ contains
             before = motion%level
             x = transferred(before%set, self%next%set, self%x, size(motion%problem%which))
             direction = transferred(before%set, self%next%set, self%direction, size(motion%problem%which))
-            call motion%put_on(self%next, self%error)
+            call motion%adopt_level(self%next, self%error)
             if (allocated(self%error)) return
             call motion%correct_on_plane(x, direction, is_solved)
             if (.not. is_solved) then
-               call motion%put_on(before, self%error)
+               call motion%adopt_level(before, self%error)
                return
             end if
             call move_alloc(x, self%x)
@@ -384,14 +384,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
 
-      call self%put_on(here%level, error)
+      call self%adopt_level(here%level, error)
       if (allocated(error)) return
       call self%transfer_start()
       report = self%curve%report
       self%curve = here%curve
       self%curve%problem%has_preconditioner = .false.                 ! the balance is another one
       self%curve%report = report
-      call self%keep_symmetry()
+      call self%restrict_to_symmetry()
       self%first_waiting = size(self%waiting) + 1
       self%largest = here%largest
       self%known = here%known
@@ -414,7 +414,7 @@ contains
       x = transferred(self%level%set, level%set, self%curve%x, size(self%problem%which))
       direction = transferred(self%level%set, level%set, self%curve%direction, size(self%problem%which))
       is_found = .false.
-      call self%put_on(level, error)
+      call self%adopt_level(level, error)
       if (allocated(error)) return
       is_at_branch_point = self%has_left_branch() .and. self%length <= 0.0_wp   ! there are two tangents
       is_found = is_at_branch_point
@@ -429,7 +429,7 @@ contains
          self%curve%direction = direction
          self%curve%orientation = 0.0_wp
          self%curve%status = outcome%pending
-         call self%keep_symmetry()
+         call self%restrict_to_symmetry()
       end if
       self%curve%step = step
       self%curve%report = report

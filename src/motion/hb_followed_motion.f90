@@ -18,7 +18,7 @@ module hb_followed_motion
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_level, only: apply_safety_factor, estimate_of, level_t, put_on_level, transferred
+   use hb_level, only: apply_safety_factor, estimate_of, level_t, set_to_level, transferred
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
@@ -116,14 +116,14 @@ module hb_followed_motion
       integer :: first_waiting = 1
       type(waiting_t), allocatable :: waiting(:)
    contains
-      procedure :: put_on => followed_motion_put_on
+      procedure :: adopt_level => followed_motion_adopt_level
       procedure :: make_curve => followed_motion_make_curve
       procedure :: config => followed_motion_config
-      procedure :: keep_symmetry => followed_motion_keep_symmetry
+      procedure :: restrict_to_symmetry => followed_motion_restrict_to_symmetry
       procedure :: correct_on_plane => followed_motion_correct_on_plane
       procedure :: find_roughness => followed_motion_find_roughness
       procedure :: correct_at_value => followed_motion_correct_at_value
-      procedure :: put_conditions => followed_motion_put_conditions
+      procedure :: set_conditions => followed_motion_set_conditions
       procedure :: tone_vanishes => followed_motion_tone_vanishes
       procedure :: units_at => followed_motion_units_at
       procedure :: renew => followed_motion_renew
@@ -187,7 +187,7 @@ contains
    end function n_further
 
    !> Sets up the problem of the curve on a set and a grid, at its start.
-   subroutine followed_motion_put_on(self, level, error)
+   subroutine followed_motion_adopt_level(self, level, error)
       class(followed_motion_t), intent(inout), target :: self
       type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
@@ -203,7 +203,7 @@ contains
          if (found%system%normal_mode%is_requested) which = [which, tones%n_tones + which]
       end associate
       if (found%options%accuracy%is_on .or. any(level%n_samples /= found%discretisation%torus%n_samples)) then
-         call put_on_level(found%discretisation, found%system, self%model%discretisation, found%options, level, error)
+         call set_to_level(found%discretisation, found%system, self%model%discretisation, found%options, level, error)
          if (allocated(error)) return
       end if
       if (found%options%accuracy%is_on) then
@@ -228,7 +228,7 @@ contains
             response%column = self%problem%stiffness%coordinates%number_of(response%dof)
          end associate
       end do
-   end subroutine followed_motion_put_on
+   end subroutine followed_motion_adopt_level
 
    !> Sets up the problem of odd motions alone on the present set, if the moving value is a given frequency and the
    !> equations are odd: other values may break the symmetry. Odd motions may hold sliders away from their center, and
@@ -252,7 +252,7 @@ contains
       call new_of_parity(odd, discretisation%harmonics, 1, error)
       if (allocated(error) .or. odd%n_harmonics == discretisation%harmonics%n_harmonics) return
       reduced = discretisation
-      call put_on_level(reduced, system, discretisation, options, level_t(odd, discretisation%torus%n_samples), error)
+      call set_to_level(reduced, system, discretisation, options, level_t(odd, discretisation%torus%n_samples), error)
       if (allocated(error)) return
       reduced%torus = half_of_odd(system, discretisation)
       allocate (self%odd_problem)
@@ -280,12 +280,12 @@ contains
       self%curve%x = x
       call border(self, direction)
       call self%renew()
-      call self%put_conditions()
+      call self%set_conditions()
       bordered = self%curve%problem
       units = self%curve%units
       if (self%is_rough) config%shortest_step = 1.0e-3_wp*config%longest_step    ! shorter steps do not help
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
-      call self%keep_symmetry()
+      call self%restrict_to_symmetry()
    end subroutine followed_motion_make_curve
 
    !> Settings of the step control, without the shortest step.
@@ -313,7 +313,7 @@ contains
 
    !> Restricts corrections to odd motions if curve and direction are odd; the tangent still detects branches of other
    !> motions.
-   subroutine followed_motion_keep_symmetry(self)
+   subroutine followed_motion_restrict_to_symmetry(self)
       class(followed_motion_t), intent(inout), target :: self
 
       associate (curve => self%curve)
@@ -336,7 +336,7 @@ contains
          odd(self%odd_indices) = x(self%odd_indices)
          even_part_of = norm2((x - odd)/self%curve%units)/norm2(x/self%curve%units)
       end function even_part_of
-   end subroutine followed_motion_keep_symmetry
+   end subroutine followed_motion_restrict_to_symmetry
 
    !> Corrects a motion in the plane across a direction.
    subroutine followed_motion_correct_on_plane(self, x, direction, is_found)
@@ -353,7 +353,7 @@ contains
       units = self%units_at(x)
       self%curve%x = x
       call border(self, direction/units**2)
-      call self%put_conditions()
+      call self%set_conditions()
       associate (problem => self%curve%problem, last => size(self%curve%problem%values))
          problem%values(last) = dot_product(x, problem%functionals(:, last))
       end associate
@@ -413,7 +413,7 @@ contains
 
    !> Sets the conditions of the curve: for the phases of unknown tones, from the present motion, and for the
    !> amplitude or the energy of a normal mode.
-   subroutine followed_motion_put_conditions(self)
+   subroutine followed_motion_set_conditions(self)
       class(followed_motion_t), intent(inout) :: self
       integer :: i, n
       real(wp) :: scale(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
@@ -441,7 +441,7 @@ contains
             end do
          end if
       end associate
-   end subroutine followed_motion_put_conditions
+   end subroutine followed_motion_set_conditions
 
    !> Whether the motion of an unknown tone has passed through zero on the step, so that the continuation is its mirror image, or
    !> has ended at zero, where its frequency alone would go on.
@@ -659,7 +659,7 @@ contains
       call self%problem%move_to_point(self%curve%x, is_possible)
       call self%problem%renew()
       self%tolerance_factor = 1.0_wp
-      call self%put_conditions()
+      call self%set_conditions()
    end subroutine followed_motion_prepare_step
 
    !> Transfers the start of this branch to the present set.

@@ -16,7 +16,7 @@ module hb_gradient
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: degree_of, level_t, needed_samples, put_on_level, transferred
+   use hb_level, only: degree_of, level_t, needed_samples, set_to_level, transferred
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
@@ -108,7 +108,7 @@ contains
          known%model%system = system
          known%model%discretisation = discretisation
          known%model%options = options
-         call put_on_level(known%model%discretisation, system, discretisation, options, own, error)
+         call set_to_level(known%model%discretisation, system, discretisation, options, own, error)
          call give_up()
          if (allocated(error)) return
          if (coordinates%n == 0) then
@@ -282,7 +282,7 @@ contains
       type(discretisation_t) :: before
 
       before = self%model%discretisation
-      call put_on_level(self%model%discretisation, self%model%system, before, self%model%options, level, error)
+      call set_to_level(self%model%discretisation, self%model%system, before, self%model%options, level, error)
       if (allocated(error)) return
       self%x = transferred(before%harmonics, level%set, self%x, size(self%which))
       self%n = size(self%x) - size(self%which)
@@ -307,7 +307,7 @@ contains
       associate (by => known%model%options%gradient%by, n => known%n)
          gradient = zero_gradient(known%model%system, known%model%options, known%model%discretisation%harmonics)
          allocate (here, moved)
-         call put_on(known, here, by(1), 1.0_wp, error)
+         call express_by(known, here, by(1), 1.0_wp, error)
          if (allocated(error)) return
          problem => here
          if (size(known%tones) > 0) then
@@ -363,7 +363,7 @@ contains
          typical = abs(value)
          if (.not. typical > 0.0_wp) typical = 1.0_wp
          do attempt = 1, 2
-            call put_on(known, moved, number, typical, error)
+            call express_by(known, moved, number, typical, error)
             if (allocated(error)) return
             call moved%set_parameters(known%which, known%x(n + 1:), is_found)
             call moved%parameter_derivative(known%x(:n), moved%own, by_value)
@@ -382,7 +382,7 @@ contains
    end subroutine differentiate_by
 
    !> Makes a problem the balance as a function of a number.
-   subroutine put_on(known, problem, number, typical, error)
+   subroutine express_by(known, problem, number, typical, error)
       type(known_t), intent(inout) :: known                           !! unchanged
       type(model_problem_t), intent(inout) :: problem
       type(model_number_t), intent(in) :: number
@@ -395,7 +395,7 @@ contains
       call problem%choose_number(moving_value_t(number, typical), at, is_done)
       if (.not. is_done) call new_model_problem(problem, known%model%system, known%model%discretisation, known%model%options, &
                                                 moving_value_t(number, typical), at, error)
-   end subroutine put_on
+   end subroutine express_by
 
    !> Corrects the motion by a step of Newton's method, unless the step increases the residual.
    subroutine correct(known, problem)

@@ -13,7 +13,7 @@ module hb_integrate_to_tolerance
    use hb_integrated_result, only: guess_from, store_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
-   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set
+   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_harmonics, set_to_level
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
    use hb_motion, only: forget_motion, start_from, status_of_ended
@@ -246,7 +246,7 @@ contains
       type(discretisation_t) :: here
 
       here = discretisation
-      call put_on_level(here, system, discretisation, options, level, error)
+      call set_to_level(here, system, discretisation, options, level, error)
       is_there = .not. allocated(error)
       if (is_there) call start_from(system, here, options, level%unknowns, from, is_there)
    end subroutine start_on
@@ -301,7 +301,7 @@ contains
       type(steady_motion_t) :: steady
 
       is_solved = .false.
-      call put_on_set(self%here, self%whole, self%candidates)
+      call set_to_harmonics(self%here, self%whole, self%candidates)
       self%options%integration%max_work = 0.5_wp*self%budget%left()
       call self%options%callbacks%time_domain_solver%find_steady_motion(self%system, self%here, self%options, &
                                                                         self%coordinates%dofs, steady, self%error)
@@ -426,7 +426,7 @@ contains
       call new_harmonics(found%set, discretisation%harmonics%tuples(:, positions), error)
       if (allocated(error)) return                                    ! impossible: they are tuples of a set
       here = discretisation
-      call put_on_set(here, discretisation, found%set)
+      call set_to_harmonics(here, discretisation, found%set)
       retained = steady
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)

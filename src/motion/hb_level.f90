@@ -21,7 +21,7 @@ module hb_level
    private
    public :: apply_safety_factor, caution, choose_next, choose_smaller, coarsen, degree_of, distance, estimate_of, &
       estimate_of_motion, estimate_of_wanted, is_rigid, join, level_of, level_t, margin, max_failures, min_goal, needed_samples, &
-      put_on_level, put_on_set, same_set, transferred, trim_for_neighbour, trim_set
+      same_set, set_to_harmonics, set_to_level, transferred, trim_for_neighbour, trim_set
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
@@ -336,7 +336,7 @@ contains
    end function is_needed_at
 
    !> Sets a discretisation to the set and the grid of a level.
-   subroutine put_on_level(here, system, whole, options, level, error)
+   subroutine set_to_level(here, system, whole, options, level, error)
       type(discretisation_t), intent(inout) :: here
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: whole                     !! has all loads
@@ -344,15 +344,15 @@ contains
       type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
 
-      call put_on_set(here, whole, level%set)
+      call set_to_harmonics(here, whole, level%set)
       call new_torus(here%torus, level%n_samples, level%set, error)
       if (allocated(error)) return
       here%torus%corrects_kinks = whole%torus%corrects_kinks
       call check_memory(sizes_of(system, here, options), options%memory_limit, error)
-   end subroutine put_on_level
+   end subroutine set_to_level
 
    !> Sets a discretisation to another set of harmonics.
-   subroutine put_on_set(here, whole, set)
+   subroutine set_to_harmonics(here, whole, set)
       type(discretisation_t), intent(inout) :: here
       type(discretisation_t), intent(in) :: whole                     !! has all loads
       type(harmonics_t), intent(in) :: set
@@ -361,7 +361,7 @@ contains
       here%loads = whole%loads%in_set(whole%harmonics, set)
       here%load_slopes = whole%load_slopes%in_set(whole%harmonics, set)
       here%start = whole%start%in_set(whole%harmonics, set)
-   end subroutine put_on_set
+   end subroutine set_to_harmonics
 
    !> Coefficients (n_coefficients, coordinates) of the motion of a level.
    pure function coefficients_of(level) result(u)

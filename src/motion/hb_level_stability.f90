@@ -5,7 +5,7 @@ module hb_level_stability
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of_motion, level_t, put_on_level, put_on_set
+   use hb_level, only: estimate_of_motion, level_t, set_to_harmonics, set_to_level
    use hb_motion, only: solve_system
    use hb_motion_description, only: add_stability_of, allow_for_growth, compare_with_refined
    use hb_motion_result, only: motion_result_t
@@ -51,10 +51,10 @@ contains
       guess = top%unknowns
       if (size(options%output%samples) == 0) call base%choose(system, discretisation, alone, top, guess) ! else over given phases
       if (.not. base%is_on) then
-         call put_on_level(here, system, discretisation, alone, top, error)
+         call set_to_level(here, system, discretisation, alone, top, error)
          if (.not. allocated(error)) call solve_system(system, here, alone, whole, error, guess)
       else
-         call put_on_set(here, discretisation, top%set)
+         call set_to_harmonics(here, discretisation, top%set)
          call solve_for_all_dofs(system, discretisation, alone, top, whole, error)
          if (.not. allocated(error) .and. whole%status == outcome%converged) &
             call add_stability_of(system, here, alone, motion_of(top%set, system%tones, whole), whole)

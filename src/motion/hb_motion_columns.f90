@@ -48,7 +48,7 @@ module hb_motion_columns
       procedure :: integer_array => columns_integer_array
       procedure :: real_array => columns_real_array
       procedure :: attribute => columns_attribute
-      procedure :: go_through => columns_go_through
+      procedure :: append_connected => columns_go_through
    end type columns_t
 
    abstract interface

@@ -272,7 +272,7 @@ contains
          self%n_reported = size(stored)
          self%length = abs(last%length)
          if (model%options%accuracy%is_on) then
-            call self%put_on(level, error)
+            call self%adopt_level(level, error)
             if (allocated(error)) return
             call self%make_curve(last%unknowns, last%direction)
             call self%transfer_start()
@@ -343,7 +343,7 @@ contains
       self%met = [origin_t ::]
       self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
       if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
-      call self%put_on(self%first%level, error)
+      call self%adopt_level(self%first%level, error)
    end subroutine motion_curve_prepare
 
    ! Branches of the curve
@@ -356,7 +356,7 @@ contains
 
       self%branch_start = self%first
       if (self%branch > 0) self%branch_start = self%origins(self%branch)
-      if (self%model%options%accuracy%is_on) call self%put_on(self%branch_start%level, error)
+      if (self%model%options%accuracy%is_on) call self%adopt_level(self%branch_start%level, error)
       if (allocated(error)) return
       if (self%branch == 0 .and. allocated(self%first%direction)) then
          direction = self%first%direction
@@ -379,7 +379,7 @@ contains
          self%curve%direction = self%sense()*direction
          self%curve%orientation = 0.0_wp                              ! not known where the determinant is zero
          self%curve%status = outcome%pending
-         call self%keep_symmetry()
+         call self%restrict_to_symmetry()
       end if
       self%branch_start%direction = self%curve%direction
       self%start = self%branch_start
@@ -399,7 +399,7 @@ contains
 
       associate (curve => self%curve)
          along = direction/curve%units
-         call curve%put_plane(curve%x, direction, 0.0_wp)
+         call curve%set_plane(curve%x, direction, 0.0_wp)
          call find_null_vector(curve%problem, curve%x, curve%units, spread(.true., 1, size(along)), along/norm2(along), next, &
                                is_found)
          if (.not. is_found) return

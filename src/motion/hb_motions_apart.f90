@@ -80,7 +80,7 @@ contains
             call join(level, known(i)%level%set, is_new)
             level%n_samples = max(level%n_samples, known(i)%level%n_samples)
          end do
-         call self%put_on(level, error)
+         call self%adopt_level(level, error)
          if (allocated(error)) return
       end if
       motions = motions_of(self, known)

@@ -4,7 +4,7 @@ module hb_solve_level
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_level, only: level_t, put_on_level
+   use hb_level, only: level_t, set_to_level
    use hb_motion, only: solve_system
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
@@ -31,12 +31,12 @@ contains
       call base%choose(system, whole, options, level, guess)
       if (base%is_on) then
          here = base%discretisation
-         call put_on_level(here, base%system, base%discretisation, options, base%level, error)
+         call set_to_level(here, base%system, base%discretisation, options, base%level, error)
          if (.not. allocated(error)) call solve_system(base%system, here, options, result, error, guess, found)
          if (.not. allocated(error)) call base%bring_back(system, options, level%set, result, found)
       else
          here = whole
-         call put_on_level(here, system, whole, options, level, error)
+         call set_to_level(here, system, whole, options, level, error)
          if (.not. allocated(error)) call solve_system(system, here, options, result, error, guess, found)
       end if
    end subroutine solve_level

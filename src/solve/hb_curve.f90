@@ -72,7 +72,7 @@ module hb_curve
       procedure :: locate => curve_locate
       procedure :: find_zero => curve_find_zero
       procedure :: tangent_at => curve_tangent_at
-      procedure :: put_plane => curve_put_plane
+      procedure :: set_plane => curve_put_plane
       procedure, private :: turn_at_kink => curve_turn_at_kink
    end type curve_t
 
@@ -222,7 +222,7 @@ contains
 
       limited = self%corrector
       limited%max_work = self%corrector%max_work - self%report%work
-      call self%put_plane(self%last_x, self%last_direction, step)
+      call self%set_plane(self%last_x, self%last_direction, step)
       x = self%last_x + step*self%last_direction
       if (allocated(self%part)) then
          call copy_plane_to_part(self)
@@ -359,7 +359,7 @@ contains
       call self%problem%move_to(x, is_possible)
       is_singular = .not. is_possible
       if (is_singular) return
-      call self%put_plane(x, self%direction, 0.0_wp)
+      call self%set_plane(x, self%direction, 0.0_wp)
       call find_tangent(self%problem, x, self%report, tangent, determinant_sign, is_singular)
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
    end subroutine curve_tangent_at
@@ -438,7 +438,7 @@ contains
       call self%part%move_to(x(self%retained), is_possible)
       is_singular = .not. is_possible
       if (is_singular) return
-      call self%put_plane(x, self%direction, 0.0_wp)
+      call self%set_plane(x, self%direction, 0.0_wp)
       call copy_plane_to_part(self)
       allocate (y(size(self%retained)))
       call find_tangent(self%part, x(self%retained), self%report, y, determinant_sign, is_singular)

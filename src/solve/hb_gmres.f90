@@ -37,7 +37,7 @@ module hb_gmres
       procedure :: forget => gmres_forget
       procedure :: solve => gmres_solve
       procedure, private :: cycle => gmres_cycle
-      procedure, private :: take_out => gmres_take_out
+      procedure, private :: remove_recycled => gmres_remove_recycled
       procedure, private :: add_solution => gmres_add_solution
    end type gmres_t
 
@@ -136,7 +136,7 @@ contains
       k = self%n_retained
       if (k > 0) then
          if (.not. allocated(self%h_kept)) allocate (self%h_kept(size(self%y), size(self%y)))
-         call self%take_out(self%g_kept)
+         call self%remove_recycled(self%g_kept)
          norm = dnrm2(n, self%work, 1)
          k = k + 1                                                    ! vectors
       end if
@@ -151,7 +151,7 @@ contains
          call problem%apply_tangent(self%direction, self%work)
          self%work = self%work/problem%r_scale
          self%n_products = self%n_products + 1
-         if (k > 0) call self%take_out(self%h_kept(:, j + 1))
+         if (k > 0) call self%remove_recycled(self%h_kept(:, j + 1))
          length = dnrm2(n, self%work, 1)
          if (.not. ieee_is_finite(length)) exit
          j = j + 1
@@ -214,7 +214,7 @@ contains
 
    !> Removes from `work` its projection onto the stored products: the space spanned by the first columns of `basis`,
    !> rotated, except for the last.
-   subroutine gmres_take_out(self, along)
+   subroutine gmres_remove_recycled(self, along)
       class(gmres_t), intent(inout) :: self
       real(wp), intent(out) :: along(:)                               !! its component along each of them
       integer :: i, n
@@ -232,7 +232,7 @@ contains
          end do
          call dgemv("N", n, k + 1, -1.0_wp, self%basis, n, c, 1, 1.0_wp, self%work, 1)
       end associate
-   end subroutine gmres_take_out
+   end subroutine gmres_remove_recycled
 
    pure subroutine rotate(cosine, sine, a, b)
       real(wp), intent(in) :: cosine, sine

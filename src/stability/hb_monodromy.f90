@@ -74,13 +74,14 @@ contains
       call cut_time(variation, start, finish, n_instants_of(variation, finish - start), pieces)
       self%work = work_of_cuts(variation, finish - start, size(pieces) - 1)
       if (variation%is_piecewise_linear()) then
-         call go_round(variation, pieces, finish - start, 1, self%matrix, self%n_steps)
+         call integrate_round(variation, pieces, finish - start, 1, self%matrix, self%n_steps)
          self%work = self%work + self%n_steps*variation%work_of_step((finish - start)/max(1, self%n_steps))
          if (.not. work_is_over()) self%estimate = rounding_of(variation, pieces)
          return
       end if
       do doubling = 0, max_doublings
-         call go_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, self%n_steps)
+         call integrate_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, &
+                              self%n_steps)
          do k = 1, doubling                                           ! the remaining error is of order h**(2k + 2)
             before = last
             last = last + (last - row(k - 1)%entries)/(2.0_wp**(2*k + 2) - 1.0_wp)
@@ -188,7 +189,7 @@ contains
    end function first_steps
 
    !> Propagates over all pieces, in steps of about the same length, each divided into `n_parts`.
-   subroutine go_round(variation, pieces, step, n_parts, x, n_steps)
+   subroutine integrate_round(variation, pieces, step, n_parts, x, n_steps)
       type(variation_t), intent(inout) :: variation
       type(piece_t), intent(inout) :: pieces(:)
       real(wp), intent(in) :: step                                    !! [s]
@@ -208,7 +209,7 @@ contains
          if (work_is_over()) return
          n_steps = n_steps + n
       end do
-   end subroutine go_round
+   end subroutine integrate_round
 
    !> Integral over half a step, relative to the step, from the values at its near end, its middle and its far end.
    elemental real(wp) function half_step(near, middle, far)

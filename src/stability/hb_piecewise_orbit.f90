@@ -115,7 +115,7 @@ contains
       left_before = huge(1.0_wp)
       sense_before = 0.0_wp
       do shot = 1, nearby_steps
-         call go_round(flow, variation, x, after, self%matrix, is_done)
+         call integrate_round(flow, variation, x, after, self%matrix, is_done)
          if (.not. is_done) return
          left = (after - x)/units
          if (maxval(abs(left)) >= maxval(abs(left_before))) then
@@ -313,7 +313,7 @@ contains
    end subroutine find_branch
 
    !> Computes the state after a period and its derivative.
-   subroutine go_round(self, variation, x, after, matrix, is_done)
+   subroutine integrate_round(self, variation, x, after, matrix, is_done)
       type(flow_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: x(:)
@@ -366,7 +366,7 @@ contains
       end do
       after = y(:self%n)
       is_done = .true.
-   end subroutine go_round
+   end subroutine integrate_round
 
    !> matrix = exp(duration a) matrix.
    subroutine multiply(a, duration, matrix)

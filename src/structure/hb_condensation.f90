@@ -155,14 +155,14 @@ contains
 
       associate (solver => self%solver, n_law => size(self%positions))
          limit = max(lowest_condition, real(size(self%interior), wp)*epsilon(1.0_wp))
-         call put_forces()
+         call store_forces()
          call solver%solve(frequency, self%drive, reciprocal_condition)
          is_singular = reciprocal_condition < limit
          if (abs(frequency) > 0.0_wp) return
          if (is_singular .and. .not. allocated(solver%held)) then
             call hold_free(self, limit, is_singular)
             if (is_singular) return
-            call put_forces()
+            call store_forces()
             call solver%solve(frequency, self%drive, reciprocal_condition)
             is_singular = reciprocal_condition < limit
          end if
@@ -174,7 +174,7 @@ contains
 
    contains
 
-      subroutine put_forces()
+      subroutine store_forces()
          integer :: e
 
          associate (rhs => self%solver%rhs, n_law => size(self%positions), rl => self%rl)
@@ -184,7 +184,7 @@ contains
             end do
             if (k > 0) rhs(:, n_law + 1) = self%loads%values(self%interior, k)
          end associate
-      end subroutine put_forces
+      end subroutine store_forces
    end subroutine solve_interior
 
    !> Holds the free motions of the interior at zero frequency; not if they exert forces on the coordinates.

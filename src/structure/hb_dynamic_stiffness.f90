@@ -58,7 +58,7 @@ module hb_dynamic_stiffness
    contains
       procedure :: move => dynamic_stiffness_move
       procedure :: transfer_to => dynamic_stiffness_transfer_to
-      procedure :: take_loads => dynamic_stiffness_take_loads
+      procedure :: adopt_loads => dynamic_stiffness_adopt_loads
       procedure :: restricted_to => dynamic_stiffness_restricted_to
       procedure :: linear_amplitudes => dynamic_stiffness_linear_amplitudes
       procedure :: recover => dynamic_stiffness_recover
@@ -198,14 +198,14 @@ contains
 
    !> Copies the loads of some harmonics from a stiffness of only these, of the same structure, coordinates and
    !> frequencies; both without slopes.
-   subroutine dynamic_stiffness_take_loads(self, part, positions)
+   subroutine dynamic_stiffness_adopt_loads(self, part, positions)
       class(dynamic_stiffness_t), intent(inout) :: self
       type(dynamic_stiffness_t), intent(in) :: part
       integer, intent(in) :: positions(:)                             !! numbers of its harmonics here
 
       self%load(:, positions) = part%load
       call self%held_motion%replace(positions, part%held_motion)
-   end subroutine dynamic_stiffness_take_loads
+   end subroutine dynamic_stiffness_adopt_loads
 
    !> The condensed part of some harmonics, without slopes and without the data for `recover`.
    pure function dynamic_stiffness_restricted_to(self, retained) result(part)

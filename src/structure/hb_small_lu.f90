@@ -205,11 +205,11 @@ contains
       do while (n_found < n)                                          ! each part of the graph
          n_before = n_found
          i = minloc(first(2:) - first(:n), dim=1, mask=position == 0)
-         call go_through(first, neighbours, i, order, position, n_found)
+         call append_connected(first, neighbours, i, order, position, n_found)
          i = order(n_found)                                           ! the last one is at an end of the part
          position(order(n_before + 1:n_found)) = 0
          n_found = n_before
-         call go_through(first, neighbours, i, order, position, n_found)
+         call append_connected(first, neighbours, i, order, position, n_found)
       end do
    end function narrow_order
 
@@ -240,7 +240,7 @@ contains
    end subroutine collect_neighbours
 
    !> Appends the unknowns that are connected to `start` to the order, breadth first, those with few neighbours first.
-   subroutine go_through(first, neighbours, start, order, position, n_found)
+   subroutine append_connected(first, neighbours, start, order, position, n_found)
       integer, intent(in) :: first(:), neighbours(:), start
       integer, intent(inout) :: order(:), position(:), n_found
       integer :: i, i_done, k, n_before
@@ -286,5 +286,5 @@ contains
             members(l + 1) = held
          end do
       end subroutine sort
-   end subroutine go_through
+   end subroutine append_connected
 end module hb_small_lu

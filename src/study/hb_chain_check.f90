@@ -12,7 +12,7 @@ module hb_chain_check
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: join, level_t, put_on_level, same_set, transferred
+   use hb_level, only: join, level_t, same_set, set_to_level, transferred
    use hb_model_reader, only: update_model
    use hb_motion, only: solve_system
    use hb_motion_result, only: motion_result_t
@@ -204,7 +204,7 @@ contains
       bare = self%source%model%options
       discretisation = self%source%model%discretisation
       if (self%source%layout%has_own_tuples) &
-         call put_on_level(discretisation, self%source%model%system, self%source%model%discretisation, bare, self%level, error)
+         call set_to_level(discretisation, self%source%model%system, self%source%model%discretisation, bare, self%level, error)
       if (allocated(error)) return
       bare%may_integrate = .false.
       bare%solver%fallback = .false.

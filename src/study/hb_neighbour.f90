@@ -26,7 +26,7 @@ module hb_neighbour
       real(wp) :: last_value = 0.0_wp, before_value = 0.0_wp
    contains
       procedure :: forget => neighbour_forget
-      procedure :: keep => neighbour_keep
+      procedure :: store => neighbour_store
       procedure :: predict => neighbour_predict
       procedure :: predict_level => neighbour_predict_level
       procedure :: starts_small => neighbour_starts_small
@@ -43,7 +43,7 @@ contains
 
    !> Stores the solution of a point. The previous one is removed if its harmonics differ or if the motion has jumped:
    !> a line through two branches is of no use.
-   pure subroutine neighbour_keep(self, parameter, level, n_levels)
+   pure subroutine neighbour_store(self, parameter, level, n_levels)
       class(neighbour_t), intent(inout) :: self
       real(wp), intent(in) :: parameter                               !! its value at the point, in the unit of the input
       type(level_t), intent(in) :: level                              !! set, grid and unknowns of the point
@@ -72,7 +72,7 @@ contains
       if (allocated(level%n_samples)) self%last%n_samples = level%n_samples
       self%last_value = parameter
       self%n_retained = min(2, self%n_retained + 1)
-   end subroutine neighbour_keep
+   end subroutine neighbour_store
 
    !> Returns a first guess for the next point, unallocated if there is no neighbour: the last solution x1 or, with
    !> two of them of the same harmonics, the line x1 + (x1 - x0) (p - p1)/(p1 - p0) through both. Harmonics that the

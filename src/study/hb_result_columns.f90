@@ -1,7 +1,7 @@
 !> The columns of a result file: those of motions (hb_motion_columns), those that are computed when a row, or the run,
 !> is complete, and the times of ranks.
 !> One pass over them lists the datasets of a file (`new_plan`); a pass with a motion stores its values in the row of
-!> a point (`put_motion`).
+!> a point (`store_motion`).
 module hb_result_columns
    use hb_branches, only: left_branch
    use hb_error, only: annotate, error_t, fail
@@ -55,7 +55,7 @@ module hb_result_columns
    contains
       procedure :: extents_of => plan_extents_of
       procedure :: index_of => plan_index_of
-      procedure :: put_motion => plan_put_motion
+      procedure :: store_motion => plan_store_motion
       procedure :: integer => plan_integer
       procedure :: attribute => plan_attribute
       procedure :: real => plan_real
@@ -68,7 +68,7 @@ contains
       type(plan_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
 
-      call t%go_through(m)
+      call t%append_connected(m)
       call later_columns(t, m)
       t%is_known = .true.
    end subroutine all_columns
@@ -171,7 +171,7 @@ contains
    end subroutine new_plan
 
    !> Stores the results of a motion in a row of the buffers, and missing values for unknown ones.
-   subroutine plan_put_motion(self, row, motion, error)
+   subroutine plan_store_motion(self, row, motion, error)
       class(plan_t), intent(inout) :: self
       integer, intent(in) :: row
       type(motion_result_t), intent(in) :: motion
@@ -186,7 +186,7 @@ contains
       self%i = 0
       call all_columns(self, motion)
       call move_alloc(self%error, error)
-   end subroutine plan_put_motion
+   end subroutine plan_store_motion
 
    !> A column of integers: lists it, or stores the values of the row in its buffer.
    subroutine plan_integer(self, name, units, axes, long_name, values, flags, lowest)
@@ -205,7 +205,7 @@ contains
          end if
          if (self%row == 0) return
          if (present(values)) then
-            call column%held%put(self%row, values, self%error)
+            call column%held%store(self%row, values, self%error)
          else
             call column%held%blank(self%row)
          end if
@@ -233,9 +233,9 @@ contains
       if (.not. begins(self, is_real, name, units, axes, long_name) .or. self%row == 0) return
       associate (held => self%columns(self%i)%held)
          if (present(values)) then
-            call held%put(self%row, values, self%error)
+            call held%store(self%row, values, self%error)
          else
-            call held%put_none(self%row, self%error)
+            call held%store_none(self%row, self%error)
          end if
       end associate
       if (allocated(self%error)) call annotate(self%error, "'"//name//"'")
@@ -250,7 +250,7 @@ contains
       if (.not. begins(self, is_characters, name, units, axes, long_name) .or. self%row == 0) return
       associate (held => self%columns(self%i)%held)
          call held%blank(self%row)
-         if (present(value)) call held%put(self%row, shortened(value, message_length), self%error)
+         if (present(value)) call held%store(self%row, shortened(value, message_length), self%error)
       end associate
    end subroutine plan_text
 

@@ -13,7 +13,7 @@ module hb_results
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
-   use hb_operating_system, only: check_held, held_file_t, hold_file, release_file
+   use hb_operating_system, only: check_held, held_file_t, hold_file, unlock_file
    use hb_outcome, only: outcome
    use hb_result_columns, only: column_t, measure_row, message_length, new_plan
    use hb_results_file, only: make_file
@@ -131,7 +131,7 @@ contains
       call share_error(comm, error)
       if (allocated(error)) then
          call self%file%close(error)
-         call release_file(self%held_file%descriptor)
+         call unlock_file(self%held_file%descriptor)
       else
          call allocate_rows(self, size(layout%parameters), size_of(comm))
       end if
@@ -215,12 +215,12 @@ contains
       if (allocated(error)) return
       if (self%n_held == 0) self%first_held = i
       self%n_held = self%n_held + 1
-      call self%plan%put_motion(self%n_held, point, error)
+      call self%plan%store_motion(self%n_held, point, error)
       sum = 0
       do k = 1, size(self%plan%columns)
          if (self%plan%columns(k)%is_checked) call self%plan%columns(k)%held%add_to_checksum(self%n_held, sum)
       end do
-      if (.not. allocated(error)) call self%plan%columns(self%i_checksum)%held%put(self%n_held, sum, error)
+      if (.not. allocated(error)) call self%plan%columns(self%i_checksum)%held%store(self%n_held, sum, error)
       call annotate(error, "point "//to_text(i))
       if (allocated(error)) then
          self%n_held = self%n_held - 1                  ! a row with an error is not written in part
@@ -406,7 +406,7 @@ contains
       call annotate(in_close, "result file '"//self%path//"'")
       if (allocated(in_flush)) call move_alloc(in_flush, in_close)
       if (.not. allocated(error)) call move_alloc(in_close, error)
-      call release_file(self%held_file%descriptor)
+      call unlock_file(self%held_file%descriptor)
       self%held_file%descriptor = -1
    end subroutine results_close
 
@@ -415,7 +415,7 @@ contains
       class(results_t), intent(inout) :: self
 
       call self%file%abandon()
-      call release_file(self%held_file%descriptor)
+      call unlock_file(self%held_file%descriptor)
       self%held_file%descriptor = -1
    end subroutine results_abandon
 end module hb_results

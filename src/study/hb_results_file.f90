@@ -4,10 +4,10 @@ module hb_results_file
    use hb_checksum, only: checksum
    use hb_error, only: annotate, error_t, fail
    use hb_file_columns, only: amplitude_convention
-   use hb_file_location, only: check_target, put_in_place
+   use hb_file_location, only: check_target, give_final_name
    use hb_hdf5, only: bytes_of_kind, create_file, h5_dataset_t, h5_file_t, is_characters
    use hb_kinds, only: int64, wp
-   use hb_operating_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
+   use hb_operating_system, only: finish_file, has_space, lock_file, remove_file, sync_file, unlock_file, utc_now
    use hb_parameter_path, only: identifier
    use hb_result_columns, only: bytes_of_row, column_t, measure_row, plan_t, tuple_entry_name
    use hb_results_layout, only: results_layout_t, swept_parameter_t
@@ -42,7 +42,7 @@ contains
       call check_target(path, overwrite, error)
       if (allocated(error)) return
       temporary = path//".part"
-      call take_file(temporary, descriptor, error)
+      call lock_file(temporary, descriptor, error)
       if (allocated(error)) return
       call note_unfinished(temporary)
       n_bytes = n_bytes_of(plan, layout)
@@ -60,11 +60,11 @@ contains
             ") or give another --output: "//error%message
       else
          call finish_file(descriptor)
-         call put_in_place(temporary, path, overwrite, error)
+         call give_final_name(temporary, path, overwrite, error)
       end if
       if (allocated(error)) call remove_file(temporary)
       call note_unfinished("")
-      call release_file(descriptor)
+      call unlock_file(descriptor)
    end subroutine make_file
 
    !> Upper estimate of the size of a file on the disk in bytes.
@@ -157,14 +157,14 @@ contains
 
       associate (tone => plan%axes(plan%axis_index("tone"))%scale, harmonic => plan%axes(plan%axis_index("harmonic"))%scale)
          if (.not. layout%has_own_tuples) &
-            call file%put("tuple", layout%tuples, [tone, harmonic], "1", "integer tuple j of each harmonic", error)
+            call file%store("tuple", layout%tuples, [tone, harmonic], "1", "integer tuple j of each harmonic", error)
          names = parameter_names(layout, plan)
          do i = 1, size(names)
             call add_parameter(file, trim(names(i)), layout%parameters(i), plan, error)
          end do
          do i = 1, merge(0, size(layout%tuples, 1), layout%has_own_tuples)   ! xarray selects by an index, not by rows
             entries = layout%tuples(i, :)
-            call file%put(tuple_entry_name(i), entries, [harmonic], "1", "entry of the tuple for tone "//to_text(i), error)
+            call file%store(tuple_entry_name(i), entries, [harmonic], "1", "entry of the tuple for tone "//to_text(i), error)
          end do
       end associate
       if (allocated(error)) return
@@ -174,12 +174,12 @@ contains
       else
          call file%set_attribute("coordinates", coordinate_names(layout, names), error)
       end if
-      call file%put("input_text", or_empty(layout%input_text), "the input as given", error, dataset)
+      call file%store("input_text", or_empty(layout%input_text), "the input as given", error, dataset)
       if (.not. allocated(error)) call dataset%set_attribute("file_name", or_empty(layout%input_name), error)
       if (.not. allocated(error)) call dataset%set_attribute("folder", or_empty(layout%input_folder), error)
-      call file%put("input_overrides", or_empty(layout%input_overrides), "path=value of each --set, a line each", error)
-      call file%put("input_complete", or_empty(layout%input_complete), "the input after defaults", error)
-      call file%put("input_libraries", or_empty(layout%input_libraries), &
+      call file%store("input_overrides", or_empty(layout%input_overrides), "path=value of each --set, a line each", error)
+      call file%store("input_complete", or_empty(layout%input_complete), "the input after defaults", error)
+      call file%store("input_libraries", or_empty(layout%input_libraries), &
          "libraries of the laws, checksum and length, a line each", error)
    end subroutine add_inputs
 
@@ -250,7 +250,7 @@ contains
             call file%add_texts(name, parameter%text_values, dataset, error)
             call dataset%describe(or_empty(parameter%units), what, error, [point])
          else
-            call file%put(name, parameter%values, [point], or_empty(parameter%units), what, error, dataset)
+            call file%store(name, parameter%values, [point], or_empty(parameter%units), what, error, dataset)
          end if
       end associate
       if (.not. allocated(error)) call dataset%set_attribute("parameter", parameter%path, error)

@@ -61,7 +61,7 @@ contains
       call broadcast_integers(comm, file%crashed)
       file%is_there = size(found) > 0                                 ! a 1 and the points, or nothing without a file
       if (.not. file%is_there) return
-      call schedule%keep(found(2:))
+      call schedule%restrict_to(found(2:))
       if (rank_of(comm) > 0) return
       call count_retained(summary, record, schedule%all_points())
       summary%has_other_libraries = input%libraries /= record%input_libraries

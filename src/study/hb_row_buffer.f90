@@ -33,11 +33,11 @@ module hb_row_buffer
       procedure :: add_to_checksum => row_buffer_add_to_checksum
       procedure :: blank => row_buffer_blank
       procedure :: flush => row_buffer_flush
-      procedure :: put_none => row_buffer_put_none
-      generic :: put => put_integers, put_reals, put_text
-      procedure, private :: put_integers => row_buffer_put_integers
-      procedure, private :: put_reals => row_buffer_put_reals
-      procedure, private :: put_text => row_buffer_put_text
+      procedure :: store_none => row_buffer_store_none
+      generic :: store => store_integers, store_reals, store_text
+      procedure, private :: store_integers => row_buffer_store_integers
+      procedure, private :: store_reals => row_buffer_store_reals
+      procedure, private :: store_text => row_buffer_store_text
    end type row_buffer_t
 
 contains
@@ -98,27 +98,27 @@ contains
    end subroutine row_buffer_add_to_checksum
 
    !> Stores the integers of row `k`: all of the row, or those of its part.
-   subroutine row_buffer_put_integers(self, k, values, error)
+   subroutine row_buffer_store_integers(self, k, values, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       integer, intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
 
-      call put_bytes(self, k, bytes_in(values), shape(values), error)
-   end subroutine row_buffer_put_integers
+      call store_bytes(self, k, bytes_in(values), shape(values), error)
+   end subroutine row_buffer_store_integers
 
    !> As for integers.
-   subroutine row_buffer_put_reals(self, k, values, error)
+   subroutine row_buffer_store_reals(self, k, values, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       real(wp), intent(in), contiguous, target :: values(..)
       type(error_t), allocatable, intent(out) :: error
 
-      call put_bytes(self, k, bytes_in(values), shape(values), error)
-   end subroutine row_buffer_put_reals
+      call store_bytes(self, k, bytes_in(values), shape(values), error)
+   end subroutine row_buffer_store_reals
 
    !> Stores the text of row `k`, padded with zeros.
-   subroutine row_buffer_put_text(self, k, text, error)
+   subroutine row_buffer_store_text(self, k, text, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       character(*), intent(in) :: text
@@ -129,10 +129,10 @@ contains
       self%bytes(:, k) = 0_int8
       self%bytes(:n, k) = transfer(text(:n), [0_int8])
       self%is_used = self%is_used .or. n > 0
-   end subroutine row_buffer_put_text
+   end subroutine row_buffer_store_text
 
    !> Stores missing values in row `k`; for a part, one NaN entry.
-   subroutine row_buffer_put_none(self, k, error)
+   subroutine row_buffer_store_none(self, k, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       type(error_t), allocatable, intent(out) :: error
@@ -144,10 +144,10 @@ contains
       extents = self%extents
       extents(self%part) = 1
       allocate (values(product(extents)), source=ieee_value(1.0_wp, ieee_quiet_nan))
-      call put_bytes(self, k, bytes_in(values), extents, error)
-   end subroutine row_buffer_put_none
+      call store_bytes(self, k, bytes_in(values), extents, error)
+   end subroutine row_buffer_store_none
 
-   subroutine put_bytes(self, k, values, extents, error)
+   subroutine store_bytes(self, k, values, extents, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
       integer(int8), intent(in) :: values(:)
@@ -170,7 +170,7 @@ contains
          end do
       end if
       if (.not. self%is_used) self%is_used = self%part > 0 .or. self%kind /= is_integer .or. any(self%bytes(:, k) /= 0_int8)
-   end subroutine put_bytes
+   end subroutine store_bytes
 
    !> Rejects values whose number differs from that of a row, or is larger along an axis with individual lengths.
    subroutine check_extents(self, extents, error)

@@ -44,7 +44,7 @@ module hb_schedule
    contains
       procedure :: all_points => schedule_all_points
       procedure :: ask => schedule_ask
-      procedure :: keep => schedule_keep
+      procedure :: restrict_to => schedule_restrict
       procedure :: owner_of => schedule_owner_of
       procedure :: points_of => schedule_points_of
       procedure :: block_of => schedule_block_of
@@ -94,7 +94,7 @@ contains
 
    !> Restricts the schedule to the units that contain one of the points: a chain with a missing point is solved again
    !> from its beginning, because its points start from each other.
-   pure subroutine schedule_keep(self, points)
+   pure subroutine schedule_restrict(self, points)
       class(schedule_t), intent(inout) :: self
       integer, intent(in) :: points(:)                                !! from 1
       logical :: is_retained(self%n_all_units)
@@ -111,7 +111,7 @@ contains
          call self%points_of(i, first, last)
          self%n_points = self%n_points + last - first + 1
       end do
-   end subroutine schedule_keep
+   end subroutine schedule_restrict
 
    !> First and last point of a unit to solve, all from 1.
    pure subroutine schedule_points_of(self, unit, first, last)

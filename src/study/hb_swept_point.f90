@@ -60,7 +60,7 @@ contains
       if (.not. allocated(error) .and. allocated(level%unknowns)) then
          if (present(check)) call check%examine(source, point, level, result)
          if (result%leaves_branch) call neighbour%forget()
-         call neighbour%keep(value, level, result%n_levels)
+         call neighbour%store(value, level, result%n_levels)
       else
          call neighbour%forget()
       end if

@@ -21,7 +21,7 @@ module hb_impact_curve
    use hb_integrate_to_tolerance, only: loaded_tuples, status_within, store_lines
    use hb_integrated_result, only: store_integrated
    use hb_kinds, only: wp
-   use hb_level, only: level_t, put_on_set
+   use hb_level, only: level_t, set_to_harmonics
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_motion_curve, only: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
@@ -57,7 +57,7 @@ module hb_impact_curve
       procedure :: continue_from => impact_curve_continue_from
       procedure :: start_branch => impact_curve_start_branch
       procedure :: make_step => impact_curve_make_step
-      procedure :: put_on => impact_curve_put_on
+      procedure :: adopt_level => impact_curve_adopt_level
       procedure :: find_roughness => impact_curve_find_roughness
       procedure :: make_curve => impact_curve_make_curve
       procedure :: prepare_step => impact_curve_prepare_step
@@ -176,7 +176,7 @@ contains
          self%is_done = allocated(error)
          if (self%is_done) return
          from = unpacked(packed)
-         call orbit%put_section(0.5_wp*packed(2*n + 1))
+         call orbit%set_section(0.5_wp*packed(2*n + 1))
          self%first_section = orbit%section
          call self%prepare(model%system, model%discretisation, model%options, request%origin%further, level_t(), error)
          call orbit%set_parameters([1], from(n + 1:), is_found)
@@ -189,7 +189,7 @@ contains
          if (is_found) call self%make_curve(from, direction)
          do i = 1, merge(size(parts), 0, is_found)
             x = from + parts(i)*norm2(from(:n))*direction
-            call self%curve%put_plane(x, direction, 0.0_wp)
+            call self%curve%set_plane(x, direction, 0.0_wp)
             call solve_newton(self%curve%problem, self%curve%corrector, x, report)
             is_found = report%status == outcome%converged .and. &
                        norm2((x - from)/self%curve%units) <= longest_chord*parts(i)*norm2(from(:n))/self%largest
@@ -249,7 +249,7 @@ contains
          end do
          call motion_curve_continue_from(self, model, request, bare, error)
          if (allocated(error)) return
-         call self%orbit%put_section(last(2*n + 1))
+         call self%orbit%set_section(last(2*n + 1))
       end associate
       call self%evaluate_here(self%known)
    end subroutine impact_curve_continue_from
@@ -280,13 +280,13 @@ contains
       type(origin_t) :: packed
 
       if (self%branch == 0) then
-         call self%orbit%put_section(self%first_section)
+         call self%orbit%set_section(self%first_section)
          call motion_curve_start_branch(self, error)
          return
       end if
       associate (origin => self%origins(self%branch), n => self%orbit%n_unknowns)
          packed = origin
-         call self%orbit%put_section(origin%x(2*n + 1))
+         call self%orbit%set_section(origin%x(2*n + 1))
          origin%x = unpacked(packed%x)
          origin%direction = unpacked(packed%direction)
          call motion_curve_start_branch(self, error)
@@ -295,7 +295,7 @@ contains
    end subroutine impact_curve_start_branch
 
    !> A state has no set; that of the points contains all candidates for a tolerance.
-   subroutine impact_curve_put_on(self, level, error)
+   subroutine impact_curve_adopt_level(self, level, error)
       class(impact_curve_t), intent(inout), target :: self
       type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
@@ -308,7 +308,7 @@ contains
          if (accuracy%is_on) call new_lowest_set(self%set, 1, loaded_tuples(self%model%discretisation), error, &
             min(max_candidates, max(16, ceiling(4.0_wp*accuracy%tolerance**(-2.0_wp/3.0_wp)))))
       end associate
-   end subroutine impact_curve_put_on
+   end subroutine impact_curve_adopt_level
 
    !> Nor has the period map more roughness than its rounding.
    subroutine impact_curve_find_roughness(self, x, is_possible)
@@ -385,7 +385,7 @@ contains
          section = orbit%better_section(curve%x(:n))
          if (abs(section - old) <= 0.0_wp) return
          call move(self%start%x, self%start%direction)
-         call orbit%put_section(old)
+         call orbit%set_section(old)
          call move(curve%x, curve%direction)
          curve%orientation = 0.0_wp
          call self%renew()
@@ -427,7 +427,7 @@ contains
          options = orbit%model%options
          coordinates = coordinates_of(orbit%model%system)
          if (accuracy%is_on) then
-            call put_on_set(here, orbit%model%discretisation, self%set)
+            call set_to_harmonics(here, orbit%model%discretisation, self%set)
             options%integration%aim = accuracy%tolerance
          end if
          call orbit%describe(here, options, coordinates, point%x(:n), steady, is_done)

@@ -301,7 +301,7 @@ contains
       type(report_t) :: report
 
       associate (curve => self%curve)
-         call curve%put_plane(x, direction, 0.0_wp)
+         call curve%set_plane(x, direction, 0.0_wp)
          call solve_newton(curve%problem, curve%corrector, x, report)
          call curve%report%add(report)
       end associate

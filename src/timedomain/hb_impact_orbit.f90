@@ -94,7 +94,7 @@ module hb_impact_orbit
       procedure :: parameter_derivative => impact_orbit_parameter_derivative
       procedure :: period => impact_orbit_period
       procedure :: state_after => impact_orbit_state_after
-      procedure :: put_section => impact_orbit_put_section
+      procedure :: set_section => impact_orbit_set_section
       procedure :: move_section => impact_orbit_move_section
       procedure :: better_section => impact_orbit_better_section
       procedure :: describe => impact_orbit_describe
@@ -590,17 +590,17 @@ contains
       if (.not. is_done) return
       x = after
       direction = slope
-      call self%put_section(section)
+      call self%set_section(section)
    end subroutine impact_orbit_move_section
 
    !> Assigns the section, for states that lie on it.
-   subroutine impact_orbit_put_section(self, section)
+   subroutine impact_orbit_set_section(self, section)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: section                                 !! part of a period
 
       self%section = section
       if (allocated(self%known)) deallocate (self%known)
-   end subroutine impact_orbit_put_section
+   end subroutine impact_orbit_set_section
 
    !> Phase farthest from events of a periodic motion, or the present one if that is far enough.
    real(wp) function impact_orbit_better_section(self, x) result(section)

@@ -134,7 +134,7 @@ contains
          largest(:, k) = maxval(abs(remainder), dim=1)/self%scale
          allocate (beside, source=with_coordinates(self, other%displacement(rows, :)))
          apart(k) = distance(self, waves, phase, beside - x)
-         call keep(self, k, t(:size(t) - 1), remainder(:size(t) - 1, self%n_dofs + 1:))
+         call store_period(self, k, t(:size(t) - 1), remainder(:size(t) - 1, self%n_dofs + 1:))
          deallocate (beside, phase, remainder, rows, t, waves, x)
       end do
       call move_alloc(largest, self%largest)
@@ -144,7 +144,7 @@ contains
    end subroutine difference_add
 
    !> Stores the differences of the last periods at the coordinates of the laws.
-   subroutine keep(self, period, t, remainder)
+   subroutine store_period(self, period, t, remainder)
       class(integration_difference_t), intent(inout) :: self
       integer, intent(in) :: period                                   !! its number
       real(wp), intent(in) :: t(:), remainder(:, :)
@@ -160,7 +160,7 @@ contains
       joined(n - first + 2:, :) = remainder
       self%time = [self%time(first:), t]
       call move_alloc(joined, self%remainder)
-   end subroutine keep
+   end subroutine store_period
 
    !> Differences of the first harmonic of each tone at the coordinates of the laws in the stored periods, relative to
    !> their own amplitude; and the ratio of that to the largest motion.

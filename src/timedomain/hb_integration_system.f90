@@ -138,7 +138,7 @@ contains
       call self%structure%unpack()
       call new_integration_laws(self%laws, laws, structure%n_dofs, omega)
       call new_integration_loads(self%loads, loads, frequencies)
-      if (present(timed)) call take_courses(self%loads, timed)
+      if (present(timed)) call append_courses(self%loads, timed)
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
@@ -274,7 +274,7 @@ contains
    end subroutine new_integration_loads
 
    !> Adds loads with a course.
-   pure subroutine take_courses(self, timed)
+   pure subroutine append_courses(self, timed)
       type(integration_loads_t), intent(inout) :: self
       type(timed_load_t), intent(in) :: timed(:)
       integer :: i, n_dofs
@@ -287,7 +287,7 @@ contains
       do i = 1, size(timed)
          self%amplitude(:, i) = timed(i)%amplitude
       end do
-   end subroutine take_courses
+   end subroutine append_courses
 
    !> Sets an interval: each load with a course acts there with the share of it during which it is on, so that a step takes its
    !> whole impulse.

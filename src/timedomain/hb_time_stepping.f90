@@ -177,14 +177,14 @@ contains
       end if
       allocate (record%time(n_stored), record%displacement(n_stored, n_retained), record%velocity(n_stored, n_retained))
       allocate (record%force(n_stored, system%laws%n_coordinates))
-      call keep(0)
+      call store_state(0)
       do i = 1, n_steps
          call integrator%advance(state, config%substeps, error)
          if (allocated(error)) then
             call check_budget()
             return
          end if
-         call keep(i)
+         call store_state(i)
          if (modulo(i, steps_between_checks) > 0 .and. i < n_steps .and. system%laws%n_evaluations <= config%max_evaluations) cycle
          call check_finite(state, config%largest, error)
          call check_budget()
@@ -217,7 +217,7 @@ contains
          if (record%is_out_of_work) call fail(error, "the time integration would exceed its budget of work by far")
       end subroutine check_pace
 
-      subroutine keep(i)
+      subroutine store_state(i)
          integer, intent(in) :: i
          integer :: row
 
@@ -228,7 +228,7 @@ contains
          record%displacement(row, :) = state%q(retained_dofs)
          record%velocity(row, :) = state%v(retained_dofs)
          call integrator%forces(state, record%force(row, :))
-      end subroutine keep
+      end subroutine store_state
    end subroutine record_steps
 
    !> Adds a state. Whether an interval ends here in which no displacement has changed by the smallest motion.

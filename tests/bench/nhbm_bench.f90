@@ -3,11 +3,11 @@
 program nhbm_bench
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use bench_points, only: bench_options_t, part, point_cost_t, run_bench
-   use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
+   use hb_blas_threads, only: allocate_blas_memory, use_one_blas_thread
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_source, check_target
    use hb_kinds, only: wp
-   use hb_memory, only: available_memory, keep_freed_memory
+   use hb_memory, only: available_memory, retain_freed_memory
    use hb_mpi, only: comm_t, size_of, start_mpi, stop_mpi, world
    use hb_outcome, only: outcome, outcome_name
    use hb_progress, only: log_level
@@ -26,14 +26,14 @@ program nhbm_bench
    character(:), allocatable :: input
    integer :: i, status
 
-   call keep_freed_memory()
+   call retain_freed_memory()
    call use_one_blas_thread()
    call start_mpi()
    comm = world()
    options%level = log_level%normal
    call read_words()
    if (.not. allocated(error)) call load_input()
-   if (.not. allocated(error)) call take_blas_memory(error)
+   if (.not. allocated(error)) call allocate_blas_memory(error)
    if (.not. allocated(error)) call run_bench(study, options, comm, costs, error)
    if (allocated(error)) then
       status = 2
