@@ -259,7 +259,7 @@ contains
          character(*), intent(in) :: name, units, long_name
          real(wp), intent(in) :: column(:)
 
-         call file%put(name, column, [points], units, long_name, error)
+         call file%store(name, column, [points], units, long_name, error)
       end subroutine add
    end subroutine add_costs
 
