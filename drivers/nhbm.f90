@@ -84,7 +84,7 @@ program nhbm
    call report_error(merge(incomplete, bad_input, status == incomplete))
    call wait_for_points()                                             ! a signal to mpirun does not change the status any more
    flush (error_unit)
-   if (.not. (can_end_library() .and. can_end_blas())) &              ! HDF5 would crash when MPI ends
+   if (.not. (can_end_library() .and. can_end_blas())) &              ! HDF5 would crash, OpenBLAS wait for its threads
       call hb_exit_at_once(int(merge(incomplete, bad_input, status == incomplete), c_int))
    call stop_mpi()
    flush (error_unit)
