@@ -108,6 +108,7 @@ module hb_law
       procedure :: has_touched_inputs => law_has_touched_inputs
       procedure :: hold => law_hold
       procedure :: switches => law_switches
+      procedure :: set_kinks_of_coordinate => law_set_kinks_of_coordinate
       procedure :: evaluate_held => law_evaluate_held
    end type law_t
 
@@ -339,6 +340,21 @@ contains
 
       hold%failure = "no method of &integration supports law '"//self%label//"', which is rigid"
    end function law_hold
+
+   !> Sets the kinks of a force that depends on one coordinate. Not by an array constructor: gfortran does not deallocate the
+   !> components of its elements.
+   pure subroutine law_set_kinks_of_coordinate(self, positions, jumps)
+      class(law_t), intent(inout) :: self
+      real(wp), intent(in) :: positions(:)                            !! [m]
+      real(wp), intent(in) :: jumps(:)                                !! of the slope as the coordinate rises [N/m]
+
+      if (allocated(self%kinks)) deallocate (self%kinks)
+      allocate (self%kinks(1))
+      self%kinks(1)%functional = [1.0_wp]
+      self%kinks(1)%direction = [1.0_wp]
+      self%kinks(1)%positions = positions
+      self%kinks(1)%jumps = jumps
+   end subroutine law_set_kinks_of_coordinate
 
    !> Functions whose zeros are kinks of the force; time integration stops where one of them changes its sign.
    pure subroutine law_switches(self, z, v, values)

@@ -211,7 +211,11 @@ contains
          self%has_potential = all(abs(self%pushes - shapes) <= 0.0_wp)
          self%length_scale = maxval(abs(gaps))
          self%n_switches = size(gaps)
-         self%kinks = [(kink_t(-shapes(i, :), -self%pushes(i, :), [gaps(i)], [stiffness(i)]), i=1, size(gaps))]
+         if (allocated(self%kinks)) deallocate (self%kinks)
+         allocate (self%kinks(size(gaps)))             ! no array constructor: as in set_kinks_of_coordinate
+         do i = 1, size(gaps)
+            self%kinks(i) = kink_t(-shapes(i, :), -self%pushes(i, :), [gaps(i)], [stiffness(i)])
+         end do
       end associate
       if (self%is_rigid .and. all(norm2(self%shapes, dim=2) > 0.0_wp)) then
          if (.not. allocated(self%rigid)) allocate (self%rigid)

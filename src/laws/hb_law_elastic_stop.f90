@@ -2,7 +2,7 @@
 !> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_elastic_stop
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
    implicit none
    private
@@ -41,8 +41,11 @@ contains
       self%is_piecewise_linear = .true.
       self%length_scale = abs(self%gap)
       self%n_switches = merge(2, 1, self%two_sided)
-      self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap], [self%stiffness])]
-      if (self%two_sided) self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap, -self%gap], [self%stiffness, -self%stiffness])]
+      if (self%two_sided) then
+         call self%set_kinks_of_coordinate([self%gap, -self%gap], [self%stiffness, -self%stiffness])
+      else
+         call self%set_kinks_of_coordinate([self%gap], [self%stiffness])
+      end if
    end subroutine elastic_stop_derive
 
    subroutine elastic_stop_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

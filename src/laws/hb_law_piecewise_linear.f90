@@ -3,7 +3,7 @@
 module hb_law_piecewise_linear
    use hb_interpolation, only: interval_of, is_ascending
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
    use hb_problems, only: problems_t
    implicit none
@@ -83,7 +83,7 @@ contains
          self%is_piecewise_linear = .true.
          self%length_scale = maxval(abs(breakpoints))
          self%n_switches = n
-         self%kinks = [kink_t([1.0_wp], [1.0_wp], breakpoints, slopes(2:) - slopes(:n))]
+         call self%set_kinks_of_coordinate(breakpoints, slopes(2:) - slopes(:n))
       end associate
       ! Odd if breakpoints and slopes are symmetric about zero and the force is zero there.
       associate (breakpoints => self%breakpoints, n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))

@@ -3,7 +3,7 @@
 module hb_law_tabulated
    use hb_interpolation, only: cubic_change_t, interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
    use hb_problems, only: problems_t
    implicit none
@@ -81,8 +81,8 @@ contains
          self%length_scale = maxval(abs(nodes))
          self%n_switches = size(nodes)
          if (allocated(self%kinks)) deallocate (self%kinks)
-         if (self%is_constant_beyond) self%kinks = [kink_t([1.0_wp], [1.0_wp], nodes([1, size(nodes)]), &
-                                                      [self%table%slopes(1), -self%table%slopes(size(nodes))])]
+         if (self%is_constant_beyond) &
+            call self%set_kinks_of_coordinate(nodes([1, size(nodes)]), [self%table%slopes(1), -self%table%slopes(size(nodes))])
          ! Odd if the table is symmetric about zero, and so are its slopes: reduced slopes may not be.
          associate (n => size(nodes), slopes => self%table%slopes, rounding => 8*epsilon(1.0_wp))
             self%is_odd = all(abs(nodes + nodes(n:1:-1)) <= rounding*abs(nodes)) .and. &
