@@ -396,5 +396,6 @@ contains
          deallocate (self%lanes)
       end if
       if (allocated(self%twist)) deallocate (self%twist, self%twisted)
+      if (allocated(self%extent)) deallocate (self%extent)              ! as in discretisation_clear
    end subroutine packed_fft_destroy
 end module hb_packed_fft

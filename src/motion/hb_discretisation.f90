@@ -23,5 +23,21 @@ module hb_discretisation
       type(amplitudes_t) :: loads                                     !! [N], of `harmonics`
       type(amplitudes_t) :: load_slopes                               !! their derivatives by j.omega [N s]
       type(amplitudes_t) :: start                                     !! given terms of the first guess [m]
+   contains
+      procedure :: clear => discretisation_clear
    end type discretisation_t
+
+contains
+
+   !> Deallocates everything, for the `destroy` of objects that contain a discretisation: gfortran 12 deallocates of a polymorphic
+   !> object the first component of each type alone, here the loads, not the further ones.
+   subroutine discretisation_clear(self)
+      class(discretisation_t), intent(inout) :: self
+
+      self%harmonics = harmonics_t()
+      self%torus = torus_t()
+      self%loads = amplitudes_t()
+      self%load_slopes = amplitudes_t()
+      self%start = amplitudes_t()
+   end subroutine discretisation_clear
 end module hb_discretisation

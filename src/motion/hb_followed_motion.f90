@@ -782,5 +782,6 @@ contains
 
       call self%problem%destroy()
       if (allocated(self%odd_problem)) call self%odd_problem%destroy()
+      call self%model%discretisation%clear()
    end subroutine followed_motion_destroy
 end module hb_followed_motion

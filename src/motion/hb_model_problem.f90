@@ -75,6 +75,7 @@ module hb_model_problem
       procedure :: add_law_slopes => model_problem_add_law_slopes
       procedure :: moves_coordinates => model_problem_moves_coordinates
       procedure :: renew => model_problem_renew
+      procedure :: destroy => model_problem_destroy
       procedure :: roughness => model_problem_roughness
    end type model_problem_t
 
@@ -115,6 +116,14 @@ contains
          call rebuild(self, error)
       end if
    end subroutine new_model_problem
+
+   !> Frees external resources; safe to call twice.
+   subroutine model_problem_destroy(self)
+      class(model_problem_t), intent(inout) :: self
+
+      call self%balance_t%destroy()
+      call self%model%discretisation%clear()
+   end subroutine model_problem_destroy
 
    !> Adopts the value that moves.
    subroutine adopt_value(self, moving, value, error)

@@ -568,5 +568,6 @@ contains
       class(impact_curve_t), intent(inout) :: self
 
       call self%orbit%destroy()
+      call self%model%discretisation%clear()
    end subroutine impact_curve_destroy
 end module hb_impact_curve

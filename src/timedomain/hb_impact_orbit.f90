@@ -763,5 +763,6 @@ contains
       class(impact_orbit_t), intent(inout) :: self
 
       if (associated(self%system)) deallocate (self%system)
+      call self%model%discretisation%clear()
    end subroutine impact_orbit_destroy
 end module hb_impact_orbit
