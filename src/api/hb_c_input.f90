@@ -34,7 +34,7 @@ contains
             status = c_status%success
             return
          end if
-         deallocate (handle)
+         call free(handle)
       end if
       call set_last_error("nhbm_create: memory is insufficient")
    end function nhbm_create
@@ -56,9 +56,18 @@ contains
       if (status /= c_status%success) return
       call unregister_handle(address)
       call handle%session%destroy()
-      deallocate (handle)
+      call free(handle)
       address = c_null_ptr
    end function nhbm_destroy
+
+   !> Deallocates a model, for both procedures above: gfortran expands the deallocation of every nested component, 240 kB of code.
+   subroutine free(handle)
+      type(handle_t), pointer, intent(in) :: handle
+      type(handle_t), pointer :: object
+
+      object => handle
+      deallocate (object)
+   end subroutine free
 
    integer(c_int) function nhbm_read_input(model, text, name) bind(c, name="nhbm_read_input") result(status)
       type(c_ptr), value :: model, text, name
