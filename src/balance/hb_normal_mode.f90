@@ -15,6 +15,7 @@ module hb_normal_mode
       path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_functional, new_phase_problem, peak_functional, peak_rate_functional, shift_functional
+   use hb_resonant_modes, only: find_resonant, find_shares, resonant_t, with_resonant
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
@@ -42,8 +43,6 @@ module hb_normal_mode
    contains
       procedure :: value => goal_event_value
    end type goal_event_t
-
-   real(wp), parameter :: near_resonance = 1.0e-2_wp                  ! of the frequency: modes that interact at small amplitudes
 
 contains
 
@@ -140,70 +139,89 @@ contains
       end function size_of_fundamental
    end subroutine find
 
-   !> Follows the motions with artificial damping from a small one in the linear mode, until one meets the goal.
+   !> Follows the motions with artificial damping from a small one in the linear mode, until one meets the goal. If none does, modes
+   !> at an internal resonance give other starts.
    subroutine continue_from_mode(search, goal, u)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
       real(wp), intent(inout) :: u(:, :)
-      type(curve_t) :: curve
-      type(goal_event_t) :: event
-      type(path_point_t) :: last, point
-      real(wp) :: reached, share
-      integer :: i
-      logical :: is_found, is_possible
+      real(wp), allocatable :: ended(:, :)
+      real(wp) :: reached
+      logical :: is_found
 
       call start_on_mode(search, goal, u)
       if (search%report%status /= outcome%pending) return
-      event%tolerance = faint
-      event%goal = goal
-      event%balance => search%balance
       reached = 0.0_wp
-      share = goal%share
-      call solve_at(search, goal, share, search%path_config(), .true., u)
-      if (search%report%status /= outcome%converged) call solve_on_resonant_modes(search, goal, share, u)
-      if (search%report%status == outcome%converged .and. share >= 1.0_wp) return
-      is_found = .false.
-      if (search%report%status == outcome%converged) then
-         reached = share
-         point = point_of(search, search%phase%unknowns([u]))
-         call begin_curve(search, point, curve)
-         if (.not. allocated(goal%energy)) then                       ! the peak determines the penetration of a stop
-            curve%functional = 0.0_wp*curve%x
-            curve%functional(:size(u)) = sign(1.0_wp, goal%value)*goal%functionals(:, 2)
-         end if
-         do i = 1, max_steps
-            last = point
-            call step_along(search, curve, point)
-            if (curve%status /= outcome%pending) exit
-            share = 1.0_wp + event%value(curve, curve%x)
-            if (share >= 1.0_wp) then
-               call curve%locate(event, is_found)
-               if (is_found) exit
-               call curve%retreat()                                   ! the step has led to another part of the curve
-               if (curve%status /= outcome%pending) exit
-               point = last
-               cycle
-            end if
-            reached = max(reached, share)
-            call renew(search, curve, point)
-            call curve%turn()
-         end do
-         call search%report%add(curve%report)
-      end if
-      if (is_found) then
-         call search%phase%move_to(curve%x, is_possible)
-         u = reshape(curve%x(:size(u)), shape(u))
-         call solve_at(search, goal, 1.0_wp, search%config, .false., u)
-         return
-      end if
+      call solve_at(search, goal, goal%share, search%path_config(), .true., u)
+      is_found = search%report%status == outcome%converged
+      if (is_found) call follow_to_goal(search, goal, goal%share, u, reached, is_found)
+      if (is_found) return
+      ended = u
+      call start_on_resonant_modes(search, goal, u, reached, is_found)
+      if (is_found) return
+      u = ended
       search%report%status = outcome%stalled
+      if (reached >= 1.0_wp) return
       if (allocated(goal%energy)) then
          search%message = "continuation from the linear mode ended at an energy of "//to_text(reached**2*goal%value)
       else
          search%message = "continuation from the linear mode ended at amplitude "//to_text(goal%rest + reached*goal%value)
       end if
-      if (allocated(point%u)) u = point%u
    end subroutine continue_from_mode
+
+   !> Follows the motions from one at a fraction of the goal until one meets it.
+   subroutine follow_to_goal(search, goal, from, u, reached, is_found)
+      type(search_t), intent(inout) :: search
+      type(goal_t), intent(in) :: goal
+      real(wp), intent(in) :: from                                    !! of the path
+      real(wp), intent(inout) :: u(:, :)                              !! the motion there, on return the last one
+      real(wp), intent(inout) :: reached                              !! largest fraction so far; 1: the goal, but it was not solved
+      logical, intent(out) :: is_found
+      type(curve_t) :: curve
+      type(goal_event_t) :: event
+      type(path_point_t) :: last, point
+      real(wp) :: share
+      integer :: i
+      logical :: is_possible
+
+      is_found = from >= 1.0_wp
+      if (is_found) return
+      event%tolerance = faint
+      event%goal = goal
+      event%balance => search%balance
+      reached = max(reached, from)
+      point = point_of(search, search%phase%unknowns([u]))
+      call begin_curve(search, point, curve)
+      if (.not. allocated(goal%energy)) then                          ! the peak determines the penetration of a stop
+         curve%functional = 0.0_wp*curve%x
+         curve%functional(:size(u)) = sign(1.0_wp, goal%value)*goal%functionals(:, 2)
+      end if
+      do i = 1, max_steps
+         last = point
+         call step_along(search, curve, point)
+         if (curve%status /= outcome%pending) exit
+         share = 1.0_wp + event%value(curve, curve%x)
+         if (share >= 1.0_wp) then
+            call curve%locate(event, is_found)
+            if (is_found) exit
+            call curve%retreat()                                      ! the step has led to another part of the curve
+            if (curve%status /= outcome%pending) exit
+            point = last
+            cycle
+         end if
+         reached = max(reached, share)
+         call renew(search, curve, point)
+         call curve%turn()
+      end do
+      call search%report%add(curve%report)
+      u = point%u
+      if (.not. is_found) return
+      call search%phase%move_to(curve%x, is_possible)
+      u = reshape(curve%x(:size(u)), shape(u))
+      call solve_at(search, goal, 1.0_wp, search%config, .false., u)
+      is_found = search%report%status == outcome%converged
+      reached = 1.0_wp
+   end subroutine follow_to_goal
 
    !> Computes a small motion in the linear mode, with its frequency and damping; a status other than pending: there
    !> is none.
@@ -237,66 +255,84 @@ contains
       end associate
    end subroutine start_on_mode
 
-   !> Solves with a first guess in the chosen mode and a second one whose frequency is a multiple of its own: at such an
-   !> internal resonance there may be no motion near the mode alone, however small it is.
-   subroutine solve_on_resonant_modes(search, goal, share, u)
+   !> Starts with first guesses in the chosen mode and one whose frequency is a multiple of its own. At such an internal
+   !> resonance the laws alone determine the share of each mode: there may be no motion near the mode alone, however small
+   !> it is, and where the laws are small beside the tolerance of the path any share seems to be a motion.
+   subroutine start_on_resonant_modes(search, goal, u, reached, is_found)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
-      real(wp), intent(out) :: share                                  !! of the path, at the motion found
       real(wp), intent(inout) :: u(:, :)
-      real(wp), parameter :: shares(3) = [1.0_wp, 0.1_wp, 0.01_wp]
-      real(wp), parameter :: ratios(6) = [0.3_wp, -0.3_wp, 1.0_wp, -1.0_wp, 3.0_wp, -3.0_wp]   ! of the largest deflections
-      integer, allocatable :: tuple(:)
-      integer :: h, i, k, multiple, s
-      logical :: is_sine
+      real(wp), intent(inout) :: reached                              !! largest fraction of the path so far
+      logical, intent(out) :: is_found
+      real(wp), parameter :: parts(4) = [1.0_wp, 0.3_wp, 0.1_wp, 0.01_wp]                      ! of the goal
+      real(wp), parameter :: usual(6) = [0.3_wp, -0.3_wp, 1.0_wp, -1.0_wp, 3.0_wp, -3.0_wp]    ! shares of the second mode
+      integer, parameter :: max_paths = 4
+      type(resonant_t), allocatable :: resonant(:)
+      real(wp), allocatable :: frequencies(:), shares(:)
+      real(wp) :: alone(size(u, 1), size(u, 2))
+      integer :: i, k, n_paths, p, phase
 
-      share = goal%share
-      do s = 1, size(shares)
-         do k = 1, search%base%n_linear
-            associate (frequency => search%base%modes%frequency(k), own => search%base%modes%frequency(search%modes(1)))
-               multiple = nint(frequency/own)
-               if (k == search%modes(1) .or. multiple < 1 .or. abs(frequency - multiple*own) > near_resonance*own) cycle
-            end associate
-            allocate (tuple, source=0*search%balance%harmonics%tuples(:, 1))
-            tuple(search%tones(1)) = multiple
-            h = search%balance%harmonics%index_of(tuple)
-            deallocate (tuple)
-            if (h == 0) cycle
-            do i = 1, 2*size(ratios)
-               is_sine = i > size(ratios)
-               call guess(shares(s), k, h, ratios(merge(i - size(ratios), i, is_sine)), is_sine)
+      is_found = .false.
+      n_paths = 0
+      call find_resonant(search, resonant)
+      do p = 1, size(parts)
+         do k = 1, size(resonant)
+            do phase = 1, 2
+               call begin_alone(parts(p), alone)
                if (search%report%status /= outcome%pending) return
-               call solve_at(search, goal, shares(s), search%path_config(), .false., u)
-               if (search%report%status /= outcome%converged) cycle
-               share = shares(s)
-               return
+               call find_shares(search, alone, resonant(k), phase == 2, shares, frequencies)
+               shares = [shares, usual]
+               frequencies = [frequencies, spread(search%balance%omega(search%tones(1)), 1, size(usual))]
+               do i = 1, size(shares)
+                  call begin_alone(parts(p), alone)
+                  u = with_resonant(search, alone, resonant(k), shares(i), phase == 2)
+                  call move_to_frequency(search, frequencies(i))
+                  call solve_at(search, goal, parts(p), search%config, .false., u)
+                  if (search%report%status /= outcome%converged .or. .not. has_fundamental(search, u)) cycle
+                  call follow_to_goal(search, goal, parts(p), u, reached, is_found)
+                  n_paths = n_paths + 1
+                  if (is_found .or. n_paths >= max_paths) return
+               end do
             end do
          end do
       end do
-      search%report%status = outcome%stalled
 
    contains
 
-      subroutine guess(part, k, h, ratio, is_sine)
-         real(wp), intent(in) :: part, ratio
-         integer, intent(in) :: k, h
-         logical, intent(in) :: is_sine
-         real(wp) :: size_of_mode
-         complex(wp) :: deflection(size(u, 2))
+      !> A motion in the chosen mode at a part of the goal.
+      subroutine begin_alone(part, alone)
+         real(wp), intent(in) :: part
+         real(wp), intent(out) :: alone(:, :)
 
          search%report%status = outcome%pending
-         call start_on_mode(search, goal, u)
-         if (search%report%status /= outcome%pending) return
-         u = search%base%u + part/goal%share*(u - search%base%u)
-         size_of_mode = maxval(abs(u - search%base%u))
-         associate (set => search%balance%harmonics, shape => search%base%modes%shapes(:, k))
-            deflection = ratio*size_of_mode*shape/shape(maxloc(abs(shape), dim=1))
-            if (is_sine) deflection = (0.0_wp, -1.0_wp)*deflection
-            u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(deflection)
-            u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(deflection)
-         end associate
-      end subroutine guess
-   end subroutine solve_on_resonant_modes
+         call start_on_mode(search, goal, alone)
+         if (search%report%status == outcome%pending) alone = search%base%u + part/goal%share*(alone - search%base%u)
+      end subroutine begin_alone
+   end subroutine start_on_resonant_modes
+
+   !> Sets the frequency of the unknown tone, if the structure permits it.
+   subroutine move_to_frequency(search, frequency)
+      type(search_t), intent(inout) :: search
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      real(wp) :: omega(size(search%balance%omega))
+      type(error_t), allocatable :: error
+
+      omega = search%balance%omega
+      omega(search%tones(1)) = frequency
+      call search%balance%move(omega, search%balance%xi, error)
+   end subroutine move_to_frequency
+
+   !> Whether a motion has the period of the unknown tone: a motion of a faster mode alone repeats after a part of it.
+   pure logical function has_fundamental(search, u)
+      type(search_t), intent(in) :: search
+      real(wp), intent(in) :: u(:, :)
+      integer :: h
+
+      associate (set => search%balance%harmonics)
+         h = fundamental(set, search%tones(1))
+         has_fundamental = norm2(u([set%cos_at(h), set%sin_at(h)], :)) >= faint*norm2(u - search%base%u)
+      end associate
+   end function has_fundamental
 
    !> Distance of a motion beyond the goal, as a fraction of the amplitude; 0 at the goal.
    real(wp) function goal_event_value(self, curve, x) result(value)
