@@ -97,6 +97,7 @@ contains
       if (present(start)) attempts%motion%start = start
       call solve_by_levels(attempts, model%system, model%discretisation, model%options)
       result = attempts%motion%result
+      call result%withdraw_verdict()
       call move_alloc(attempts%made, result%attempts)
       top = attempts%motion%top
       if (allocated(attempts%motion%error)) call move_alloc(attempts%motion%error, error)

@@ -93,6 +93,7 @@ contains
       if (present(guess)) found = guess
       call solve_with_cancellation(system, discretisation, options, result, error, found, cached)
       call cancellation%leave()
+      call result%withdraw_verdict()
       if (allocated(error)) then
          call forget_motion(result)
       else if (present(unknowns)) then

@@ -475,6 +475,7 @@ contains
       call cancellation%enter(self%model%options%solver%time_limit)
       call use_threads(self%model%options%solver%n_threads)
       call find_next(self, result, error)
+      call result%withdraw_verdict()
       call cancellation%leave()
    end subroutine motion_curve_next
 

@@ -78,7 +78,7 @@ contains
          if (options%compares_in_time) call compare_in_time(system, discretisation, options, &
             harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), result)
          call allow_for_growth(result, options%error_estimate%truncation)
-         if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
+         call result%withdraw_verdict()
          if (size(options%output%samples) > 0) call store_surfaces(system, options, basis, balance, u, result, error)
       end associate
    end subroutine describe_motion

@@ -4,9 +4,9 @@ module hb_motion_result
    use hb_estimated_errors, only: error_estimate_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_outcome, only: outcome, reason
+   use hb_outcome, only: has_verdict, outcome, reason
    use hb_solver_types, only: attempt_t
-   use hb_stability, only: stability_t
+   use hb_stability, only: stability_t, verdict
    implicit none
    private
    public :: as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t
@@ -108,6 +108,7 @@ module hb_motion_result
       real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
    contains
       procedure :: set_failure => motion_result_set_failure
+      procedure :: withdraw_verdict => motion_result_withdraw_verdict
    end type motion_result_t
 
 contains
@@ -137,6 +138,14 @@ contains
       self%reason = reason%error
       self%message = error%message
    end subroutine motion_result_set_failure
+
+   !> Withdraws a verdict on stability unless the status permits one: it is that of another motion. Whatever returns a result
+   !> calls this last, since the status may change after the verdict was found.
+   pure subroutine motion_result_withdraw_verdict(self)
+      class(motion_result_t), intent(inout) :: self
+
+      if (.not. has_verdict(self%status)) self%stability%verdict = verdict%unknown
+   end subroutine motion_result_withdraw_verdict
 
    !> Amplitudes a - i b as pairs (cos and sin, n_harmonics, any).
    pure function as_pairs(c) result(pairs)

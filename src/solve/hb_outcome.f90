@@ -5,7 +5,7 @@
 module hb_outcome
    implicit none
    private
-   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_text, reason, reason_names
+   public :: has_verdict, is_solved, is_status, outcome, outcome_name, outcome_names, outcome_text, reason, reason_names
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -111,6 +111,13 @@ contains
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
                                outcome%impact, outcome%integrated, outcome%multiple_attractors])
    end function is_solved
+
+   !> Whether a verdict on stability may belong to the motion: it solves its equations, and its errors are within their limits.
+   elemental logical function has_verdict(status)
+      integer, intent(in) :: status
+
+      has_verdict = any(status == [outcome%converged, outcome%integrated, outcome%multiple_attractors])
+   end function has_verdict
 
    !> The status, or one that there is.
    pure integer function known(status)
