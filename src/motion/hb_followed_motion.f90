@@ -708,11 +708,13 @@ contains
       if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
       if (allocated(error)) return
       if (self%model%options%accuracy%is_on) call apply_safety_factor(self%model%system, result)
-      associate (value => point%x(size(point%x)))
-         call add_error_of_bifurcation(self%problem%model, point%bifurcation, &
-                                       point%shift/max(abs(value), minor*abs(self%request%to - self%request%from)), result)
+      associate (unit => max(abs(point%x(size(point%x))), minor*abs(self%request%to - self%request%from)))
+         call add_error_of_bifurcation(self%problem%model, point%bifurcation, point%shift/unit, result)
+         if (.not. self%model%options%accuracy%is_on) return
+         associate (of_value => min(1.0_wp, result%error_estimate%parameter_error/unit))
+            if (of_value > estimate_of(result)) result%level_estimate = of_value   ! such as at folds, which move along the value
+         end associate
       end associate
-      if (.not. self%model%options%accuracy%is_on) return
       if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
          result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%options%accuracy%tolerance)
       result%harmonics = self%level%set

@@ -79,6 +79,29 @@ def test_errors_of_bifurcations_are_those_of_their_multipliers(tmp_path):
     assert of_multipliers > 0.03
 
 
+def test_errors_of_folds_are_those_of_their_values(tmp_path):
+    """Two stops at a superharmonic resonance: the fold moves along the frequency by 40 times the error of its motion."""
+    text = """
+&structure type='matrices', n_dofs=2, mass=1,1, stiffness=1.6409476,-0.64094764, -0.64094764,1.0221997,
+   damping=0.065637906,-0.025637906, -0.025637906,0.040887989 /
+&tones frequency=0.35 /
+&load dof='x1', tuple=1, cos=0.7461 /
+&law type='elastic_stop', dof='x2', gap=0.10381, stiffness=12.661 /
+&law type='elastic_stop', dof='x2', gap=-0.42042, stiffness=8.194 /
+&stability method='off' /
+&curve parameter='tones%frequency', from=0.35, to=0.4, points=30, peak_of='x2' /
+&accuracy tolerance=1e-2 /
+"""
+    names = ("tones_frequency", "truncation_estimate", "level_estimate")
+    path = solve(text, tmp_path)
+    with Results(path) as results:
+        row = results.select({"curve_kind": "fold"})[0]
+    frequency, of_motion, estimate = (column[row] for column in read(path, *names))
+    error = abs(frequency / 0.3752391 - 1)  # the fold by a tolerance of 1e-5
+    assert error > 10 * of_motion
+    assert estimate == pytest.approx(error, rel=0.5)
+
+
 MODE = """
 &structure type='chain', n_masses=2, ends='fixed', mass=1.0, coupling_stiffness=1.0 /
 &tones unknown=.true. /
