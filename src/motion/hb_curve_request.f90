@@ -12,20 +12,19 @@ module hb_curve_request
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
    use hb_level, only: degree_of, join, level_of, level_t, needed_samples
+   use hb_located_response, only: located_response_t
    use hb_model_problem, only: model_problem_t, moving_value_t
    use hb_motion_result, only: curve_position_t
    use hb_options, only: options_t
    use hb_point_kinds, only: curve_kind
    use hb_problem, only: problem_t
-   use hb_response, only: response_t
    use hb_system, only: system_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: rounding
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: curve_origin_t, curve_request_t, find_direction, find_null_vector, located_response_t, new_curve_origin, &
-      usual_points
+   public :: curve_origin_t, curve_request_t, find_direction, find_null_vector, new_curve_origin, usual_points
 
    integer, parameter :: usual_points = 500                           !! of a curve, at most
 
@@ -36,12 +35,6 @@ module hb_curve_request
       real(wp), allocatable :: further(:)                             !! frequencies of unknown tones, and the value
       real(wp) :: angle = 0.0_wp                                      !! of the pair of multipliers, for an additional tone [rad]
    end type curve_origin_t
-
-   !> A response, and the kind of points that are located for it.
-   type, extends(response_t) :: located_response_t
-      integer :: kind = curve_kind%peak                               !! or another one whose row in `curve_kinds` has a key
-      real(wp) :: target = 0.0_wp                                     !! value at which it is located, of a kind with `targets`
-   end type located_response_t
 
    !> A located point, such as a peak or fold along a first value, that is followed along a second one instead of the
    !> motion itself.

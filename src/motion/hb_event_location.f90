@@ -4,11 +4,11 @@ module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t, fold_event_t, grazing_event_t, value_event_t
-   use hb_curve_request, only: located_response_t
    use hb_curve_return, only: has_images, image_of, nearest_phases
    use hb_followed_motion, only: add_waiting, event_values_t, followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: transferred
+   use hb_located_response, only: located_response_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, max_multipliers, stability_method, stability_t
    use hb_thresholds, only: agreement, clearly, faint, minor, next_to_none, rounding, sharp

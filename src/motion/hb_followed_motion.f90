@@ -11,7 +11,7 @@ module hb_followed_motion
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_course, only: curve_course_t
    use hb_curve_events, only: find_extremes, find_motion, find_stability
-   use hb_curve_request, only: curve_request_t, located_response_t
+   use hb_curve_request, only: curve_request_t
    use hb_discretisation, only: discretisation_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
@@ -19,6 +19,7 @@ module hb_followed_motion
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_level, only: apply_safety_factor, estimate_of, level_t, set_to_level, transferred
+   use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
@@ -37,8 +38,8 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint, minor, rounding
    implicit none
    private
-   public :: add_origin, add_waiting, curve_state_t, event_values_t, followed_motion_t, largest_load, max_tolerance_factor, &
-      n_further, origin_t, reported_extreme_t, waiting_t
+   public :: add_origin, add_waiting, curve_state_t, event_values_t, followed_motion_t, max_tolerance_factor, n_further, &
+      origin_t, reported_extreme_t, waiting_t
 
    integer, parameter :: max_corrections = 10
    real(wp), parameter :: max_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
@@ -505,50 +506,30 @@ contains
       end associate
    end subroutine followed_motion_evaluate_here
 
-   !> The function whose zeros are located: the slope of the square of a response along a direction, the difference of
-   !> the square from the requested one, or the part of a harmonic in phase with its load, turned by the requested lag behind it
-   !> and a quarter of a period back.
+   !> The function whose zeros are located.
    real(wp) function followed_motion_function_at(self, response, x, direction) result(value)
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
-      complex(wp), allocatable :: c(:)
-      complex(wp) :: load
-      type(harmonics_t), pointer :: set
+      type(response_series_t) :: series
 
-      if (curve_kinds(response%kind)%needs_load) then
-         call self%find_series(response, x, set, c, load)
-         value = ieee_value(value, ieee_quiet_nan)
-         if (abs(load) > 0.0_wp) value = 0.0_wp
-         if (abs(load) > 0.0_wp .and. size(c) > 0) &
-            value = real(turn_of(response)*c(set%index_of(response%tuple))*conjg(load))/abs(load)
-      else if (response%kind == curve_kind%amplitude) then
-         value = self%square_at(response, x) - response%target**2
-      else
+      if (curve_kinds(response%kind)%is_extreme) then
          value = self%slope_at(response, x, direction)
+         return
       end if
+      call self%find_series(response, x, series)
+      value = response%departure(series)
    end function followed_motion_function_at
-
-   !> The factor that turns a harmonic at the wanted phase to its load into quadrature with it.
-   pure complex(wp) function turn_of(response) result(turn)
-      type(located_response_t), intent(in) :: response
-
-      select case (response%kind)
-      case (curve_kind%phase)
-         turn = cmplx(sin(response%target), -cos(response%target), wp)
-      case default
-         turn = (1.0_wp, 0.0_wp)
-      end select
-   end function turn_of
 
    !> A unit for the values of that function near x.
    real(wp) function followed_motion_unit_of_function(self, response, x) result(unit)
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
+      type(response_series_t) :: series
 
-      unit = self%square_at(response, x)
-      if (curve_kinds(response%kind)%needs_load) unit = sqrt(unit)
+      call self%find_series(response, x, series)
+      unit = response%unit(series)
    end function followed_motion_unit_of_function
 
    !> Square of a response.
@@ -556,13 +537,10 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
-      complex(wp), allocatable :: c(:)
-      complex(wp) :: load
-      type(harmonics_t), pointer :: set
+      type(response_series_t) :: series
 
-      call self%find_series(response, x, set, c, load)
-      square = 0.0_wp
-      if (size(c) > 0) square = response%of(set, c)
+      call self%find_series(response, x, series)
+      square = response%square(series)
    end function followed_motion_square_at
 
    !> Derivative of the square of a response along a direction; NaN if the parameters are rejected.
@@ -570,16 +548,15 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
-      complex(wp), allocatable :: c(:), of_numbers(:), slopes(:)
-      complex(wp) :: load
+      complex(wp), allocatable :: of_numbers(:), slopes(:)
+      type(response_series_t) :: series
       real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
       integer :: h
-      type(harmonics_t), pointer :: set
 
       slope = ieee_value(slope, ieee_quiet_nan)
-      call self%find_series(response, x, set, c, load)
-      if (size(c) == 0) return
-      associate (numbers => response%numbers_in(set))
+      call self%find_series(response, x, series)
+      if (size(series%c) == 0) return
+      associate (set => series%set, numbers => response%numbers_in(series%set))
          if (response%column > 0) then
             u = reshape(direction(:size(u)), shape(u))
             of_numbers = [(set%amplitude(u(:, response%column), numbers(h)), h=1, size(numbers))]
@@ -587,50 +564,37 @@ contains
             call find_series_slope(self%problem, response%dof, x, direction, numbers, of_numbers)
             if (.not. allocated(of_numbers)) return
          end if
-         allocate (slopes(size(c)), source=(0.0_wp, 0.0_wp))
+         allocate (slopes(size(series%c)), source=(0.0_wp, 0.0_wp))
          slopes(numbers) = of_numbers
+         slope = response%slope_of(set, series%c, slopes)
       end associate
-      slope = response%slope_of(set, c, slopes)
    end function followed_motion_slope_at
 
-   !> Amplitudes of the degree of freedom of a response; none if the parameters are rejected.
-   subroutine followed_motion_find_series(self, response, x, set, c, load)
+   !> The motion of the degree of freedom of a response, to whose point the problem moves.
+   subroutine followed_motion_find_series(self, response, x, series)
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
-      type(harmonics_t), pointer, intent(out) :: set
-      complex(wp), allocatable, intent(out) :: c(:)                   !! (harmonics of the set)
-      complex(wp), intent(out) :: load                                !! of its tuple, if any
+      type(response_series_t), intent(out) :: series
       complex(wp), allocatable :: motion(:, :)
       real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
       integer :: h
+      logical :: is_possible
 
-      set => self%problem%model%discretisation%harmonics
+      call self%problem%move_to_point(x, is_possible)
+      series%set => self%problem%model%discretisation%harmonics
+      series%omega = self%problem%omega
+      series%load = response%largest_load(self%problem%model%discretisation)
+      allocate (series%c(0))
+      if (.not. is_possible) return
       if (response%column > 0) then
          u = reshape(x(:size(u)), shape(u))
-         c = [(set%amplitude(u(:, response%column), h), h=1, set%n_harmonics)]
+         series%c = [(series%set%amplitude(u(:, response%column), h), h=1, series%set%n_harmonics)]
       else
          call find_motion(self%problem, x, motion)
-         allocate (c(0))
-         if (allocated(motion)) c = motion(response%dof, :)
+         if (allocated(motion)) series%c = motion(response%dof, :)
       end if
-      load = largest_load(self%problem%model%discretisation, response)
    end subroutine followed_motion_find_series
-
-   !> The largest load of the harmonic of a response; zero for a whole oscillation.
-   pure complex(wp) function largest_load(discretisation, response) result(load)
-      type(discretisation_t), intent(in) :: discretisation
-      type(located_response_t), intent(in) :: response
-      integer :: h
-
-      load = (0.0_wp, 0.0_wp)
-      if (.not. allocated(response%tuple)) return
-      h = discretisation%harmonics%index_of(response%tuple)
-      if (h == 0) return
-      associate (loads => discretisation%loads%of(h))
-         load = loads(maxloc(abs(loads), dim=1))
-      end associate
-   end function largest_load
 
    !> Stability of the motion at a point of the curve.
    subroutine followed_motion_find_stability(self, x, tolerance, stability, is_integrated)

@@ -1,11 +1,12 @@
 !> The group `&curve`: the moving value, its range, and the points that are located.
 module hb_curve_plan
-   use hb_curve_request, only: curve_request_t, located_response_t
+   use hb_curve_request, only: curve_request_t
    use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: hold_t
+   use hb_located_response, only: located_response_t
    use hb_model, only: model_t
    use hb_model_number, only: moving_groups
    use hb_model_problem, only: moving_value_t

@@ -10,11 +10,11 @@ module hb_impact_curve
    use hb_cancellation, only: verdict, verdict_on_work
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
-   use hb_curve_request, only: curve_request_t, find_null_vector, located_response_t
+   use hb_curve_request, only: curve_request_t, find_null_vector
    use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: add_waiting, event_values_t, largest_load, origin_t, waiting_t
+   use hb_followed_motion, only: add_waiting, event_values_t, origin_t, waiting_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_gradient, only: store_slopes
    use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
@@ -22,6 +22,7 @@ module hb_impact_curve
    use hb_integrated_result, only: store_integrated
    use hb_kinds, only: wp
    use hb_level, only: level_t, set_to_harmonics
+   use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_motion_curve, only: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
@@ -502,21 +503,20 @@ contains
       end function change
    end function impact_curve_slope_at
 
-   !> Amplitudes of the degree of freedom of a response; none if the value is rejected.
-   subroutine impact_curve_find_series(self, response, x, set, c, load)
+   !> The motion of the degree of freedom of a response, to whose point the orbit moves.
+   subroutine impact_curve_find_series(self, response, x, series)
       class(impact_curve_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
-      type(harmonics_t), pointer, intent(out) :: set
-      complex(wp), allocatable, intent(out) :: c(:)
-      complex(wp), intent(out) :: load
+      type(response_series_t), intent(out) :: series
       logical :: is_possible
 
-      set => self%set
       call self%orbit%set_parameters([1], x(size(x):), is_possible)
-      load = largest_load(self%orbit%model%discretisation, response)
-      allocate (c(0))
-      if (is_possible) c = self%orbit%series_of(set, response%dof, x(:size(x) - 1))
+      series%set => self%set
+      series%omega = self%orbit%model%system%tones%omega
+      series%load = response%largest_load(self%orbit%model%discretisation)
+      allocate (series%c(0))
+      if (is_possible) series%c = self%orbit%series_of(series%set, response%dof, x(:size(x) - 1))
    end subroutine impact_curve_find_series
 
    !> Stability of the motion at a point of the curve.

@@ -1,0 +1,100 @@
+!> A response at which points of a curve are located, and the function of its motion whose zeros they are.
+!>
+!> A new kind of these points is a row of hb_point_kinds and its formula here: `find_series` of a curve supplies the motion, of
+!> balances (hb_followed_motion) and of impacts (hb_impact_curve) alike.
+module hb_located_response
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_discretisation, only: discretisation_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_point_kinds, only: curve_kind, curve_kinds
+   use hb_response, only: response_t
+   implicit none
+   private
+   public :: located_response_t, response_series_t
+
+   !> A response, and the kind of points that are located for it.
+   type, extends(response_t) :: located_response_t
+      integer :: kind = curve_kind%peak                               !! or another one whose row in `curve_kinds` has a key
+      real(wp) :: target = 0.0_wp                                     !! value at which it is located, of a kind with `targets`
+   contains
+      procedure :: square => located_response_square
+      procedure :: departure => located_response_departure
+      procedure :: unit => located_response_unit
+      procedure :: largest_load => located_response_largest_load
+   end type located_response_t
+
+   !> The motion of its degree of freedom at a point of a curve, and what it is compared with.
+   type :: response_series_t
+      type(harmonics_t), pointer :: set => null()
+      complex(wp), allocatable :: c(:)                                !! a - i b, (harmonics of the set); none at a rejected point
+      real(wp), allocatable :: omega(:)                               !! base frequencies at the point [rad/s], (n_tones)
+      complex(wp) :: load = (0.0_wp, 0.0_wp)                          !! the largest one of its tuple
+   end type response_series_t
+
+contains
+
+   !> Square of what is located: of the response. Zero at a rejected point.
+   pure real(wp) function located_response_square(self, series) result(square)
+      class(located_response_t), intent(in) :: self
+      type(response_series_t), intent(in) :: series
+
+      square = 0.0_wp
+      if (size(series%c) > 0) square = self%of(series%set, series%c)
+   end function located_response_square
+
+   !> The function whose zeros are located, except for extremes (`slope_at` of a curve): the difference of that square from the
+   !> requested one, or the part of a harmonic in phase with its load, turned by the requested lag behind it and a quarter of a
+   !> period back.
+   real(wp) function located_response_departure(self, series) result(value)
+      class(located_response_t), intent(in) :: self
+      type(response_series_t), intent(in) :: series
+
+      if (curve_kinds(self%kind)%needs_load) then
+         associate (c => series%c, load => series%load)
+            value = ieee_value(value, ieee_quiet_nan)
+            if (abs(load) > 0.0_wp) value = 0.0_wp
+            if (abs(load) > 0.0_wp .and. size(c) > 0) &
+               value = real(turn_of(self)*c(series%set%index_of(self%tuple))*conjg(load))/abs(load)
+         end associate
+      else
+         value = self%square(series) - self%target**2
+      end if
+   end function located_response_departure
+
+   !> The factor that turns a harmonic at the wanted phase to its load into quadrature with it.
+   pure complex(wp) function turn_of(response) result(turn)
+      type(located_response_t), intent(in) :: response
+
+      select case (response%kind)
+      case (curve_kind%phase)
+         turn = cmplx(sin(response%target), -cos(response%target), wp)
+      case default
+         turn = (1.0_wp, 0.0_wp)
+      end select
+   end function turn_of
+
+   !> A unit for the values of the function that is located, of the motion at a point nearby.
+   pure real(wp) function located_response_unit(self, series) result(unit)
+      class(located_response_t), intent(in) :: self
+      type(response_series_t), intent(in) :: series
+
+      unit = self%square(series)
+      if (curve_kinds(self%kind)%needs_load) unit = sqrt(unit)
+   end function located_response_unit
+
+   !> The largest load of the harmonic of a response; zero for a whole oscillation.
+   pure complex(wp) function located_response_largest_load(self, discretisation) result(load)
+      class(located_response_t), intent(in) :: self
+      type(discretisation_t), intent(in) :: discretisation
+      integer :: h
+
+      load = (0.0_wp, 0.0_wp)
+      if (.not. allocated(self%tuple)) return
+      h = discretisation%harmonics%index_of(self%tuple)
+      if (h == 0) return
+      associate (loads => discretisation%loads%of(h))
+         load = loads(maxloc(abs(loads), dim=1))
+      end associate
+   end function located_response_largest_load
+end module hb_located_response
