@@ -16,7 +16,7 @@ module hb_integrate_to_tolerance
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_harmonics, set_to_level
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
-   use hb_motion, only: forget_motion, start_from, status_of_ended
+   use hb_motion, only: start_from, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: outcome, reason
@@ -164,7 +164,7 @@ contains
          if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
          if (steady%status == outcome%subharmonic .or. &
              (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
-            call forget_motion(result)                                ! it is no motion by its estimate, or does not persist
+            call result%forget_motion()                               ! it is no motion by its estimate, or does not persist
             result%status = steady%status
             result%n_periods = steady%n_repeat
          end if

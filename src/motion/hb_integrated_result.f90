@@ -1,13 +1,14 @@
 !> The result of a point whose motion was found by time integration.
 module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_basis, only: whole_basis
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
    use hb_floquet, only: stability_of_map
    use hb_kinds, only: wp
    use hb_mean_energy, only: new_mean_energy
-   use hb_motion_description, only: request_stability
+   use hb_motion_description, only: request_stability, store_motion
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome
@@ -40,8 +41,8 @@ contains
       guess = [discretisation%harmonics%coefficients(coordinates%amplitudes_of(steady%amplitudes)), system%tones%omega]
    end function guess_from
 
-   !> Stores an integrated motion in a result. The forces of the laws follow from its inertia, damping, stiffness and
-   !> loads.
+   !> Stores an integrated motion in a result, in place of any other. The forces of the laws follow from its inertia, damping,
+   !> stiffness and loads.
    subroutine store_integrated(system, discretisation, options, coordinates, steady, result)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -58,10 +59,11 @@ contains
       do h = 1, size(w)
          forces(:, h) = discretisation%loads%of(h) - forces_of(system, c(:, h), w(h))
       end do
+      call result%forget_motion()
       result%frequency = system%tones%omega
       result%n_harmonics = discretisation%harmonics%n_harmonics
       result%is_odd = .false.
-      result%coefficients = as_pairs(c(options%output%dofs, :))
+      call store_motion(options, whole_basis(discretisation%harmonics, discretisation%torus), c, result)
       result%force_coefficients = as_pairs(forces(coordinates%dofs, :))
       result%corrected_coefficients = as_pairs(c(coordinates%dofs, :))
       call find_stability(system, discretisation, options, steady, result%stability)

@@ -28,7 +28,7 @@ module hb_motion
    use hb_outcome, only: is_solved, outcome, reason
    use hb_solver, only: solve
    use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, report_t, set_choice, stage, starting_point, technique
-   use hb_stability, only: stability_method, stability_t
+   use hb_stability, only: stability_method
    use hb_structure, only: max_dense
    use hb_system, only: system_t
    use hb_threads, only: use_threads
@@ -36,7 +36,7 @@ module hb_motion
    use hb_time_domain, only: locking_t, may_be_locked, primary_method, steady_motion_t
    implicit none
    private
-   public :: forget_motion, solve_motion, solve_system, start_from, status_of_ended
+   public :: solve_motion, solve_system, start_from, status_of_ended
 
    !> The attempts to find the motion of a model on its set.
    type, extends(attempts_t) :: motion_attempts_t
@@ -95,7 +95,7 @@ contains
       call cancellation%leave()
       call result%withdraw_verdict()
       if (allocated(error)) then
-         call forget_motion(result)
+         call result%forget_motion()
       else if (present(unknowns)) then
          call move_alloc(found, unknowns)
       end if
@@ -267,7 +267,7 @@ contains
             if (steady%is_out_of_work) result%reason = reason%max_fallback_work
             if (self%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
          else
-            call forget_motion(result)
+            call result%forget_motion()
             if (allocated(self%unknowns)) deallocate (self%unknowns)
             result%status = steady%status
             result%n_periods = steady%n_repeat
@@ -341,21 +341,6 @@ contains
 
       is_proven_odd = result%asymmetry <= rounding
    end function is_proven_odd
-
-   !> Discards a motion that an error, or time integration, has shown to be none.
-   pure subroutine forget_motion(result)
-      type(motion_result_t), intent(inout) :: result
-      type(error_estimate_t) :: no_error_estimate
-      type(stability_t) :: no_stability
-
-      if (allocated(result%coefficients)) deallocate (result%coefficients)
-      if (allocated(result%force_coefficients)) deallocate (result%force_coefficients)
-      if (allocated(result%corrected_coefficients)) deallocate (result%corrected_coefficients)
-      if (allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
-      result%error_estimate = no_error_estimate
-      result%is_near_commensurate = .false.
-      result%stability = no_stability
-   end subroutine forget_motion
 
    !> Solves the model in a basis.
    subroutine solve_model(system, discretisation, options, basis, result, error, unknowns, cached)
@@ -595,7 +580,7 @@ contains
          if (allocated(error) .and. len(failure) > 0) then
             deallocate (error)
             if (allocated(unknowns)) deallocate (unknowns)
-            call forget_motion(result)
+            call result%forget_motion()
             result%status = outcome%failed
             result%message = failure
          end if

@@ -256,12 +256,13 @@ contains
       work = residuals*balance%residual_work
    end function usual_work
 
-   !> Stores the coefficients of the output degrees of freedom in a result.
+   !> Stores what follows from the motion alone, whether a balance or time integration has found it, at the output degrees of
+   !> freedom.
    subroutine store_motion(options, basis, c, result)
       type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
-      type(motion_result_t), intent(inout) :: result
+      type(motion_result_t), intent(inout) :: result                  !! without a motion
       integer :: i
 
       allocate (result%coefficients(2, basis%whole%n_harmonics, size(options%output%dofs)), source=0.0_wp)

@@ -9,7 +9,7 @@ module hb_motion_result
    use hb_stability, only: stability_t, verdict
    implicit none
    private
-   public :: as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t
+   public :: as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t, stored_motion_t
 
    !> Position of a motion on a curve, hb_motion_curve, and the data from which the curve continues: complete for ends
    !> of steps and starts of branches.
@@ -61,8 +61,30 @@ module hb_motion_result
       procedure :: add => effort_add
    end type effort_t
 
-   !> The result of one model. A component that is not allocated is unknown, and NaN in a file.
-   type, extends(effort_t) :: motion_result_t
+   !> A motion that was found, and what describes it: all that is discarded with it. A component that is not allocated is unknown,
+   !> and NaN in a file.
+   type, extends(effort_t) :: stored_motion_t
+      real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
+      complex(wp), allocatable :: outputs(:, :)         !! cos - i sin [m], (n_harmonics, outputs with a requested accuracy)
+      real(wp), allocatable :: output_estimate(:)       !! estimated error of each of them, relative to it
+      real(wp), allocatable :: output_level_estimate(:) !! for each of them the analogue of `level_estimate`
+      real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
+      real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
+      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of error_estimate%wider, n_law_dofs)
+      integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
+      type(error_estimate_t) :: error_estimate                !! zero and without combination if none was computed
+      logical :: is_near_commensurate = .false.
+      type(stability_t) :: stability
+      type(gradient_t) :: gradient                      !! with `&gradient`
+      real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
+      real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples
+      real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
+   contains
+      procedure :: select_dofs => stored_motion_select_dofs
+   end type stored_motion_t
+
+   !> The result of one model.
+   type, extends(stored_motion_t) :: motion_result_t
       integer :: status = outcome%pending               !! hb_outcome
       integer :: reason = reason%none                   !! hb_outcome
       integer :: n_periods = 0 !! after which a motion found by time integration repeats, if `subharmonic`
@@ -87,26 +109,12 @@ module hb_motion_result
       integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
       real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
-      real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
-      complex(wp), allocatable :: outputs(:, :)         !! cos - i sin [m], (n_harmonics, outputs with a requested accuracy)
-      real(wp), allocatable :: output_estimate(:)       !! estimated error of each of them, relative to it
-      real(wp), allocatable :: output_level_estimate(:) !! for each of them the analogue of `level_estimate`
-      real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
-      real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
-      real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of error_estimate%wider, n_law_dofs)
       logical :: is_odd = .false.                       !! searched for among motions of odd tuples alone
       real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, if only odd tuples are stored
       logical :: leaves_branch = .false.                !! of the preceding point in a chain, hb_chain_check
-      integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
-      type(error_estimate_t) :: error_estimate                !! zero and without combination if none was computed
-      logical :: is_near_commensurate = .false.
       type(curve_position_t), allocatable :: curve      !! of a motion on a curve
-      type(stability_t) :: stability
-      type(gradient_t) :: gradient                      !! with `&gradient`
-      real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
-      real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples
-      real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
    contains
+      procedure :: forget_motion => motion_result_forget_motion
       procedure :: set_failure => motion_result_set_failure
       procedure :: withdraw_verdict => motion_result_withdraw_verdict
    end type motion_result_t
@@ -128,6 +136,24 @@ contains
       self%solver_seconds = self%solver_seconds + other%solver_seconds
       self%error_estimate_seconds = self%error_estimate_seconds + other%error_estimate_seconds
    end subroutine effort_add
+
+   !> Reduces a motion at all degrees of freedom to some of them: all components along the axis `dof` of hb_motion_columns except
+   !> `gradient`, which is not yet known.
+   pure subroutine stored_motion_select_dofs(self, dofs)
+      class(stored_motion_t), intent(inout) :: self
+      integer, intent(in) :: dofs(:)                    !! the remaining ones, in their order
+
+      if (allocated(self%coefficients)) self%coefficients = self%coefficients(:, :, dofs)
+   end subroutine stored_motion_select_dofs
+
+   !> Discards a motion that an error, or time integration, has shown to be none; what it has taken remains.
+   pure subroutine motion_result_forget_motion(self)
+      class(motion_result_t), intent(inout) :: self
+      type(stored_motion_t) :: none
+
+      none%effort_t = self%effort_t
+      self%stored_motion_t = none
+   end subroutine motion_result_forget_motion
 
    !> Makes an error the outcome.
    pure subroutine motion_result_set_failure(self, error)

@@ -12,7 +12,7 @@ module hb_point
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
-   use hb_motion, only: forget_motion, solve_motion
+   use hb_motion, only: solve_motion
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_movement, only: follow_frequencies, tied_tones
    use hb_outcome, only: outcome
@@ -76,7 +76,7 @@ contains
          call solve_once(model, result, error, level, before, before%unknowns)
          call result%add(effort)
       end do
-      call forget_motion(result)
+      call result%forget_motion()
       result%status = outcome%stalled
       result%message = "no motion was found whose frequency agrees with the values that follow it by a &tie"
       deallocate (level%unknowns)

@@ -63,7 +63,7 @@ contains
       model%options%output%dofs = dofs
       if (has_impacts) then
          call find_impact_gradient(model, result)
-         if (allocated(result%coefficients)) result%coefficients = result%coefficients(:, :, dofs)
+         call result%select_dofs(dofs)
       end if
       if (.not. allocated(error)) &
          call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)

@@ -1,7 +1,7 @@
 !> The columns of a result file: those of motions (hb_motion_columns), those that are computed when a row, or the run,
 !> is complete, and the times of ranks.
 !> One pass over them lists the datasets of a file (`new_plan`); a pass with a motion stores its values in the row of
-!> a point (`store_motion`).
+!> a point (`store_row`).
 module hb_result_columns
    use hb_branches, only: left_branch
    use hb_error, only: annotate, error_t, fail
@@ -55,7 +55,7 @@ module hb_result_columns
    contains
       procedure :: extents_of => plan_extents_of
       procedure :: index_of => plan_index_of
-      procedure :: store_motion => plan_store_motion
+      procedure :: store_row => plan_store_row
       procedure :: integer => plan_integer
       procedure :: attribute => plan_attribute
       procedure :: real => plan_real
@@ -171,7 +171,7 @@ contains
    end subroutine new_plan
 
    !> Stores the results of a motion in a row of the buffers, and missing values for unknown ones.
-   subroutine plan_store_motion(self, row, motion, error)
+   subroutine plan_store_row(self, row, motion, error)
       class(plan_t), intent(inout) :: self
       integer, intent(in) :: row
       type(motion_result_t), intent(in) :: motion
@@ -186,7 +186,7 @@ contains
       self%i = 0
       call all_columns(self, motion)
       call move_alloc(self%error, error)
-   end subroutine plan_store_motion
+   end subroutine plan_store_row
 
    !> A column of integers: lists it, or stores the values of the row in its buffer.
    subroutine plan_integer(self, name, units, axes, long_name, values, flags, lowest)

@@ -215,7 +215,7 @@ contains
       if (allocated(error)) return
       if (self%n_held == 0) self%first_held = i
       self%n_held = self%n_held + 1
-      call self%plan%store_motion(self%n_held, point, error)
+      call self%plan%store_row(self%n_held, point, error)
       sum = 0
       do k = 1, size(self%plan%columns)
          if (self%plan%columns(k)%is_checked) call self%plan%columns(k)%held%add_to_checksum(self%n_held, sum)
