@@ -161,6 +161,7 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().gradient("max x1", ["spring.stiffness"]), "'max x1' is a response of datasets"),
     (lambda: duffing().peak("max x1", "tones[0]", 0.5, 2.0), "'max x1' is a response of datasets"),
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, peak_of=["x1", "max x1"]), "'max x1' is a response of datasets"),
+    (lambda: duffing().curve("tones[0]", 0.5, 2.0, resonance_of="max x1"), "'max x1' is a response of datasets"),
     (lambda: duffing().sweep({"tones[0]": [0.5]}, of="max x1"), "'max x1' is a response of datasets"),
     (lambda: duffing().gradient("x1 (1)", ["spring.stifness"]), "unknown key 'stifness'; did you mean 'stiffness'"),
     (lambda: Model("nothing.h5", tones=[1.0]), "model file 'nothing.h5' does not exist"),

@@ -16,7 +16,7 @@ from nhbm.description import Description, exclusive
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError
 from nhbm.groups import SETS, Group, Settings, changed_values, described, identifier, numbers_of, path_of, plain, request
-from nhbm.keys import check_keys
+from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.responses import gradient_of, refuse_largest, required_response_of, response_of
 from nhbm.session import Session
@@ -354,8 +354,9 @@ class Model(Description):
         path = self._resolved(path)
         if "over" in keys:
             keys["over"] = self._resolved(keys["over"])
-        for key in ("peak_of", "minimum_of", "amplitude_of"):
-            refuse_largest(*np.atleast_1d(keys.get(key, ())).tolist())
+        for key in keys_of("curve").values():
+            if key.type == "list of texts":  # responses, of all kinds of located points
+                refuse_largest(*np.atleast_1d(keys.get(key.name, ())).tolist())
         session = self._begin(request(tolerance, order, curve={"parameter": path, **_range(start, stop, keys)}))
         points: list[xr.Dataset] = []
         doubtful: list[tuple[str, str]] = []
