@@ -41,16 +41,24 @@ static uint32_t multiply(uint32_t a, uint32_t b)
    return product;
 }
 
-/* Effect of n zero bytes on the register: multiplication by x to the power of 8 n. Source: M. Adler, crc32_combine of zlib. */
+/* Effect of n zero bytes on the register: multiplication by x to the power of 8 n. Source: M. Adler, crc32_combine of zlib.
+   The last power is stored: rows have the same number of zeros after each block. */
 static uint32_t after_zeros(uint32_t crc, size_t n)
 {
-   uint32_t square = 1u << 23; /* x to the power of 8 */
+   static _Thread_local size_t last_n;
+   static _Thread_local uint32_t last_power;
 
-   for (; n > 0; n >>= 1) {
-      if (n & 1u) crc = multiply(square, crc);
-      square = multiply(square, square);
+   if (n == 0) return crc;
+   if (n != last_n) {
+      uint32_t square = 1u << 23; /* x to the power of 8 */
+      last_power = 1u << 31;      /* 1 */
+      for (size_t left = n; left > 0; left >>= 1) {
+         if (left & 1u) last_power = multiply(square, last_power);
+         square = multiply(square, square);
+      }
+      last_n = n;
    }
-   return crc;
+   return multiply(last_power, crc);
 }
 
 /* Most elements of a row of results are unused. */
@@ -86,6 +94,8 @@ uint32_t hb_add_to_checksum(uint32_t checksum, const void *bytes, size_t n_bytes
    for (; n_bytes > 0; n_bytes--, b++) crc = (crc >> 8) ^ table[0][(crc ^ *b) & 0xFFu];
    return ~crc;
 }
+
+uint32_t hb_add_zeros_to_checksum(uint32_t checksum, size_t n_bytes) { return ~after_zeros(~checksum, n_bytes); }
 
 int hb_checksum_rows(const char *path, long long offset, long long row_bytes, long long n_rows, uint32_t *checksums)
 {

@@ -6,7 +6,7 @@ module hb_checksum
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: bytes_in, checksum, checksum_rows, library_fingerprint
+   public :: bytes_in, checksum, checksum_of_zeros, checksum_rows, library_fingerprint
 
    !> The bytes of values, without a copy.
    interface bytes_in
@@ -20,6 +20,12 @@ module hb_checksum
          type(c_ptr), value :: bytes
          integer(c_size_t), value :: n_bytes
       end function hb_add_to_checksum
+
+      integer(c_int32_t) function hb_add_zeros_to_checksum(so_far, n_bytes) bind(c, name="hb_add_zeros_to_checksum")
+         import :: c_int32_t, c_size_t
+         integer(c_int32_t), value :: so_far
+         integer(c_size_t), value :: n_bytes
+      end function hb_add_zeros_to_checksum
 
       integer(c_int) function hb_checksum_rows(path, offset, row_bytes, n_rows, checksums) bind(c, name="hb_checksum_rows")
          import :: c_char, c_int, c_int32_t, c_long_long
@@ -73,6 +79,13 @@ contains
 
       sum = hb_add_to_checksum(int(so_far, c_int32_t), c_loc(text), len(text, c_size_t))
    end function checksum_text
+
+   !> Continues a checksum over bytes that are zero.
+   integer function checksum_of_zeros(so_far, n_bytes) result(sum)
+      integer, intent(in) :: so_far, n_bytes
+
+      sum = hb_add_zeros_to_checksum(int(so_far, c_int32_t), int(n_bytes, c_size_t))
+   end function checksum_of_zeros
 
    !> Continues the checksum of each row over its bytes in a part of a file in which rows are contiguous; `ok` is
    !> false if it cannot be read.

@@ -5,7 +5,7 @@
 module hb_row_buffer
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_fortran_env, only: int8
-   use hb_checksum, only: bytes_in, checksum
+   use hb_checksum, only: bytes_in, checksum, checksum_of_zeros
    use hb_error, only: error_t, fail
    use hb_hdf5, only: bytes_of_kind, h5_dataset_t, is_integer, is_real
    use hb_kinds, only: wp
@@ -19,7 +19,8 @@ module hb_row_buffer
    real(wp), parameter :: max_bytes = 1.6e7_wp                       ! [B] held by a rank
    integer, parameter :: max_rows = 128                              ! with more rows the saving is below one percent
 
-   !> Rows of one dataset, for consecutive points, as the bytes of the file.
+   !> Rows of one dataset, for consecutive points, as the bytes of the file. Of rows with a part only this part is held, at
+   !> the beginning: with the padding to the largest number of harmonics, rows of many degrees of freedom are megabytes.
    type :: row_buffer_t
       private
       integer :: kind = is_real                                       ! of the values, hb_hdf5
@@ -70,7 +71,8 @@ contains
       self%extents = extents
       self%row_size = product(extents)
       if (is_part_used) self%part = min(2, size(extents))
-      allocate (self%bytes(bytes_of_kind(kind)*self%row_size, capacity), source=0_int8)
+      allocate (self%bytes(bytes_of_kind(kind)*self%row_size, capacity))
+      if (self%part == 0) self%bytes = 0_int8
       allocate (self%n_used(capacity), source=0)
    end subroutine new_row_buffer
 
@@ -81,8 +83,9 @@ contains
       integer :: i
 
       self%n_used(k) = 0
+      if (self%part > 0) return
       self%bytes(:, k) = 0_int8
-      if (self%kind /= is_real .or. self%part > 0) return
+      if (self%kind /= is_real) return
       do i = 0, self%row_size - 1
          self%bytes(8*i + 1:8*i + 8, k) = transfer(ieee_value(1.0_wp, ieee_quiet_nan), [0_int8])
       end do
@@ -93,8 +96,18 @@ contains
       class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k
       integer, intent(inout) :: so_far
+      integer :: i, n_block, n_padding
 
-      so_far = checksum(so_far, self%bytes(:, k))
+      if (self%part == 0 .or. size(self%bytes) == 0) then
+         so_far = checksum(so_far, self%bytes(:, k))
+         return
+      end if
+      n_block = n_entry(self)*self%n_used(k)
+      n_padding = n_entry(self)*(self%extents(self%part) - self%n_used(k))
+      do i = 0, n_blocks(self) - 1
+         so_far = checksum(so_far, self%bytes(i*n_block + 1:(i + 1)*n_block, k))
+         so_far = checksum_of_zeros(so_far, n_padding)
+      end do
    end subroutine row_buffer_add_to_checksum
 
    !> Stores the integers of row `k`: all of the row, or those of its part.
@@ -153,7 +166,6 @@ contains
       integer(int8), intent(in) :: values(:)
       integer, intent(in) :: extents(:)
       type(error_t), allocatable, intent(out) :: error
-      integer :: block_size, i, n_blocks, n_used
 
       call check_extents(self, extents, error)
       if (allocated(error) .or. size(self%bytes) == 0) return
@@ -161,15 +173,9 @@ contains
          self%bytes(:, k) = values
       else
          self%n_used(k) = extents(self%part)
-         n_used = bytes_of_kind(self%kind)*product(extents(:self%part))
-         n_blocks = product(extents(self%part + 1:))
-         block_size = size(self%bytes, 1)/n_blocks
-         self%bytes(:, k) = 0_int8
-         do i = 0, n_blocks - 1
-            self%bytes(i*block_size + 1:i*block_size + n_used, k) = values(i*n_used + 1:(i + 1)*n_used)
-         end do
+         self%bytes(:size(values), k) = values
       end if
-      if (.not. self%is_used) self%is_used = self%part > 0 .or. self%kind /= is_integer .or. any(self%bytes(:, k) /= 0_int8)
+      if (.not. self%is_used) self%is_used = self%part > 0 .or. self%kind /= is_integer .or. any(values /= 0_int8)
    end subroutine store_bytes
 
    !> Rejects values whose number differs from that of a row, or is larger along an axis with individual lengths.
@@ -227,8 +233,7 @@ contains
       allocate (before(size(self%bytes, 1), 1))
       call dataset%read(before, error, row)
       if (allocated(error)) return
-      allocate (blocks, source=reshape(before, [bytes_of_kind(self%kind)*product(self%extents(:self%part - 1)), &
-                                                self%extents(self%part), product(self%extents(self%part + 1:))]))
+      allocate (blocks, source=reshape(before, [n_entry(self), self%extents(self%part), n_blocks(self)]))
       do i = self%extents(self%part), n_used + 1, -1
          if (all(blocks(:, i, :) == 0_int8)) cycle
          n_used = i
@@ -236,16 +241,32 @@ contains
       end do
    end subroutine extend_over
 
-   !> The bytes of the first `n_used` entries of row `k`.
+   !> The bytes of the first `n_used` entries of row `k`; zeros beyond those that it holds.
    pure function used_bytes(self, k, n_used) result(bytes)
       class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k, n_used
-      integer(int8), allocatable :: blocks(:, :), bytes(:)
-      integer :: n_before
+      integer(int8), allocatable :: bytes(:)
+      integer :: i, n_held, n_here
 
-      n_before = bytes_of_kind(self%kind)*product(self%extents(:self%part - 1))
-      allocate (blocks, source=reshape(self%bytes(:, k), &
-                                       [n_before*self%extents(self%part), product(self%extents(self%part + 1:))]))
-      bytes = reshape(blocks(:n_before*n_used, :), [n_before*n_used*size(blocks, 2)])
+      n_held = n_entry(self)*self%n_used(k)
+      n_here = n_entry(self)*n_used
+      allocate (bytes(n_here*n_blocks(self)), source=0_int8)
+      do i = 0, n_blocks(self) - 1
+         bytes(i*n_here + 1:i*n_here + n_held) = self%bytes(i*n_held + 1:(i + 1)*n_held, k)
+      end do
    end function used_bytes
+
+   !> Bytes of an entry along the part.
+   pure integer function n_entry(self)
+      class(row_buffer_t), intent(in) :: self
+
+      n_entry = bytes_of_kind(self%kind)*product(self%extents(:self%part - 1))
+   end function n_entry
+
+   !> Blocks of a row, each with its own entries along the part.
+   pure integer function n_blocks(self)
+      class(row_buffer_t), intent(in) :: self
+
+      n_blocks = product(self%extents(self%part + 1:))
+   end function n_blocks
 end module hb_row_buffer
