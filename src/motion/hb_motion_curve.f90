@@ -475,7 +475,6 @@ contains
       call cancellation%enter(self%model%options%solver%time_limit)
       call use_threads(self%model%options%solver%n_threads)
       call find_next(self, result, error)
-      call result%withdraw_verdict()
       call cancellation%leave()
    end subroutine motion_curve_next
 
@@ -575,6 +574,7 @@ contains
             call self%describe(point, result, error)
          end if
          if (.not. allocated(error)) call compare_in_time(self, point, result, error)
+         call result%withdraw_verdict()
          if (.not. allocated(error)) call add_position(self, point, result)
       end associate
    end subroutine report
