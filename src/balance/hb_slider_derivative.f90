@@ -230,25 +230,48 @@ contains
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: df(:, :)                               !! (n_samples, n_coordinates)
-      real(wp), allocatable :: f(:, :), df_dz(:, :, :), df_ds(:, :, :)
-      integer :: a, b, i, k, n
+      integer, parameter :: samples_at_once = 512
+      integer :: first, n_at_once
 
-      n = characteristic%n_slice
-      allocate (f(n, size(df, 2)), df_dz(n, size(df, 2), size(df, 2)), df_ds(n, size(df, 2), size(self%states, 2)))
-      df = 0.0_wp
-      do i = 1, characteristic%n_steps
-         call law%force(sliders%path(:, :, path_part%at_end, i), sliders%states(:, :, i), f, df_dz, df_ds)
-         do b = 1, size(df, 2)
-            do a = 1, size(df, 2)
-               df(characteristic%sample(:, i), a) = df(characteristic%sample(:, i), a) &
-                                                    + df_dz(:, a, b)*self%path(:, b, path_part%at_end, i)
-            end do
-         end do
-         do k = 1, size(self%states, 2)
-            do a = 1, size(df, 2)
-               df(characteristic%sample(:, i), a) = df(characteristic%sample(:, i), a) + df_ds(:, a, k)*self%states(:, k, i)
-            end do
-         end do
+      n_at_once = max(1, samples_at_once/characteristic%n_slice)
+      do first = 1, characteristic%n_steps, n_at_once
+         call force_of_steps(self, sliders, law, characteristic, [first, min(characteristic%n_steps, first + n_at_once - 1)], df)
       end do
    end subroutine slider_derivative_force
+
+   !> Those of the samples of several steps, by one evaluation of the law.
+   subroutine force_of_steps(self, sliders, law, characteristic, steps, df)
+      class(slider_derivative_t), intent(in) :: self
+      type(slider_states_t), intent(in) :: sliders
+      class(hysteretic_law_t), intent(in) :: law
+      type(characteristic_t), intent(in) :: characteristic
+      integer, intent(in) :: steps(2)                                 !! first and last
+      real(wp), intent(inout) :: df(:, :)                             !! (n_samples, n_coordinates)
+      real(wp), allocatable :: f(:, :), df_dz(:, :, :), df_ds(:, :, :), slope(:), states(:, :), z(:, :)
+      integer :: a, b, k, n
+
+      associate (n_coordinates => size(df, 2), n_states => size(self%states, 2), at_end => path_part%at_end, &
+                 first => steps(1), last => steps(2))
+         n = characteristic%n_slice*(last - first + 1)
+         allocate (f(n, n_coordinates), df_dz(n, n_coordinates, n_coordinates), df_ds(n, n_coordinates, n_states), slope(n))
+         allocate (z(n, n_coordinates), states(n, n_states))
+         do b = 1, n_coordinates
+            z(:, b) = reshape(sliders%path(:, b, at_end, first:last), [n])
+         end do
+         do k = 1, n_states
+            states(:, k) = reshape(sliders%states(:, k, first:last), [n])
+         end do
+         call law%force(z, states, f, df_dz, df_ds)
+         do a = 1, n_coordinates
+            slope = 0.0_wp
+            do b = 1, n_coordinates
+               slope = slope + df_dz(:, a, b)*reshape(self%path(:, b, at_end, first:last), [n])
+            end do
+            do k = 1, n_states
+               slope = slope + df_ds(:, a, k)*reshape(self%states(:, k, first:last), [n])
+            end do
+            df(reshape(characteristic%sample(:, first:last), [n]), a) = slope
+         end do
+      end associate
+   end subroutine force_of_steps
 end module hb_slider_derivative
