@@ -9,6 +9,7 @@ module hb_error_estimate
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
+   use hb_cancellation, only: verdict, verdict_on_work
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
@@ -73,7 +74,7 @@ contains
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error, bordered)
       if (.not. allocated(error)) then
-         if (.not. present(bordered) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
+         if (.not. (present(bordered) .or. is_interrupted()) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
                                             has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
             call solve_on_finer_grid(self, balance, wide, u, error)
          if (is_unknown(self%truncation)) self%truncation = 1.0_wp
@@ -188,12 +189,14 @@ contains
       integer, allocatable :: tuples(:, :)
       integer, parameter :: min_order = 4                          ! sum of entries not excited directly by loads and steep laws
       real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
+      real(wp) :: least
       integer :: d, h, i
 
+      least = large*maxval(carried)                                   ! once: there may be a hundred thousand
       associate (set => balance%harmonics, stiffness => balance%stiffness, laws => balance%law_set%laws)
          tuples = reshape([integer ::], [size(slow), 0])
          do h = 1, set%n_harmonics
-            if (sum(abs(set%tuples(:, h))) < min_order .or. carried(h) < large*maxval(carried)) cycle
+            if (sum(abs(set%tuples(:, h))) < min_order .or. carried(h) < least) cycle
             ! resonant: a minor part of the stiffness is left beside the inertia
             if (any([(abs(stiffness%entry(d, d, h)) < minor*stiffness%magnitude(d, h), d=1, balance%n_dofs)])) &
                tuples = reshape([tuples, shifted(set%tuples(:, h:h), slow)], [size(slow), size(tuples, 2) + 2])
@@ -329,7 +332,7 @@ contains
       ! with parameters and kinks each product of the wide problem is a solution; of polynomials few products suffice
       call new_tangent_solver(tangent, problem, x, is_lost, well_solved, are_many=present(bordered) .and. &
                               any([(balance%law_set%laws(i)%law%degree == 0, i=1, size(balance%law_set%laws))]))
-      if (is_lost) return
+      if (is_lost .or. is_interrupted()) return
       if (present(bordered)) then
          if (allocated(bordered%units_across)) call tangent%leave_out_null_vector(problem, bordered%units_across)
       end if
@@ -340,10 +343,10 @@ contains
       call new_wide_problem(whole, wide, balance, problem, tangent, size_of_motion)
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
       call whole%find_residual(big, first, r, is_lost)
-      if (is_lost) return
+      if (is_lost .or. is_interrupted()) return
       alias = [r(whole%positions), r(size(big) + 1:)]
       call tangent%solve(problem, alias, is_lost)
-      if (is_lost) return
+      if (is_lost .or. is_interrupted()) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
       call whole%find_two_steps(big, r, has_multipliers(balance), acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
@@ -377,6 +380,11 @@ contains
          coefficients = reshape(vector(:size(big)), shape(big))
       end function on_wide
    end subroutine estimate_errors
+
+   !> Whether the run ends: the point is solved again, without the results of this one.
+   logical function is_interrupted()
+      is_interrupted = verdict_on_work() == verdict%interrupted
+   end function is_interrupted
 
    !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
    subroutine store_step(self, balance, wide, which, big, first, alias, size_of_motion)
@@ -483,12 +491,13 @@ contains
       type(solver_config_t) :: config
       real(wp) :: x_half(size(x))
       logical :: is_held(n), is_high(harmonics%n_coefficients), is_possible, is_there
-      integer :: h, i
+      integer :: h, half, i
 
+      half = int(0.5_wp*maxval(sum(abs(harmonics%tuples), dim=1)))
       do h = 1, harmonics%n_harmonics
          select type (problem)
          class is (bordered_problem_t)
-            is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > int(0.5_wp*maxval(sum(abs(harmonics%tuples), dim=1)))
+            is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > half
          class default                                                ! as in its smaller problem
             is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(0.5_wp*harmonics%highest))
          end select
