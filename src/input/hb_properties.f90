@@ -475,7 +475,10 @@ contains
             bare = word
             call drop_marks(bare)
             ! a name may be a number, such as that of a degree of freedom
-            if (kind /= kind_of%whole .or. allocated(rule%choices)) problem = "needs quotes: "//quote(shown(bare))
+            if (kind == kind_of%whole .and. .not. allocated(rule%choices)) return
+            problem = "needs quotes: "//quote(shown(bare))
+            if (self%content%keys(i_key)%values(k)%line < 0) problem = "is a number, but this key takes a text: give the "// &
+               "&sweep 'texts' instead of 'values' or 'from', 'to' and 'n'"
             return
          end if
          call self%content%get_word(i_key, k, word)

@@ -153,6 +153,8 @@ CASES = [
         sweep("parameter = 'law(stp)%gap', values = 1.0"),
     ),
     Bad("sweep of a sweep", (line(AFTER), "&sweep"), sweep("parameter = 'sweep(1)%values', values = 1.0")),
+    Bad("sweep of numbers over words", (line(AFTER), "&structure: type = 1", "takes a text", "'texts'"),
+        sweep("parameter = 'structure%type', values = 1.0, 2.0")),
     Bad("sweep without values", (line(AFTER), "'values'", "'from'"), sweep("parameter = 'law(1)%gap'")),
     Bad(
         "sweep with values and a range",
