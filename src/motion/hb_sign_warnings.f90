@@ -17,6 +17,8 @@ module hb_sign_warnings
    integer, parameter :: max_dofs = 100                               ! of a structure whose eigenvalues take milliseconds
    character(*), parameter :: feeding = "energy is fed into vibrations; unless the motion is to be self-excited, "
    character(*), parameter :: remedy = "make it positive"
+   character(*), parameter :: without_inertia = "all masses and dampings of the structure are zero: it follows its loads as in "// &
+      "statics, at any frequency; unless that is meant, give the masses"
    character(*), parameter :: unstable = "the equilibrium is unstable; unless the structure is to be buckled, "
 
 contains
@@ -32,6 +34,7 @@ contains
       allocate (lines(0))
       associate (structure => system%structure)
          call structure%diagonals(mass, damping, stiffness)
+         if (all(abs(mass) <= 0.0_wp) .and. all(abs(damping) <= 0.0_wp)) call add_string(lines, without_inertia)
          if (.not. is_gyroscopic(structure)) &
             call describe_matrix(structure, "stiffness", stiffness, structure%stiffness, unstable, lines)
          if (any(system%tones%is_unknown)) return

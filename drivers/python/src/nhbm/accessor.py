@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import SOLVED, Source, check_found, check_motion, record_beside, varies_of
+from nhbm.dataset import SOLVED, Source, check_found, check_motion, check_result, record_beside, varies_of
 from nhbm.errors import ModelError, meant
 from nhbm.groups import numbers_of
 from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
@@ -446,6 +446,7 @@ class Accessor:
         """
         from nhbm.pictures import plot
 
+        check_result(self._dataset)
         if {"coefficients", "n_harmonics"} & set(self._dataset.variables):  # motions, not numbers
             check_found(self._dataset, "coefficients")
             check_motion(self._dataset)

@@ -81,13 +81,18 @@ def has_own_tuples(motion: xr.Dataset) -> bool:
 def check_found(data: xr.Dataset, name: str) -> None:
     """Raises ModelError, with the status and the reason, if a dataset lacks a column, or the tuples of it, because no motion was
     found."""
-    if not {name, "status", "displacement", "integration_verdict"} & set(data.variables):
-        raise ModelError(f"this dataset is no result of nhbm: it has no '{name}'")
+    check_result(data, name)
     if "status" not in data or (name in data.variables and {"tuple", "tuples"} & set(data.variables)):
         return
     check_motion(data, f", so there are no '{name}'")
     if "coefficients" not in data:
         raise ModelError(f"this dataset has numbers, not motions: {', '.join(map(str, data.data_vars))}")
+
+
+def check_result(data: xr.Dataset, name: str = "coefficients") -> None:
+    """Raises ModelError if a dataset has neither a column nor any other sign of a result."""
+    if not {name, "coefficients", "status", "displacement", "integration_verdict"} & set(data.variables):
+        raise ModelError(f"this dataset is no result of nhbm: it has no '{name}'")
 
 
 def check_motion(data: xr.Dataset, what: str = "") -> None:
