@@ -10,7 +10,7 @@ from nhbm_post import Results, UsageError
 from nhbm_post.cli import main
 from nhbm_post.draw import draw_correction, draw_rotor, draw_spectrum, draw_time, save
 from nhbm_post.draw.rotor import CASING, DISK, RotorStator, mean_radius
-from nhbm_post.draw.style import unit_scale
+from nhbm_post.draw.style import quantity_text, unit_scale
 from nhbm_post.draw.time_history import Record, read_record
 from nhbm_post.series import Series
 
@@ -269,3 +269,11 @@ def test_rotor_pictures(tmp_path, view):
 def test_rotor_needs_its_structure(tmp_path):
     with Results(single(tmp_path / "a.h5", 1)) as results, pytest.raises(UsageError, match="rotor_stator"):
         draw_rotor(results, 0)
+
+
+@pytest.mark.parametrize("value, units, text", [
+    (1.09407e-3, "m", "1.094 mm"), (12345.678, "N", "12.35 kN"), (0.0, "m", "0 m"), (1.09407e-3, "1", "1.094e-3"),
+    (2.5e-5, "kg m", "2.5e-5 kg m"), (3.14159, "s", "3.142 s"),
+])  # fmt: skip
+def test_numbers_of_headings_are_short(value, units, text):
+    assert quantity_text(value, units) == text

@@ -194,8 +194,8 @@ def _draw_snapshots(results: Results, rotor: RotorStator, point: int):
             fig,
             "Disk and casing in the stationary frame during one round of the casing's wave",
             f"{results.title}; speed {rotor.speed:.4g} rad/s, tone {results.frequency(point)[0]:.7g} rad/s. Square: a crest of the "
-            f"wave on the casing. Black: always the same blade. The radius {radius:.3g} {results.units('motion', DISK[0])} of the "
-            f"disk at rest is chosen for the picture.",
+            f"wave on the casing. Black: always the same blade. The radius "
+            f"{style.quantity_text(radius, results.units('motion', DISK[0]), 3)} of the disk at rest is chosen for the picture.",
         )
     return fig
 

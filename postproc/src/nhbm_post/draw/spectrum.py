@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
 from ..errors import UsageError
 from ..series import Series
-from ..text import number_text, tuple_text
+from ..text import tuple_text
 from . import style
 
 FORMS = ("map", "bars", "stem")
@@ -67,7 +67,7 @@ def draw_spectrum(
             fig = style.figure(7.0, 4.0)
             draw_stem(fig.add_subplot(), series, amplitudes, norm, label, over, in_hertz)
         head = f"{what} of the {series.n_harmonics} harmonics of {series.label}"
-        scale = "" if not is_normalised else f"largest amplitude {number_text(largest)} {series.units}".rstrip()
+        scale = "" if not is_normalised else f"largest amplitude {style.quantity_text(largest, series.units)}"
         style.head(fig, head, title, scale)
     return fig
 

@@ -16,6 +16,7 @@ from nhbm.child_process import atomic_write
 
 from ..appearance import chosen
 from ..errors import UsageError
+from ..text import number_text
 
 # Okabe and Ito, "Color universal design" (2008), in an order that also differs in grey.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"]
@@ -228,6 +229,14 @@ def unit_scale(largest: float, units: str, is_logarithmic: bool = False) -> tupl
         return 1.0, units
     shown = "" if units in ("", "1") else " " + units
     return 10.0**-power, rf"$10^{{{power}}}${shown}"
+
+
+def quantity_text(value: float, units: str, digits: int = 4) -> str:
+    """A value with its unit for headings and legends, in a few digits and with a convenient prefix: `1.094 mm`."""
+    factor, scaled = unit_scale(abs(value), units)
+    if "$" in scaled:  # a power of ten: part of the number in a text
+        factor, scaled = 1.0, units
+    return f"{number_text(float(f'{factor * value:.{digits}g}'))} {'' if scaled == '1' else scaled}".rstrip()
 
 
 def with_unit(name: str, units: str) -> str:

@@ -169,7 +169,8 @@ def draw_time(
         if has_difference:
             _draw_difference(axes[1], curves, reference_data[0], first)
         axes[-1].set_xlabel(r"Time $t$ [s]")
-        style.head(fig, f"Time history of {first.label}, {t_from:.4g} s to {t_to:.4g} s", title)
+        ends = " to ".join(style.quantity_text(t, "s") for t in (t_from, t_to))
+        style.head(fig, f"Time history of {first.label}, {ends}", title)
     return fig
 
 
