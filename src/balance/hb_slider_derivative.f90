@@ -169,6 +169,10 @@ contains
       logical :: shifts_states
 
       call spend_work(characteristic%work_of_round(size(self%states, 2), per_value, per_neighbour))
+      if (characteristic%n_slice == 1 .and. .not. sliders%is_clamped) then
+         call integrate_line(self, sliders, characteristic%closing)
+         return
+      end if
       shifts_states = any(abs(weight_slope) > 0.0_wp)
       do i = 2, characteristic%n_steps + 1
          last = i - 1
@@ -222,6 +226,35 @@ contains
          end do
       end subroutine add_shift
    end subroutine slider_derivative_integrate_round
+
+   !> Integrates one round along a single line of samples, as with one tone: there nothing is interpolated.
+   subroutine integrate_line(self, sliders, closing)
+      type(slider_derivative_t), intent(inout) :: self
+      type(slider_states_t), intent(in) :: sliders
+      real(wp), intent(in) :: closing                                 !! factor of the states as the round closes
+      real(wp) :: now, start(size(self%states, 2))
+      integer :: c, i, k, old_state, part, step
+
+      associate (n_steps => size(self%states, 3), path => self%path, states => self%states)
+         do i = 2, n_steps + 1
+            step = 1 + modulo(i - 1, n_steps)
+            start = states(1, :, i - 1)
+            if (step == 1) start = closing*start
+            do k = 1, size(start)
+               now = 0.0_wp
+               do old_state = 1, size(start)
+                  now = now + sliders%ds_ds_old(1, k, old_state, step)*start(old_state)
+               end do
+               do part = 1, n_path_parts
+                  do c = 1, size(path, 2)
+                     now = now + sliders%ds_dpath(1, k, c, part, step)*path(1, c, part, step)
+                  end do
+               end do
+               states(1, k, step) = now
+            end do
+         end do
+      end associate
+   end subroutine integrate_line
 
    !> Derivatives of the forces, at the samples of the torus, after `integration`.
    subroutine slider_derivative_force(self, sliders, law, characteristic, df)
