@@ -50,6 +50,36 @@ def test_a_signal_ends_a_run_within_a_second(name, tmp_path):
     assert process.returncode == INCOMPLETE
 
 
+MANY_HARMONICS = """
+&structure type = 'chain', n_masses = 2, mass = 1.0, damping_mass = 0.02, ends = 'fixed-free', coupling_stiffness = 1.0 /
+&tones frequency = 0.8, 1.31 /
+&harmonics order = 300 /
+&load dof = 'x1', tuple = 1, 0, cos = 0.3 /
+&load dof = 'x1', tuple = 0, 1, cos = 0.3 /
+&law type = 'elastic_stop', dof = 'x2', stiffness = 10.0, gap = 50.0 /
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seconds", [3.0, 5.0, 7.0])
+def test_a_signal_ends_the_estimate_of_180000_harmonics(seconds, tmp_path):
+    """36 s of the processor in e76263d3: a loop over harmonics within another one. Single transforms take half a second."""
+    (tmp_path / "case.nml").write_text(MANY_HARMONICS)
+    factor = in_time()
+    process = subprocess.Popen(command("solve", "case.nml", "--quiet"), cwd=tmp_path, env=environment(), stderr=subprocess.DEVNULL)
+    while seconds_of(process) < seconds * factor:
+        if process.poll() is not None:
+            pytest.skip("done before a signal came")
+        time.sleep(0.05)
+    last = before = seconds_of(process)
+    process.send_signal(signal.SIGTERM)
+    while process.poll() is None and last - before < 15.0 * factor:
+        time.sleep(0.05)
+        last = max(last, seconds_of(process))
+    process.kill()
+    assert process.wait() == INCOMPLETE
+
+
 DUFFING = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 1e-7, stiffness = 1.0 /
 &tones frequency = 2.0 /
