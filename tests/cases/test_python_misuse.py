@@ -611,6 +611,7 @@ def test_a_point_without_a_motion_is_not_drawn():
     (lambda data: data.nhbm.spectrum(over="freqency"), "over must be 'tuple' or 'frequency'"),
     (lambda data: data.nhbm.animate(frames=0), "frames must be 1 or more"),
     (lambda data: data.nhbm.report().save("page.png"), "the name must end in .html"),
+    (lambda data: xr.Dataset({"integration_verdict": "agrees"}).nhbm.plot(), "a verdict of .verify., without a motion"),
     (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.plot(), "this dataset is no result of nhbm"),
     (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.to_dataframe(), "this dataset is no result of nhbm"),
     (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.plot("x1 (1)"), "numbers, not motions: response"),

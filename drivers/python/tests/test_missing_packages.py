@@ -24,7 +24,7 @@ def picture(folder):
 
     import nhbm.dataset  # noqa: F401
 
-    xarray.Dataset({"response": ("point", [1.0])}).nhbm.plot()
+    xarray.Dataset({"response": ("point", [1.0]), "status": ("point", ["converged"])}).nhbm.plot()
 
 
 def file(folder):

@@ -447,6 +447,8 @@ class Accessor:
         from nhbm.pictures import plot
 
         check_result(self._dataset)
+        if "integration_verdict" in self._dataset and "coefficients" not in self._dataset:
+            raise ModelError("this dataset is a verdict of 'verify', without a motion: plot the motion that was verified")
         if {"coefficients", "n_harmonics"} & set(self._dataset.variables):  # motions, not numbers
             check_found(self._dataset, "coefficients")
             check_motion(self._dataset)
