@@ -63,12 +63,13 @@ def opened(path: str | Path) -> xr.Dataset:
     try:
         with open_hdf5(path) as file:
             is_model, version = "format" in file.attrs, int(file.attrs.get("schema_version", _SCHEMA))
+        if is_model:  # which h5netcdf opens or not, by its version
+            raise ModelError(f"file '{path}' cannot be read: it is a model file, which nhbm.Model takes")
         if version != _SCHEMA:
             raise ModelError(f"file '{path}' has the schema version {version}; this nhbm reads {_SCHEMA}")
         data = xr.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError) as error:
-        why = "it is a model file, which nhbm.Model takes" if isinstance(error, ValueError) and is_model else error
-        raise ModelError(f"file '{path}' cannot be read: {why}") from None
+        raise ModelError(f"file '{path}' cannot be read: {error}") from None
     if "status" not in data or "point" not in data.dims:
         return with_words(data)
     data = data.isel(point=np.flatnonzero(data["status"].values != _UNUSED))
