@@ -17,7 +17,7 @@ from nhbm.errors import ModelError
 from nhbm.groups import Groups, described, path_of
 from nhbm.hdf5_file import open_hdf5
 from nhbm.session import Session
-from nhbm.structure import Structure
+from nhbm.structure import FORMAT, Structure
 
 _PENDING, _UNUSED = 0, 17  # statuses of rows of a curve that was stopped, and of spare ones
 _MESSAGE_LENGTH = 400  # bytes
@@ -62,7 +62,7 @@ def opened(path: str | Path) -> xr.Dataset:
         raise ModelError(f"'{path}' is a folder" if Path(path).is_dir() else f"file '{path}' does not exist")
     try:
         with open_hdf5(path) as file:
-            is_model, version = "format" in file.attrs, int(file.attrs.get("schema_version", _SCHEMA))
+            is_model, version = file.attrs.get("format") == FORMAT, int(file.attrs.get("schema_version", _SCHEMA))
         if is_model:  # which h5netcdf opens or not, by its version
             raise ModelError(f"file '{path}' cannot be read: it is a model file, which nhbm.Model takes")
         if version != _SCHEMA:
