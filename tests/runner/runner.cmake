@@ -64,9 +64,10 @@ function(add_pfunit_ctest name)
     if(pf_file STREQUAL last)
       set(main --main ${runner} ${suites})
     endif()
+    # -S: no site packages, whose start takes longer than the translation
     add_custom_command(
       OUTPUT "${output}"
-      COMMAND Python3::Interpreter -B "${HB_RUNNER_DIR}/pf_to_fortran.py" "${source}" "${output}" ${main}
+      COMMAND Python3::Interpreter -S -B "${HB_RUNNER_DIR}/pf_to_fortran.py" "${source}" "${output}" ${main}
       DEPENDS "${source}" "${HB_RUNNER_DIR}/pf_reader.py" "${HB_RUNNER_DIR}/pf_to_fortran.py"
       COMMENT "Translating ${pf_file}"
       VERBATIM)
