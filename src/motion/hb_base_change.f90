@@ -86,9 +86,7 @@ contains
 
       turned = is_turned(self%matrix, set)
       if (allocated(result%frequency)) result%frequency = system%tones%omega
-      if (allocated(result%coefficients)) call turn_sines(result%coefficients, turned)
-      if (allocated(result%force_coefficients)) call turn_sines(result%force_coefficients, turned)
-      if (allocated(result%corrected_coefficients)) call turn_sines(result%corrected_coefficients, turned)
+      call result%turn_harmonics(turned)
       if (allocated(unknowns)) call turn(unknowns, set, turned, system%tones%omega)
       call bring_estimate_back(self, system, result%error_estimate)
       result%is_near_commensurate = allocated(result%error_estimate%combination) .and. &
@@ -196,18 +194,7 @@ contains
       end do
    end function turned_amplitudes
 
-   !> Changes the sign of sines of turned tuples.
-   pure subroutine turn_sines(pairs, turned)
-      real(wp), intent(inout) :: pairs(:, :, :)                       !! (cos and sin, n_harmonics, any)
-      logical, intent(in) :: turned(:)
-      integer :: h
-
-      do h = 1, size(turned)
-         if (turned(h)) pairs(2, h, :) = 0.0_wp - pairs(2, h, :)      ! no zero has a sign
-      end do
-   end subroutine turn_sines
-
-   !> The same for unknowns: coefficients at all coordinates, then the base frequencies.
+   !> Changes the sign of sines of turned tuples among unknowns: coefficients at all coordinates, then the base frequencies.
    pure subroutine turn(unknowns, set, turned, omega)
       real(wp), intent(inout) :: unknowns(:)
       type(harmonics_t), intent(in) :: set                            !! both have the same positions

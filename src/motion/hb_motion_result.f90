@@ -1,5 +1,6 @@
 !> The result of the search for a motion.
 module hb_motion_result
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_error, only: error_t
    use hb_estimated_errors, only: error_estimate_t
    use hb_harmonics, only: harmonics_t
@@ -62,7 +63,7 @@ module hb_motion_result
    end type effort_t
 
    !> A motion that was found, and what describes it: all that is discarded with it. A component that is not allocated is unknown,
-   !> and NaN in a file.
+   !> and NaN in a file. One along the axis `dof` or `harmonic` of hb_motion_columns needs a line in the procedures that follow.
    type, extends(effort_t) :: stored_motion_t
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
       complex(wp), allocatable :: outputs(:, :)         !! cos - i sin [m], (n_harmonics, outputs with a requested accuracy)
@@ -81,6 +82,8 @@ module hb_motion_result
       real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
    contains
       procedure :: select_dofs => stored_motion_select_dofs
+      procedure :: spread_harmonics => stored_motion_spread_harmonics
+      procedure :: turn_harmonics => stored_motion_turn_harmonics
    end type stored_motion_t
 
    !> The result of one model.
@@ -145,6 +148,96 @@ contains
 
       if (allocated(self%coefficients)) self%coefficients = self%coefficients(:, :, dofs)
    end subroutine stored_motion_select_dofs
+
+   !> Spreads a motion over other harmonics: all components along the axis `harmonic`. Those that the set lacks become NaN.
+   pure subroutine stored_motion_spread_harmonics(self, set, tuples)
+      class(stored_motion_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: set              !! of the motion
+      integer, intent(in) :: tuples(:, :)               !! of the harmonics, (n_tones, any)
+      integer :: places(size(tuples, 2))
+
+      places = places_in(set, tuples)
+      call spread_pairs(self%coefficients, places)
+      call spread_pairs(self%force_coefficients, places)
+      call spread_pairs(self%corrected_coefficients, places)
+      call spread_pairs(self%improved_coefficients, places_in(self%error_estimate%wider, tuples))
+      call spread_gradient(self%gradient%coefficients, places)
+   end subroutine stored_motion_spread_harmonics
+
+   !> Names harmonics by the negative of their tuples: all components along the axes `harmonic` and `component`, except the
+   !> improved ones and `gradient`, which are not yet known.
+   pure subroutine stored_motion_turn_harmonics(self, is_turned)
+      class(stored_motion_t), intent(inout) :: self
+      logical, intent(in) :: is_turned(:)               !! (n_harmonics)
+
+      call turn_pairs(self%coefficients, is_turned)
+      call turn_pairs(self%force_coefficients, is_turned)
+      call turn_pairs(self%corrected_coefficients, is_turned)
+   end subroutine stored_motion_turn_harmonics
+
+   !> Places of tuples in a set; 0: it lacks them.
+   pure function places_in(set, tuples) result(places)
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: tuples(:, :)               !! (n_tones, any)
+      integer :: places(size(tuples, 2))
+      integer :: i
+
+      places = [(set%index_of(tuples(:, i)), i=1, size(places))]
+   end function places_in
+
+   !> The coefficients at places, NaN at place 0.
+   pure subroutine spread_pairs(pairs, places)
+      real(wp), allocatable, intent(inout) :: pairs(:, :, :) !! (cos and sin, n_harmonics, any)
+      integer, intent(in) :: places(:)
+      real(wp), allocatable :: there(:, :, :)
+      integer :: i
+
+      if (.not. allocated(pairs)) return
+      if (is_order(places, size(pairs, 2))) return
+      allocate (there(2, size(places), size(pairs, 3)), source=ieee_value(1.0_wp, ieee_quiet_nan))
+      do i = 1, size(places)
+         if (places(i) > 0) there(:, i, :) = pairs(:, places(i), :)
+      end do
+      call move_alloc(there, pairs)
+   end subroutine spread_pairs
+
+   !> The same for derivatives.
+   pure subroutine spread_gradient(gradient, places)
+      real(wp), allocatable, intent(inout) :: gradient(:, :, :, :) !! (cos and sin, n_harmonics, any, any)
+      integer, intent(in) :: places(:)
+      real(wp), allocatable :: there(:, :, :, :)
+      integer :: i
+
+      if (.not. allocated(gradient)) return
+      if (is_order(places, size(gradient, 2))) return
+      allocate (there(2, size(places), size(gradient, 3), size(gradient, 4)), source=ieee_value(1.0_wp, ieee_quiet_nan))
+      do i = 1, size(places)
+         if (places(i) > 0) there(:, i, :, :) = gradient(:, places(i), :, :)
+      end do
+      call move_alloc(there, gradient)
+   end subroutine spread_gradient
+
+   !> Whether places are all of n, in their order.
+   pure logical function is_order(places, n)
+      integer, intent(in) :: places(:)
+      integer, intent(in) :: n
+      integer :: i
+
+      is_order = size(places) == n
+      if (is_order) is_order = all(places == [(i, i=1, n)])
+   end function is_order
+
+   !> Changes the sign of the sines of some harmonics.
+   pure subroutine turn_pairs(pairs, is_turned)
+      real(wp), allocatable, intent(inout) :: pairs(:, :, :) !! (cos and sin, n_harmonics, any)
+      logical, intent(in) :: is_turned(:)
+      integer :: h
+
+      if (.not. allocated(pairs)) return
+      do h = 1, size(is_turned)
+         if (is_turned(h)) pairs(2, h, :) = 0.0_wp - pairs(2, h, :) ! no zero has a sign
+      end do
+   end subroutine turn_pairs
 
    !> Discards a motion that an error, or time integration, has shown to be none; what it has taken remains.
    pure subroutine motion_result_forget_motion(self)

@@ -1,7 +1,6 @@
 !> One point of a sweep: its values are set in the input, its model is read and solved, and its result is converted to
 !> the form of the file, which is the same for all points.
 module hb_swept_point
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: cancellation_t, verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
@@ -93,49 +92,13 @@ contains
                                    "list the common ones in &output dofs, or run it by itself")
    end subroutine check_dofs
 
-   !> Maps all coefficients of a point to the harmonics of the file.
+   !> Spreads the motion of a point over the harmonics of the file.
    subroutine spread_result(harmonics, layout, result)
       type(harmonics_t), intent(in) :: harmonics                      !! of the point
       type(results_layout_t), intent(in) :: layout
       type(motion_result_t), intent(inout) :: result
-      real(wp), allocatable :: flat(:, :, :)
-      integer :: n(4)
 
-      call spread_harmonics(harmonics, layout%tuples, result%coefficients)
-      call spread_harmonics(harmonics, layout%tuples, result%force_coefficients)
-      call spread_harmonics(harmonics, layout%tuples, result%corrected_coefficients)
       if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
-      call spread_harmonics(result%error_estimate%wider, layout%tuples, result%improved_coefficients)
-      if (.not. allocated(result%gradient%coefficients)) return
-      associate (gradient => result%gradient%coefficients)
-         n = shape(gradient)
-         flat = reshape(gradient, [n(:2), product(n(3:))])
-      end associate
-      call spread_harmonics(harmonics, layout%tuples, flat)
-      result%gradient%coefficients = reshape(flat, [n(1), size(flat, 2), n(3:)])
+      call result%spread_harmonics(harmonics, layout%tuples)
    end subroutine spread_result
-
-   !> Maps coefficients of a point's own set to the harmonics of the file; missing ones become NaN.
-   subroutine spread_harmonics(harmonics, tuples, coefficients)
-      type(harmonics_t), intent(in) :: harmonics
-      integer, intent(in) :: tuples(:, :)
-      real(wp), allocatable, intent(inout) :: coefficients(:, :, :)   !! (2, n_harmonics, any)
-      real(wp), allocatable :: all_harmonics(:, :, :)
-      integer :: h, i
-
-      if (.not. allocated(coefficients)) return
-      if (size(tuples, 2) == harmonics%n_harmonics) then
-         if (all(tuples == harmonics%tuples)) return
-      end if
-      allocate (all_harmonics(2, size(tuples, 2), size(coefficients, 3)))
-      do i = 1, size(tuples, 2)
-         h = harmonics%index_of(tuples(:, i))
-         if (h > 0) then
-            all_harmonics(:, i, :) = coefficients(:, h, :)
-         else
-            all_harmonics(:, i, :) = ieee_value(1.0_wp, ieee_quiet_nan)
-         end if
-      end do
-      call move_alloc(all_harmonics, coefficients)
-   end subroutine spread_harmonics
 end module hb_swept_point
