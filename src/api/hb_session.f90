@@ -16,6 +16,7 @@ module hb_session
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
    use hb_idle_laws, only: idle_laws_t
+   use hb_input_keys, only: input_groups
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -23,7 +24,7 @@ module hb_session
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
-   use hb_model_reader, only: group_names, read_model, update_model
+   use hb_model_reader, only: read_model, update_model
    use hb_model_tones, only: read_tones
    use hb_model_warnings, only: describe_warnings
    use hb_motion_doubt, only: describe_doubt
@@ -196,7 +197,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_new
 
-      call self%input%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
+      call self%input%document%expect_groups(input_groups(), error)
       if (allocated(error)) return
       self%callbacks%is_followed = self%input%document%count("curve") > 0
       self%callbacks%may_only_integrate = .true.

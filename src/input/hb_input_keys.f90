@@ -3,12 +3,12 @@
 !> A section of the table is a group, or a group and its type: "law", "law jenkins". Readers (hb_properties), pages
 !> and messages use unit, default, limits and choices of a key from its row.
 module hb_input_keys
-   use hb_key_rows, only: key_row, n_key_rows, row_of
+   use hb_key_rows, only: group_of, key_row, max_group, n_key_rows, row_of
    use hb_kinds, only: wp
    use hb_text, only: add_string, join, parse_real, split, string_t
    implicit none
    private
-   public :: choices_of, find_groups, find_rule, kind_of, limits_t, max_choice, max_unit, rule_t
+   public :: choices_of, find_groups, find_rule, input_groups, kind_of, limits_t, max_choice, max_unit, rule_t
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
@@ -84,6 +84,17 @@ contains
       call move_alloc(rule%choices, choices)
       if (.not. allocated(choices)) allocate (choices(0))
    end function choices_of
+
+   !> All groups that an input may contain, in the order of the table.
+   pure function input_groups() result(groups)
+      character(max_group), allocatable :: groups(:)
+      integer :: i
+
+      allocate (groups(0))
+      do i = 1, n_key_rows()
+         if (all(groups /= group_of(i))) groups = [groups, group_of(i)]
+      end do
+   end function input_groups
 
    !> Where else a key exists, such as "&harmonics" or "&law type = 'jenkins'"; empty if nowhere, in many groups, or
    !> here.

@@ -34,12 +34,7 @@ module hb_model_reader
    use hb_truncation_reader, only: read_harmonics, read_lowest_set
    implicit none
    private
-   public :: group_names, read_model, update_model
-
-   !> All groups that an input file may contain.
-   character(17), parameter :: group_names(20) = [character(17) :: &
-      "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "initial", &
-      "normal_mode", "solver", "error_estimate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
+   public :: read_model, update_model
 
    real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
                                                                       ! of the solver's fallbacks; two methods share

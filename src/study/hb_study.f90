@@ -6,11 +6,12 @@ module hb_study
    use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
    use hb_followed_motion, only: n_further
+   use hb_input_keys, only: input_groups
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
-   use hb_model_reader, only: group_names, read_model
+   use hb_model_reader, only: read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_operating_system, only: folder_of
@@ -153,7 +154,7 @@ contains
 
       call read_namelist(document, file_name, text, error)
       if (allocated(error)) return
-      call document%expect_groups([character(len(group_names)) :: group_names, "sweep", "curve"], error)
+      call document%expect_groups(input_groups(), error)
       if (.not. allocated(error)) call apply_overrides(document, overrides, error)
    end subroutine read_input
 

@@ -14,7 +14,6 @@ import numpy as np
 from nhbm import doubts
 from nhbm.errors import Implausible, ModelError, among
 from nhbm.groups import (
-    GROUPS,
     OPERATIONS,
     REPEATED,
     Builder,
@@ -29,7 +28,7 @@ from nhbm.groups import (
     plain,
     value_at,
 )
-from nhbm.keys import Key, check_keys, check_numbers, keys_of
+from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups
 from nhbm.laws import Law
 from nhbm.session import Session
 from nhbm.signatures import Laws
@@ -190,8 +189,8 @@ class Description(Laws):
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group == "curve":
             raise ModelError("the keys of &curve are arguments of the operations: model.curve(path, start, stop, points=200)")
-        if group not in GROUPS:
-            raise ModelError(f"unknown group '{group}'{among(group, list(GROUPS))}")
+        if group not in model_groups():
+            raise ModelError(f"unknown group '{group}'{among(group, list(model_groups()))}")
         own = self._groups.first(group)
         kind = own.keys["type"] if own is not None and "type" in own.keys and "type" not in keys else None
         check_keys(group, {**keys, "type": kind} if kind else keys)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from nhbm.errors import ModelError
-from nhbm.keys import check_keys, keys_of, missing_key
+from nhbm.keys import check_keys, keys_of, missing_key, model_groups
 from nhbm.signatures import STRUCTURES
 
 if TYPE_CHECKING:
@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from nhbm import signatures
 
 REPEATED = "load", "law", "start", "initial", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several
-GROUPS = (
-    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "initial",
-    "normal_mode", "solver", "error_estimate", "stability",
-    "output", "integration", "accuracy", "curve", "tie", "gradient",
-)  # fmt: skip
 OPERATIONS = "sweep", "curve"  # groups of an input that are operations of a model
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them
 _EXPECTED = "expected a real number, text, bool or list of them, not"
@@ -125,7 +120,7 @@ def path_of(path: Any) -> InputPath:
             raise ModelError(f"path '{path}' has no key{hint or ', as in wall.gap or load[1].cos'}")
         key, element, number = "frequency", number, None
     indices = tuple(int(i) + 1 for i in (element, column) if i is not None)
-    if number is None and name not in GROUPS:
+    if number is None and name not in model_groups():
         return InputPath("law", name, key, indices)
     return InputPath(name, None if number is None else int(number) + 1, key, indices)
 

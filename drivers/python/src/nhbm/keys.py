@@ -58,6 +58,13 @@ def _table() -> tuple[Key, ...]:
     return tuple(keys)
 
 
+@functools.lru_cache(maxsize=1)
+def model_groups() -> tuple[str, ...]:
+    """The groups of an input, without the operation &sweep, which is not one of a single model."""
+    groups = dict.fromkeys(key.section.partition(" ")[0] for key in _table())
+    return tuple(group for group in groups if group != "sweep")
+
+
 @functools.lru_cache(maxsize=None)
 def keys_of(group: str, kind: str = "") -> dict[str, Key]:
     """The keys of a group, and of its type, by name."""
