@@ -28,6 +28,7 @@ module hb_model_number
    type :: numbered_group_t
       character(17) :: name
       logical :: is_of_structure = .false.                            !! the matrices of the structure depend on its numbers
+      logical :: is_of_loads = .false.                                !! the loads depend on them
       logical :: may_move = .true.                                    !! they may move along curves: they change the motion
    end type numbered_group_t
    type(numbered_group_t), parameter :: numbered_groups(8) = [ &
@@ -35,7 +36,7 @@ module hb_model_number
       numbered_group_t("bearing", is_of_structure=.true.), &
       numbered_group_t("dynamic_stiffness", is_of_structure=.true.), &
       numbered_group_t("tones"), &
-      numbered_group_t("load"), &
+      numbered_group_t("load", is_of_loads=.true.), &
       numbered_group_t("start", may_move=.false.), &                  ! it selects a motion
       numbered_group_t("law"), &
       numbered_group_t("normal_mode", may_move=.false.)]              ! its amplitude or energy alone, which an equation has
@@ -51,6 +52,7 @@ module hb_model_number
       procedure :: range_problem => model_number_range_problem
       procedure :: includes => model_number_includes
       procedure :: is_of_structure => model_number_is_of_structure
+      procedure :: is_of_loads => model_number_is_of_loads
    end type model_number_t
 
    !> How a number follows another one: offset + factor times the other.
@@ -113,6 +115,14 @@ contains
       is_of_structure = .false.
       if (self%object /= has_number%none) is_of_structure = numbered_groups(self%object)%is_of_structure
    end function model_number_is_of_structure
+
+   !> Whether the loads depend on the number, whatever the structure.
+   elemental logical function model_number_is_of_loads(self) result(is_of_loads)
+      class(model_number_t), intent(in) :: self
+
+      is_of_loads = .false.
+      if (self%object /= has_number%none) is_of_loads = numbered_groups(self%object)%is_of_loads
+   end function model_number_is_of_loads
 
    !> Whether another number is this one, or an element of this list; a list without an index is followed by its first
    !> element.

@@ -229,8 +229,7 @@ contains
          call check_memory(sizes_of(self%system, self%discretisation, self%options), self%options%memory_limit, error)
          if (allocated(error)) return
       end if
-      if (any(numbers%object == has_number%load) .or. (any(numbers%object == has_number%tones) .and. &
-                                                       self%system%has_inertia_loads) .or. &
+      if (any(numbers%is_of_loads()) .or. (any(numbers%object == has_number%tones) .and. self%system%has_inertia_loads) .or. &
           (has_other_structure .and. any(self%system%loads%depends_on_structure()))) then
          call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
          if (allocated(error)) return

@@ -92,7 +92,7 @@ contains
       if (allocated(system%ties)) self%followers = followers_of(system%ties, first)
       associate (numbers => self%followers%number)
          self%structure = any(numbers%is_of_structure())
-         self%loads = any(numbers%object == has_number%load)
+         self%loads = any(numbers%is_of_loads())
          if (self%structure .and. .not. self%loads) self%loads = any(system%loads%depends_on_structure())
          self%laws = any(numbers%object == has_number%law)
          self%coordinates = any([(is_weight(system, numbers(i)), i=1, size(numbers))])
@@ -209,7 +209,7 @@ contains
       all_values = values_at(movement%followers, value)
       do i = movement%first, size(movement%followers)
          associate (number => movement%followers(i)%number)
-            if (.not. (number%is_of_structure() .or. number%object == has_number%load)) cycle
+            if (.not. (number%is_of_structure() .or. number%is_of_loads())) cycle
             numbers = [numbers, number]
             values = [values, all_values(i)]
          end associate
