@@ -31,7 +31,7 @@ module hb_followed_motion
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
    use hb_point_kinds, only: curve_kind, curve_kinds
-   use hb_response_slope, only: find_series_slope
+   use hb_response_slope, only: find_series_slope, omega_slopes_along
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_system, only: system_t
@@ -548,15 +548,29 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
-      complex(wp), allocatable :: of_numbers(:), slopes(:)
-      type(response_series_t) :: series
-      real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
-      integer :: h
+      type(response_series_t) :: series, slopes
 
       slope = ieee_value(slope, ieee_quiet_nan)
       call self%find_series(response, x, series)
       if (size(series%c) == 0) return
-      associate (set => series%set, numbers => response%numbers_in(series%set))
+      call find_series_slopes(self, response, x, direction, slopes)
+      if (allocated(slopes%c)) slope = response%slope(series, slopes)
+   end function followed_motion_slope_at
+
+   !> Derivatives of the motion of a degree of freedom along a direction, of the harmonics of its response; the others are zero.
+   !> None if the structure is singular there.
+   subroutine find_series_slopes(self, response, x, direction, slopes)
+      class(followed_motion_t), intent(inout) :: self                 !! its problem has moved to x
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:), direction(:)
+      type(response_series_t), intent(out) :: slopes
+      complex(wp), allocatable :: of_numbers(:)
+      real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
+      integer :: h
+
+      slopes%omega = omega_slopes_along(self%problem, direction)
+      associate (set => self%problem%model%discretisation%harmonics, &
+                 numbers => response%numbers_in(self%problem%model%discretisation%harmonics))
          if (response%column > 0) then
             u = reshape(direction(:size(u)), shape(u))
             of_numbers = [(set%amplitude(u(:, response%column), numbers(h)), h=1, size(numbers))]
@@ -564,11 +578,10 @@ contains
             call find_series_slope(self%problem, response%dof, x, direction, numbers, of_numbers)
             if (.not. allocated(of_numbers)) return
          end if
-         allocate (slopes(size(series%c)), source=(0.0_wp, 0.0_wp))
-         slopes(numbers) = of_numbers
-         slope = response%slope_of(set, series%c, slopes)
+         allocate (slopes%c(set%n_harmonics), source=(0.0_wp, 0.0_wp))
+         slopes%c(numbers) = of_numbers
       end associate
-   end function followed_motion_slope_at
+   end subroutine find_series_slopes
 
    !> The motion of the degree of freedom of a response, to whose point the problem moves.
    subroutine followed_motion_find_series(self, response, x, series)

@@ -1,7 +1,7 @@
 !> A response at which points of a curve are located, and the function of its motion whose zeros they are.
 !>
-!> A new kind of these points is a row of hb_point_kinds and its formula here: `find_series` of a curve supplies the motion, of
-!> balances (hb_followed_motion) and of impacts (hb_impact_curve) alike.
+!> A new kind of these points is a row of hb_point_kinds and its formulas here, of an extreme `square` and `slope`: `find_series`
+!> of a curve supplies the motion, of balances (hb_followed_motion) and of impacts (hb_impact_curve) alike.
 module hb_located_response
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_discretisation, only: discretisation_t
@@ -19,6 +19,7 @@ module hb_located_response
       real(wp) :: target = 0.0_wp                                     !! value at which it is located, of a kind with `targets`
    contains
       procedure :: square => located_response_square
+      procedure :: slope => located_response_slope
       procedure :: departure => located_response_departure
       procedure :: unit => located_response_unit
       procedure :: largest_load => located_response_largest_load
@@ -43,7 +44,16 @@ contains
       if (size(series%c) > 0) square = self%of(series%set, series%c)
    end function located_response_square
 
-   !> The function whose zeros are located, except for extremes (`slope_at` of a curve): the difference of that square from the
+   !> Derivative of that square along a curve, of which extremes are zeros.
+   pure real(wp) function located_response_slope(self, series, slopes) result(slope)
+      class(located_response_t), intent(in) :: self
+      type(response_series_t), intent(in) :: series
+      type(response_series_t), intent(in) :: slopes                   !! derivatives of its components
+
+      slope = self%slope_of(series%set, series%c, slopes%c)
+   end function located_response_slope
+
+   !> The function whose zeros are located, except for extremes: the difference of that square from the
    !> requested one, or the part of a harmonic in phase with its load, turned by the requested lag behind it and a quarter of a
    !> period back.
    real(wp) function located_response_departure(self, series) result(value)

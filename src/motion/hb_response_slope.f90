@@ -10,7 +10,7 @@ module hb_response_slope
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: find_motion_slopes, find_series_slope
+   public :: find_motion_slopes, find_series_slope, omega_slopes_along
 
 contains
 
@@ -68,24 +68,36 @@ contains
       motion = problem%harmonics%amplitudes(reshape(x(:problem%n_unknowns), [problem%harmonics%n_coefficients, problem%n_dofs]))
    end function motion_in
 
+   !> Derivatives of the base frequencies along the direction [rad/s], (n_tones).
+   pure function omega_slopes_along(problem, direction) result(slopes)
+      type(model_problem_t), intent(in) :: problem
+      real(wp), intent(in) :: direction(:)                            !! unknowns, then the parameters `which`
+      real(wp) :: slopes(size(problem%omega))
+      integer :: i
+
+      slopes = problem%omega_slopes*direction(size(direction))
+      do i = 1, size(problem%which) - 1
+         if (problem%which(i) <= size(slopes)) slopes(problem%which(i)) = direction(problem%n_unknowns + i)
+      end do
+   end function omega_slopes_along
+
    !> Adds the derivatives of frequencies, drives = j.(xi omega), along the direction.
    subroutine add_frequency_slopes(problem, direction, moving)
       type(model_problem_t), intent(in) :: problem
       real(wp), intent(in) :: direction(:)
       type(moving_parameters_t), intent(inout) :: moving
-      real(wp), dimension(size(problem%omega)) :: omega_slope, xi_slope
+      real(wp), dimension(size(problem%omega)) :: omega_slopes, xi_slopes
       integer :: i
 
-      omega_slope = problem%omega_slopes*direction(size(direction))
-      xi_slope = 0.0_wp
-      associate (n => size(problem%omega), further => direction(problem%n_unknowns + 1:))
+      omega_slopes = omega_slopes_along(problem, direction)
+      xi_slopes = 0.0_wp
+      associate (n => size(problem%omega))
          do i = 1, size(problem%which) - 1
-            if (problem%which(i) <= n) omega_slope(problem%which(i)) = further(i)
-            if (problem%which(i) > n) xi_slope(problem%which(i) - n) = further(i)
+            if (problem%which(i) > n) xi_slopes(problem%which(i) - n) = direction(problem%n_unknowns + i)
          end do
       end associate
-      moving%frequency_slopes = problem%harmonics%frequencies(omega_slope)
-      moving%drive_slopes = problem%harmonics%frequencies(xi_slope*problem%omega + problem%xi*omega_slope)
+      moving%frequency_slopes = problem%harmonics%frequencies(omega_slopes)
+      moving%drive_slopes = problem%harmonics%frequencies(xi_slopes*problem%omega + problem%xi*omega_slopes)
    end subroutine add_frequency_slopes
 
    !> Differences of the motion on both sides of a point; at the end of the range of the value on one side and at the point.
