@@ -58,6 +58,14 @@ module hb_time_stepping
       procedure :: is_at_rest => extent_is_at_rest
    end type extent_t
 
+   !> Evaluations of the laws from the start of an integration.
+   type :: pace_t
+      logical :: is_watched = .false.                                 ! as `watches_pace`
+      integer(int64) :: n_before = 0                                  ! that were made before
+   contains
+      procedure :: check => pace_check
+   end type pace_t
+
    !> Analysis of a record of a steady motion.
    type :: integration_assessment_t
       complex(wp), allocatable :: coefficients(:, :)                  !! c - i s, (n_harmonics, n_retained_dofs)
@@ -140,96 +148,134 @@ contains
    !> Advances step by step and records.
    subroutine record_steps(integrator, system, config, retained_dofs, ends, state, record, error)
       class(integrator_t), intent(inout) :: integrator
-      type(integration_system_t), intent(inout), target :: system         !! the integrator points to it
+      type(integration_system_t), intent(inout), target :: system     !! the integrator points to it
       type(integration_config_t), intent(in) :: config
       integer, intent(in) :: retained_dofs(:)
       type(early_end_t), intent(in) :: ends
       type(integration_state_t), intent(inout) :: state
-      type(integration_record_t), intent(inout) :: record                 !! with its step
+      type(integration_record_t), intent(inout) :: record             !! with its step
       type(error_t), allocatable, intent(out) :: error
-      type(extent_t) :: extent
-      integer :: block, done, i, n_retained, n_steps, n_stored, n_transient, stat, stride
-      integer(int64) :: n_before
+      type(pace_t) :: pace
+      integer :: i, n_steps, n_transient
 
       call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
       if (allocated(error)) return
       system%laws%max_evaluations = config%max_evaluations
-      n_before = system%laws%n_evaluations
+      pace%is_watched = ends%watches_pace
+      pace%n_before = system%laws%n_evaluations
       n_transient = nint(config%transient/record%step)
       n_steps = max(1, nint(config%duration/record%step))
+      call pass_transient(integrator, system, config, ends, [n_transient, n_steps], state, record, error)
+      if (allocated(error) .or. record%is_at_rest) return
+      call make_room(record, n_steps, config%decimation, size(retained_dofs), system%laws%n_coordinates, error)
+      if (allocated(error)) return
+      record%start = state%time
+      call store_state(integrator, state, retained_dofs, 0, config%decimation, record)
+      do i = 1, n_steps
+         call integrator%advance(state, config%substeps, error)
+         if (allocated(error)) then
+            call check_budget(system, record, error)
+            return
+         end if
+         call store_state(integrator, state, retained_dofs, i, config%decimation, record)
+         if (modulo(i, steps_between_checks) > 0 .and. i < n_steps .and. system%laws%n_evaluations <= config%max_evaluations) cycle
+         call check_finite(state, config%largest, error)
+         call check_budget(system, record, error)
+         if (.not. allocated(error)) call pace%check(system, real(i, wp)/n_steps, record, error)
+         if (allocated(error)) return
+         call note_progress(n_transient + i, n_transient + n_steps)
+      end do
+   end subroutine record_steps
+
+   !> Advances through the transient, which ends early at rest.
+   subroutine pass_transient(integrator, system, config, ends, n_steps, state, record, error)
+      class(integrator_t), intent(inout) :: integrator
+      type(integration_system_t), intent(in), target :: system        !! the integrator points to it
+      type(integration_config_t), intent(in) :: config
+      type(early_end_t), intent(in) :: ends
+      integer, intent(in) :: n_steps(2)                               !! of the transient, and after it
+      type(integration_state_t), intent(inout) :: state
+      type(integration_record_t), intent(inout) :: record
+      type(error_t), allocatable, intent(out) :: error
+      type(extent_t) :: extent
+      integer :: block, done
+
       block = merge(steps_of_rest, steps_between_checks, ends%smallest > 0.0_wp)
-      do done = 0, n_transient - 1, block
-         call advance(integrator, state, config%substeps*min(block, n_transient - done), config%largest, error)
-         call check_budget()
+      do done = 0, n_steps(1) - 1, block
+         call integrator%advance(state, config%substeps*min(block, n_steps(1) - done), error)
+         if (.not. allocated(error)) call check_finite(state, config%largest, error)
+         call check_budget(system, record, error)
          if (allocated(error)) return
          if (ends%smallest > 0.0_wp) record%is_at_rest = extent%is_at_rest(state, ends)
          if (record%is_at_rest) return
-         call note_progress(done, n_transient + n_steps)
+         call note_progress(done, sum(n_steps))
       end do
-      n_retained = size(retained_dofs)
-      stride = config%decimation
+   end subroutine pass_transient
+
+   !> Allocates a record.
+   subroutine make_room(record, n_steps, stride, n_retained, n_coordinates, error)
+      type(integration_record_t), intent(inout) :: record
+      integer, intent(in) :: n_steps, stride, n_retained, n_coordinates
+      type(error_t), allocatable, intent(out) :: error
+      integer :: n_stored, stat
+
       n_stored = n_steps/stride + 1
-      record%start = state%time
       allocate (record%every_displacement(n_steps + 1, n_retained), stat=stat)
       if (stat /= 0) then
          call fail(error, "out of memory for a record of "//to_text(n_steps)//" steps")
          return
       end if
       allocate (record%time(n_stored), record%displacement(n_stored, n_retained), record%velocity(n_stored, n_retained))
-      allocate (record%force(n_stored, system%laws%n_coordinates))
-      call store_state(0)
-      do i = 1, n_steps
-         call integrator%advance(state, config%substeps, error)
-         if (allocated(error)) then
-            call check_budget()
-            return
-         end if
-         call store_state(i)
-         if (modulo(i, steps_between_checks) > 0 .and. i < n_steps .and. system%laws%n_evaluations <= config%max_evaluations) cycle
-         call check_finite(state, config%largest, error)
-         call check_budget()
-         if (allocated(error)) return
-         call check_pace(real(i, wp)/n_steps)
-         if (allocated(error)) return
-         call note_progress(n_transient + i, n_transient + n_steps)
-      end do
+      allocate (record%force(n_stored, n_coordinates))
+   end subroutine make_room
 
-   contains
+   !> Stores the state after i steps.
+   subroutine store_state(integrator, state, retained_dofs, i, stride, record)
+      class(integrator_t), intent(inout) :: integrator
+      type(integration_state_t), intent(in) :: state
+      integer, intent(in) :: retained_dofs(:)
+      integer, intent(in) :: i
+      integer, intent(in) :: stride                                   !! of stored velocities and forces
+      type(integration_record_t), intent(inout) :: record
+      integer :: row
 
-      !> Checks the budget and the cancellation; either is then the reason of a failure.
-      subroutine check_budget()
-         record%is_out_of_work = system%laws%n_evaluations > config%max_evaluations
-         if (record%is_out_of_work) then
-            call fail(error, "the time integration has used up its budget of work")
-         else if (.not. allocated(error) .and. work_is_over()) then
-            call fail(error, "the time integration was cancelled")
-         end if
-      end subroutine check_budget
+      record%every_displacement(i + 1, :) = state%q(retained_dofs)
+      if (modulo(i, stride) > 0) return
+      row = i/stride + 1
+      record%time(row) = state%time
+      record%displacement(row, :) = state%q(retained_dofs)
+      record%velocity(row, :) = state%v(retained_dofs)
+      call integrator%forces(state, record%force(row, :))
+   end subroutine store_state
 
-      !> Ends a record that would need far more evaluations than permitted.
-      subroutine check_pace(done)
-         real(wp), intent(in) :: done                                 ! share of the record
-         real(wp) :: used
+   !> Checks the budget and the cancellation; either is then the reason of a failure.
+   subroutine check_budget(system, record, error)
+      type(integration_system_t), intent(in) :: system
+      type(integration_record_t), intent(inout) :: record
+      type(error_t), allocatable, intent(inout) :: error
 
-         if (.not. ends%watches_pace) return
-         used = (system%laws%n_evaluations - n_before)/real(max(1_int64, config%max_evaluations - n_before), wp)
-         record%is_out_of_work = used > max(first_share, too_slow*done)
-         if (record%is_out_of_work) call fail(error, "the time integration would exceed its budget of work by far")
-      end subroutine check_pace
+      record%is_out_of_work = system%laws%n_evaluations > system%laws%max_evaluations
+      if (record%is_out_of_work) then
+         call fail(error, "the time integration has used up its budget of work")
+      else if (.not. allocated(error) .and. work_is_over()) then
+         call fail(error, "the time integration was cancelled")
+      end if
+   end subroutine check_budget
 
-      subroutine store_state(i)
-         integer, intent(in) :: i
-         integer :: row
+   !> Ends a record that would need far more evaluations than permitted.
+   subroutine pace_check(self, system, done, record, error)
+      class(pace_t), intent(in) :: self
+      type(integration_system_t), intent(in) :: system
+      real(wp), intent(in) :: done                                    !! share of the record
+      type(integration_record_t), intent(inout) :: record
+      type(error_t), allocatable, intent(inout) :: error
+      real(wp) :: used
 
-         record%every_displacement(i + 1, :) = state%q(retained_dofs)
-         if (modulo(i, stride) > 0) return
-         row = i/stride + 1
-         record%time(row) = state%time
-         record%displacement(row, :) = state%q(retained_dofs)
-         record%velocity(row, :) = state%v(retained_dofs)
-         call integrator%forces(state, record%force(row, :))
-      end subroutine store_state
-   end subroutine record_steps
+      if (.not. self%is_watched) return
+      used = (system%laws%n_evaluations - self%n_before)/real(max(1_int64, system%laws%max_evaluations - self%n_before), wp)
+      record%is_out_of_work = used > max(first_share, too_slow*done)
+      if (record%is_out_of_work) call fail(error, "the time integration would exceed its budget of work by far")
+   end subroutine pace_check
 
    !> Adds a state. Whether an interval ends here in which no displacement has changed by the smallest motion.
    logical function extent_is_at_rest(self, state, ends) result(is_at_rest)
@@ -272,17 +318,6 @@ contains
                       " MiB, more than available: give a shorter duration, a larger step or a larger decimation")
       end if
    end subroutine check_length
-
-   subroutine advance(integrator, state, n_steps, largest, error)
-      class(integrator_t), intent(inout) :: integrator
-      type(integration_state_t), intent(inout) :: state
-      integer, intent(in) :: n_steps
-      real(wp), intent(in) :: largest                                 !! displacement [m]
-      type(error_t), allocatable, intent(out) :: error
-
-      call integrator%advance(state, n_steps, error)
-      if (.not. allocated(error)) call check_finite(state, largest, error)
-   end subroutine advance
 
    subroutine check_finite(state, largest, error)
       type(integration_state_t), intent(in) :: state
