@@ -26,6 +26,7 @@ module hb_impact_orbit
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
    use hb_problem, only: problem_t
+   use hb_sampled_period, only: sampled_period_t
    use hb_stability, only: stability_t
    use hb_state_map, only: at_rest, far_from_events, farthest_phase, new_state_map, state_map_t
    use hb_structure, only: max_dense
@@ -63,13 +64,6 @@ module hb_impact_orbit
       real(wp) :: typical = 1.0_wp                                    ! change of the value
       real(wp) :: of_map = 0.0_wp                                     ! norm of what the value alone changes in the map
    end type motion_direction_t
-
-   !> A period from the section on.
-   type :: sampled_t
-      real(wp), allocatable :: q(:, :)                                ! displacements [m], (n_samples, n_dofs)
-      real(wp), allocatable :: impacts(:)                             ! part of a period at which there is one, (n_impacts)
-      real(wp), allocatable :: jumps(:, :)                            ! of the velocities [m per period], (n_dofs, n_impacts)
-   end type sampled_t
 
    !> Owns memory: call `destroy`. Its parameter 1 is the moving value.
    type, extends(problem_t) :: impact_orbit_t
@@ -172,7 +166,7 @@ contains
       real(wp), allocatable, intent(out) :: y(:)                      !! scaled; of amplitudes real, then imaginary parts
       logical, intent(out) :: is_done
       complex(wp), allocatable :: c(:, :)
-      type(sampled_t) :: sampled
+      type(sampled_period_t) :: sampled
 
       allocate (y(size(x)))
       if (.not. present(set)) then
@@ -182,7 +176,7 @@ contains
       call self%set_parameters([1], [value], is_done)
       if (is_done) call sample(self, x, sampled, is_done)
       if (.not. is_done) return
-      c = transpose(harmonics_of(self, set, sampled%q, sampled))/spread(self%map%scale(:self%system%n_dofs), 2, set%n_harmonics)
+      c = transpose(sampled%amplitudes(set, sampled%q))/spread(self%map%scale(:self%system%n_dofs), 2, set%n_harmonics)
       y = [real(c), aimag(c)]
    end subroutine evaluate
 
@@ -607,7 +601,7 @@ contains
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), allocatable :: far(:), v(:, :)
-      type(sampled_t) :: sampled
+      type(sampled_period_t) :: sampled
       logical :: is_done
 
       section = self%section
@@ -623,7 +617,7 @@ contains
    subroutine sample(self, x, sampled, is_done)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      type(sampled_t), intent(out) :: sampled
+      type(sampled_period_t), intent(out) :: sampled
       logical, intent(out) :: is_done
       type(integration_record_t) :: record
       real(wp) :: after(size(x))
@@ -634,6 +628,7 @@ contains
       associate (period => self%period())
          call self%map%record_from(self%section*period, period, n, [(i, i=1, self%system%n_dofs)], after, record, is_done)
          if (.not. is_done) return
+         sampled%begun = self%section
          sampled%q = record%every_displacement(:n, :)
          allocate (sampled%impacts(0), sampled%jumps(self%system%n_dofs, 0))
          if (.not. allocated(record%impact_times)) return
@@ -642,56 +637,6 @@ contains
       end associate
    end subroutine sample
 
-   !> The roots of one, exp(i 2 pi j/n).
-   pure function roots_of_one(n) result(roots)
-      integer, intent(in) :: n
-      complex(wp) :: roots(0:n - 1)
-      integer :: j
-
-      roots = exp(cmplx(0.0_wp, [(two_pi*j/n, j=0, n - 1)], wp))
-   end function roots_of_one
-
-   !> Amplitudes, cos - i sin, of samples of a period from the section on, (n_harmonics, columns of z).
-   !>
-   !> The sum over samples differs from the integral by h**2/2 B2 jump for each jump of the slope, B2 the Bernoulli polynomial at
-   !> its position between two samples, and by h**3/6 B3 for that of the second derivative (formula of Euler and Maclaurin).
-   pure function harmonics_of(self, set, z, sampled) result(amplitudes)
-      type(impact_orbit_t), intent(in) :: self
-      type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: z(:, :)                                 !! (n_samples, any)
-      type(sampled_t), intent(in) :: sampled                          !! with jumps of the same columns
-      complex(wp) :: amplitudes(set%n_harmonics, size(z, 2))
-      complex(wp) :: correction, roots(0:size(z, 1) - 1), total, turn
-      real(wp) :: between, h
-      integer :: c, i, j, k, n
-
-      n = size(z, 1)
-      h = 1.0_wp/n
-      roots = roots_of_one(n)
-      do k = 1, set%n_harmonics
-         associate (order => set%tuples(1, k))
-            do c = 1, size(z, 2)
-               total = 0.0_wp
-               j = 0
-               do i = 1, n
-                  total = total + z(i, c)*conjg(roots(j))
-                  j = j + order
-                  if (j >= n) j = j - n
-               end do
-               correction = 0.0_wp
-               do i = 1, size(sampled%impacts)
-                  between = modulo(n*sampled%impacts(i), 1.0_wp)
-                  turn = exp(cmplx(0.0_wp, -two_pi*order*sampled%impacts(i), wp))
-                  correction = correction + sampled%jumps(c, i)*turn*(0.5_wp*h**2*(between**2 - between + 1.0_wp/6.0_wp) + &
-                     h**3/3.0_wp*(between**3 - 1.5_wp*between**2 + 0.5_wp*between)*cmplx(0.0_wp, two_pi*order, wp))
-               end do
-               turn = exp(cmplx(0.0_wp, -two_pi*order*self%section, wp))
-               amplitudes(k, c) = merge(1.0_wp, 2.0_wp, order == 0)*turn*(h*total + correction)
-            end do
-         end associate
-      end do
-   end function harmonics_of
-
    !> Amplitudes, cos - i sin, of a degree of freedom of a motion; none if the integration fails.
    function impact_orbit_series_of(self, set, dof, x) result(c)
       class(impact_orbit_t), intent(inout) :: self
@@ -699,14 +644,14 @@ contains
       integer, intent(in) :: dof
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable :: c(:)                                ! (n_harmonics)
-      type(sampled_t) :: sampled
+      type(sampled_period_t) :: sampled
       logical :: is_done
 
       allocate (c(0))
       call sample(self, x, sampled, is_done)
       if (.not. is_done) return
       sampled%jumps = sampled%jumps([dof], :)
-      c = reshape(harmonics_of(self, set, sampled%q(:, [dof]), sampled), [set%n_harmonics])
+      c = reshape(sampled%amplitudes(set, sampled%q(:, [dof])), [set%n_harmonics])
    end function impact_orbit_series_of
 
    !> Derivative of the map and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
@@ -718,37 +663,19 @@ contains
       real(wp), intent(in) :: x(:)
       type(steady_motion_t), intent(inout) :: steady
       logical, intent(out) :: is_done
-      complex(wp), allocatable :: roots(:)
-      complex(wp) :: turn
-      type(sampled_t) :: sampled
-      real(wp), allocatable :: remainder(:, :), z(:, :)
-      integer :: c, h, i, j
+      type(sampled_period_t) :: sampled
+      real(wp), allocatable :: z(:, :)
 
       call sample(self, x, sampled, is_done)
       if (.not. is_done) return
       z = coordinates%values_of(sampled%q(:, coordinates%dofs))
-      remainder = z
-      associate (set => discretisation%harmonics, n => size(z, 1))
-         steady%amplitudes = transpose(harmonics_of(self, set, sampled%q, sampled))
-         sampled%jumps = transpose(coordinates%values_of(transpose(sampled%jumps(coordinates%dofs, :))))
-         steady%averages = harmonics_of(self, set, z, sampled)
-         roots = [roots_of_one(n)]
-         do h = 1, set%n_harmonics
-            associate (order => set%tuples(1, h))
-               do c = 1, size(z, 2)
-                  turn = exp(cmplx(0.0_wp, two_pi*order*self%section, wp))*steady%averages(h, c)
-                  j = 0
-                  do i = 1, n
-                     remainder(i, c) = remainder(i, c) - real(roots(j + 1)*turn, wp)
-                     j = j + order
-                     if (j >= n) j = j - n
-                  end do
-               end do
-            end associate
-         end do
+      steady%amplitudes = transpose(sampled%amplitudes(discretisation%harmonics, sampled%q))
+      sampled%jumps = transpose(coordinates%values_of(transpose(sampled%jumps(coordinates%dofs, :))))
+      steady%averages = sampled%amplitudes(discretisation%harmonics, z)
+      associate (remainder => sampled%remainder(discretisation%harmonics, z, steady%averages))
+         steady%left_out = maxval(norm2(remainder, 1)/max(norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1), &
+                                                          at_rest*norm2(z, 1), tiny(1.0_wp)))
       end associate
-      steady%left_out = maxval(norm2(remainder, 1)/max(norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1), &
-                                                       at_rest*norm2(z, 1), tiny(1.0_wp)))
       steady%spread = noise
       call differentiate(self, x)
       if (allocated(self%slopes)) steady%monodromy = self%slopes(:, :size(x))
