@@ -43,7 +43,7 @@ contains
          associate (point => self%waiting(i), curve => self%curve)
             if (.not. curve_kinds(point%kind)%is_extreme) cycle
             extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
-            if (point%kind == curve_kind%minimum) extreme%sense = -1.0_wp
+            extreme%sense = curve_kinds(point%kind)%sense
             if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))
             call raise_error(self, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)

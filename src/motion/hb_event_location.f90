@@ -136,8 +136,7 @@ contains
       do i = 1, size(self%request%responses)
          associate (response => self%request%responses(i), values => [self%known%functions(i), search%known%functions(i)])
             if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp))) cycle
-            if (response%kind == curve_kind%peak .and. values(1) < 0.0_wp) cycle
-            if (response%kind == curve_kind%minimum .and. values(1) > 0.0_wp) cycle
+            if (curve_kinds(response%kind)%sense*values(1) < 0.0_wp) cycle
             unit = self%unit_of_function(response, self%curve%x)
             if (.not. unit > 0.0_wp) cycle
             ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
@@ -391,8 +390,8 @@ contains
       pure logical function belongs_to_junction(point)
          type(waiting_t), intent(in) :: point
 
-         belongs_to_junction = any(point%kind == [curve_kind%fold, curve_kind%branch, curve_kind%symmetry_breaking, &
-                                                  curve_kind%peak, curve_kind%minimum]) .and. &
+         belongs_to_junction = (curve_kinds(point%kind)%is_extreme .or. &
+                                any(point%kind == [curve_kind%branch, curve_kind%symmetry_breaking])) .and. &
                                abs(point%position - position) <= minor*self%curve%last_step
       end function belongs_to_junction
    end subroutine find_junction

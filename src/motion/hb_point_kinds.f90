@@ -46,6 +46,7 @@ module hb_point_kinds
       character(12) :: targets = ""                                   !! key of the values at which these are located; empty: none
       logical :: needs_load = .false.                                 !! it compares a harmonic with its load
       logical :: is_extreme = .false.                                 !! of the moving value or a response
+      integer :: sense = 0                                            !! of an extreme of a response: 1 maximum, -1 minimum
       logical :: is_bifurcation = .false.                             !! the stability may change there
       logical :: has_derivatives = .false.                            !! its position has derivatives by numbers of the model
       logical :: has_direction = .true.                               !! the direction of the curve is stored
@@ -57,7 +58,8 @@ module hb_point_kinds
       point_kind_t("start"), &
       point_kind_t("fold", located_by%value, "fold", "folds", "circle", &
                    is_extreme=.true., is_bifurcation=.true., has_derivatives=.true.), &
-      point_kind_t("peak", located_by%response, "peak", "peaks", "up", "peak_of", is_extreme=.true., has_derivatives=.true.), &
+      point_kind_t("peak", located_by%response, "peak", "peaks", "up", "peak_of", &
+                   is_extreme=.true., sense=1, has_derivatives=.true.), &
       point_kind_t("value", has_direction=.false.), &
       point_kind_t("end", has_direction=.false.), &
       point_kind_t("branch", located_by%determinant, "branch point", "branch points", "diamond", is_bifurcation=.true.), &
@@ -69,7 +71,7 @@ module hb_point_kinds
                    is_bifurcation=.true., has_direction=.false.), &
       point_kind_t("grazing", located_by%contact, "grazing point", "grazing points", "down", has_direction=.false.), &
       point_kind_t("minimum", located_by%response, "minimum", "minima", "left", "minimum_of", &
-                   is_extreme=.true., has_derivatives=.true.), &
+                   is_extreme=.true., sense=-1, has_derivatives=.true.), &
       point_kind_t("amplitude", located_by%response, "given amplitude", "given amplitudes", "right", "amplitude_of", &
                    "amplitudes", has_derivatives=.true.), &
       point_kind_t("resonance", located_by%response, "phase resonance", "phase resonances", "octagon", "resonance_of", &

@@ -76,8 +76,7 @@ contains
       if (before%rise*self%known%rise < 0.0_wp) call add_waiting(self%waiting, curve_kind%fold, position, x)
       do i = 1, size(self%request%responses)
          associate (kind => self%request%responses(i)%kind)
-            if (all(kind /= [curve_kind%peak, curve_kind%minimum])) cycle
-            sense = merge(1, -1, kind == curve_kind%peak)
+            sense = curve_kinds(kind)%sense
             if (sense*before%functions(i) > 0.0_wp .and. sense*self%known%functions(i) < 0.0_wp) &
                call add_waiting(self%waiting, kind, position, x, response=i)
          end associate
