@@ -14,7 +14,8 @@ module hb_doubtful_extremes
    private
    public :: remove_doubtful_extremes
 
-   real(wp), parameter :: finer = 0.25_wp                             ! a smaller step, relative to that of the curve
+   real(wp), parameter :: finer = 0.25_wp                             ! first and longest step, relative to those of the curve
+   real(wp), parameter :: widest = 15.0_wp                            ! part of the curve that is searched, in its last steps
 
    !> An extremum of a function along the curve.
    type :: extreme_t
@@ -103,8 +104,9 @@ contains
       logical, intent(out) :: is_clear
       type(error_t), allocatable, intent(out) :: error
       type(curve_t) :: curve
-      real(wp) :: fall, length
+      real(wp) :: fall, length, span
       integer :: i
+      logical :: has_error
 
       curve = self%curve
       if (side < 0) then
@@ -113,22 +115,28 @@ contains
          curve%orientation = 0.0_wp
       end if
       curve%step = finer*curve%last_step
-      curve%config%longest_step = curve%step
+      curve%config%longest_step = finer*curve%config%longest_step
       length = self%length
+      span = 0.0_wp
       is_clear = .true.
+      has_error = .true.
       do i = 0, max_bisections
          fall = extreme%sense*(extreme%value - function_at(self, extreme%response, curve%x))
+         if (abs(fall) >= safety*extreme%error .and. .not. has_error) then
+            call raise_error(self, extreme, curve%x, error)           ! here alone, where it decides
+            if (allocated(error)) return
+         end if
          if (fall >= safety*extreme%error) exit
          is_clear = fall >= -safety*extreme%error
          if (side < 0 .and. is_clear) is_clear = .not. any(self%reported%response == extreme%response .and. &
                                                            self%reported%length >= length)
-         if (.not. is_clear) exit
+         if (.not. is_clear .or. span >= widest*self%curve%last_step) exit
          call curve%advance()
          if (curve%status /= outcome%pending) exit
          length = length - curve%last_step
+         span = span + curve%last_step
          call curve%turn()
-         call raise_error(self, extreme, curve%x, error)
-         if (allocated(error)) return
+         has_error = .false.
       end do
       self%curve%report = curve%report
    end subroutine find_fall
