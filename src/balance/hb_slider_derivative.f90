@@ -78,7 +78,7 @@ contains
          self%repeats = .false.
          do round = 1, max_rounds
             self%first = self%states(:, :, 1)
-            call self%integrate_round(sliders, characteristic, weight_slope)
+            call self%integrate_round(sliders, characteristic, weight_slope, is_repeated=round > 1)
             change = maxval(abs(self%states(:, :, 1) - self%first))
             self%repeats = change <= repeat_tolerance*max(largest_path, maxval(abs(self%states)))
             if (self%repeats .or. work_is_over()) return
@@ -106,7 +106,7 @@ contains
          else
             call sliders%integrate_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
          end if
-         if (round < sliders%rounds) call self%integrate_round(sliders, characteristic, weight_slope)
+         if (round < sliders%rounds) call self%integrate_round(sliders, characteristic, weight_slope, is_repeated=.false.)
          if (round == sliders%levelled_at) then
             call sliders%average_first_slice()
             self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
@@ -159,18 +159,19 @@ contains
    end subroutine slider_derivative_load_from_rest
 
    !> Integrates one round with the last steps of the states.
-   subroutine slider_derivative_integrate_round(self, sliders, characteristic, weight_slope)
+   subroutine slider_derivative_integrate_round(self, sliders, characteristic, weight_slope, is_repeated)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: sliders
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(in) :: weight_slope(:)
+      logical, intent(in) :: is_repeated                              !! on the same paths, from another first slice
       real(wp), parameter :: per_value = 8.0_wp, per_neighbour = 1.0_wp  ! see hb_solver_types%unit_of_work
       integer :: c, i, k, last, old_state, part
       logical :: shifts_states
 
       call spend_work(characteristic%work_of_round(size(self%states, 2), per_value, per_neighbour))
       if (characteristic%n_slice == 1 .and. .not. sliders%is_clamped) then
-         call integrate_line(self, sliders, characteristic%closing)
+         call integrate_line(self, sliders, characteristic%closing, is_repeated)
          return
       end if
       shifts_states = any(abs(weight_slope) > 0.0_wp)
@@ -227,12 +228,14 @@ contains
       end subroutine add_shift
    end subroutine slider_derivative_integrate_round
 
-   !> Integrates one round along a single line of samples, as with one tone: there nothing is interpolated.
-   subroutine integrate_line(self, sliders, closing)
+   !> Integrates one round along a single line of samples, as with one tone: there nothing is interpolated. A repeated
+   !> round ends where its states meet those of the previous one, at the latest where all sliders have slipped.
+   subroutine integrate_line(self, sliders, closing, is_repeated)
       type(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: sliders
       real(wp), intent(in) :: closing                                 !! factor of the states as the round closes
-      real(wp) :: now, start(size(self%states, 2))
+      logical, intent(in) :: is_repeated
+      real(wp), dimension(size(self%states, 2)) :: now, start
       integer :: c, i, k, old_state, part, step
 
       associate (n_steps => size(self%states, 3), path => self%path, states => self%states)
@@ -241,17 +244,18 @@ contains
             start = states(1, :, i - 1)
             if (step == 1) start = closing*start
             do k = 1, size(start)
-               now = 0.0_wp
+               now(k) = 0.0_wp
                do old_state = 1, size(start)
-                  now = now + sliders%ds_ds_old(1, k, old_state, step)*start(old_state)
+                  now(k) = now(k) + sliders%ds_ds_old(1, k, old_state, step)*start(old_state)
                end do
                do part = 1, n_path_parts
                   do c = 1, size(path, 2)
-                     now = now + sliders%ds_dpath(1, k, c, part, step)*path(1, c, part, step)
+                     now(k) = now(k) + sliders%ds_dpath(1, k, c, part, step)*path(1, c, part, step)
                   end do
                end do
-               states(1, k, step) = now
             end do
+            if (is_repeated .and. step > 1 .and. all(now == states(1, :, step))) exit
+            states(1, :, step) = now
          end do
       end associate
    end subroutine integrate_line
@@ -259,18 +263,44 @@ contains
    !> Derivatives of the forces, at the samples of the torus, after `integration`.
    subroutine slider_derivative_force(self, sliders, law, characteristic, df)
       class(slider_derivative_t), intent(in) :: self
-      type(slider_states_t), intent(in) :: sliders
+      type(slider_states_t), intent(inout) :: sliders
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: df(:, :)                               !! (n_samples, n_coordinates)
       integer, parameter :: samples_at_once = 512
       integer :: first, n_at_once
 
+      if (characteristic%n_slice == 1) then
+         call sliders%find_force_slopes(law)
+         call force_of_line(self, sliders, characteristic%sample(1, :), df)
+         return
+      end if
       n_at_once = max(1, samples_at_once/characteristic%n_slice)
       do first = 1, characteristic%n_steps, n_at_once
          call force_of_steps(self, sliders, law, characteristic, [first, min(characteristic%n_steps, first + n_at_once - 1)], df)
       end do
    end subroutine slider_derivative_force
+
+   !> Those of a single line of samples, after `find_force_slopes`.
+   subroutine force_of_line(self, sliders, sample, df)
+      class(slider_derivative_t), intent(in) :: self
+      type(slider_states_t), intent(in) :: sliders
+      integer, intent(in) :: sample(:)                                !! of each step
+      real(wp), intent(inout) :: df(:, :)                             !! (n_samples, n_coordinates)
+      real(wp) :: slope(size(sample))
+      integer :: a, b, k
+
+      do a = 1, size(df, 2)
+         slope = 0.0_wp
+         do b = 1, size(df, 2)
+            slope = slope + sliders%df_dz(:, a, b)*self%path(1, b, path_part%at_end, :)
+         end do
+         do k = 1, size(self%states, 2)
+            slope = slope + sliders%df_ds(:, a, k)*self%states(1, k, :)
+         end do
+         df(sample, a) = slope
+      end do
+   end subroutine force_of_line
 
    !> Those of the samples of several steps, by one evaluation of the law.
    subroutine force_of_steps(self, sliders, law, characteristic, steps, df)

@@ -47,6 +47,9 @@ module hb_slider_states
                                                                       !! `find_clamp_slopes` on
       real(wp), allocatable :: closing(:, :)                          !! (1 - M)**-1, see hb_round_map; after `find_closing`, and
                                                                       !! not allocated if it does not pay off or nearly singular
+      real(wp), allocatable :: df_dz(:, :, :), df_ds(:, :, :)         !! slopes of the forces on one line of samples, from
+                                                                      !! `find_force_slopes` on, (n_steps, n_coordinates, any)
+      logical, private :: has_force_slopes = .false.
       logical, private :: has_closing = .false.                       ! it was looked for
       logical, private :: has_slopes = .false.
       logical, private :: has_last_round = .false.                    ! the derivatives of its steps are there
@@ -65,6 +68,7 @@ module hb_slider_states
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
       procedure :: repeat_last_round => slider_states_repeat_last_round
       procedure :: forgets_start => slider_states_forgets_start
+      procedure :: find_force_slopes => slider_states_find_force_slopes
       procedure :: mean_slope => slider_states_mean_slope
    end type slider_states_t
 
@@ -108,6 +112,7 @@ contains
       if (self%is_clamped) call find_clamps(self, law)
       self%rounds = 0
       self%has_last_round = .false.
+      self%has_force_slopes = .false.
       self%has_closing = .false.
       self%start_matters = not_known
       self%has_jumped = .false.
@@ -366,6 +371,22 @@ contains
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine slider_states_integrate_clamped
+
+   !> Computes `df_dz` and `df_ds` at the steps of a single line of samples, once after each `integration`.
+   subroutine slider_states_find_force_slopes(self, law)
+      class(slider_states_t), intent(inout) :: self
+      class(hysteretic_law_t), intent(in) :: law
+      real(wp), allocatable :: f(:, :), s(:, :), z(:, :)
+
+      if (self%has_force_slopes) return
+      z = transpose(self%path(1, :, path_part%at_end, :))
+      s = transpose(self%states(1, :, :))
+      allocate (f, mold=z)
+      if (.not. allocated(self%df_dz)) &
+         allocate (self%df_dz(size(z, 1), size(z, 2), size(z, 2)), self%df_ds(size(z, 1), size(z, 2), size(s, 2)))
+      call law%force(z, s, f, self%df_dz, self%df_ds)
+      self%has_force_slopes = .true.
+   end subroutine slider_states_find_force_slopes
 
    !> Mean over all samples of the slope of the force within a step: the spring while sliders stick, zero while they
    !> slip. After `integration`.
