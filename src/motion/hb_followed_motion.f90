@@ -710,9 +710,12 @@ contains
       integer :: last
       logical :: is_crossed, is_singular
 
-      report = self%curve%report                                      ! not counted as work of the curve
-      call self%curve%tangent_at(point%x, tangent, determinant_sign, is_singular)
-      self%curve%report = report
+      is_singular = all(abs(point%x - self%curve%x) <= 0.0_wp)        ! its tangent is the direction
+      if (.not. is_singular) then
+         report = self%curve%report                                   ! not counted as work of the curve
+         call self%curve%tangent_at(point%x, tangent, determinant_sign, is_singular)
+         self%curve%report = report
+      end if
       is_crossed = point%kind == curve_kind%branch
       if (point%kind == curve_kind%start) is_crossed = self%has_left_branch()
       is_crossed = is_crossed .or. point%is_crossing

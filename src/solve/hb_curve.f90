@@ -211,11 +211,12 @@ contains
    end function angle_between
 
    !> The point of the curve in the plane at a distance from the last point, along the direction there.
-   subroutine curve_point_at(self, step, x, is_on_curve)
+   subroutine curve_point_at(self, step, x, is_on_curve, guess)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: step
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_on_curve
+      real(wp), intent(in), optional :: guess(:)                      !! of the point; default: on the line along the direction
       type(report_t) :: report
       type(solver_config_t) :: limited
       real(wp), allocatable :: y(:)
@@ -224,6 +225,7 @@ contains
       limited%max_work = self%corrector%max_work - self%report%work
       call self%set_plane(self%last_x, self%last_direction, step)
       x = self%last_x + step*self%last_direction
+      if (present(guess)) x = guess
       if (allocated(self%part)) then
          call copy_plane_to_part(self)
          y = x(self%retained)
@@ -284,7 +286,7 @@ contains
       integer, parameter :: max_steps = 80, fast_steps = 24
       real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
       real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both ends of the bracket
-      real(wp) :: at_ends(2), bracket(2), value, weights(2), x_at(size(x), 2)
+      real(wp) :: at_ends(2), bracket(2), position(2), value, weights(2), x_at(size(x), 2)
       integer :: i, near
       logical :: is_on_curve
 
@@ -292,6 +294,7 @@ contains
       at_ends = values
       x_at(:, 1) = self%last_x
       x_at(:, 2) = self%x
+      position = [0.0_wp, self%last_step]                             ! of these two points
       weights = 1.0_wp                                                ! weights of the values, for false position
       near = 0
       is_found = .false.
@@ -301,7 +304,8 @@ contains
             if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(high - low) > 0.0_wp) &
                step = bracket(1) + (bracket(2) - bracket(1))*min(0.999_wp, max(0.001_wp, -low/(high - low)))
          end associate
-         call self%point_at(step, x, is_on_curve)
+         call self%point_at(step, x, is_on_curve, &
+                            x_at(:, 1) + (step - position(1))/(position(2) - position(1))*(x_at(:, 2) - x_at(:, 1)))
          if (.not. is_on_curve) return
          value = event%value(self, x)
          if (ieee_is_nan(value)) return
@@ -315,6 +319,7 @@ contains
          if (near == merge(1, 2, value*values(1) > 0.0_wp)) weights(3 - near) = 0.5_wp*weights(3 - near)
          near = merge(1, 2, value*values(1) > 0.0_wp)
          bracket(near) = step
+         position(near) = step
          at_ends(near) = value
          x_at(:, near) = x
          weights(near) = 1.0_wp
@@ -360,15 +365,16 @@ contains
       is_singular = .not. is_possible
       if (is_singular) return
       call self%set_plane(x, self%direction, 0.0_wp)
-      call find_tangent(self%problem, x, self%report, tangent, determinant_sign, is_singular)
+      call find_tangent(self%problem, x, self%report, self%direction, tangent, determinant_sign, is_singular)
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
    end subroutine curve_tangent_at
 
    !> The vector that a problem, evaluated at x, maps to zero except for its last functional.
-   subroutine find_tangent(problem, x, report, tangent, determinant_sign, is_singular)
+   subroutine find_tangent(problem, x, report, guess, tangent, determinant_sign, is_singular)
       type(bordered_problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)
       type(report_t), intent(inout) :: report
+      real(wp), intent(in) :: guess(:)                                !! of the tangent
       real(wp), intent(out), contiguous :: tangent(:)
       real(wp), intent(out) :: determinant_sign                       !! 0 if it is not known
       logical, intent(out) :: is_singular
@@ -382,7 +388,7 @@ contains
       determinant_sign = solver%determinant_sign()
       tangent = 0.0_wp
       tangent(size(tangent)) = 1.0_wp
-      call solver%solve(problem, tangent, is_singular)
+      call solver%solve(problem, tangent, is_singular, guess)
    end subroutine find_tangent
 
    !> Rotates the direction at a kink so sharp that no plane normal to the old direction meets the following piece.
@@ -441,7 +447,7 @@ contains
       call self%set_plane(x, self%direction, 0.0_wp)
       call copy_plane_to_part(self)
       allocate (y(size(self%retained)))
-      call find_tangent(self%part, x(self%retained), self%report, y, determinant_sign, is_singular)
+      call find_tangent(self%part, x(self%retained), self%report, self%direction(self%retained), y, determinant_sign, is_singular)
       tangent = 0.0_wp
       tangent(self%retained) = y
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)

@@ -113,19 +113,21 @@ contains
 
    !> Overwrites r with the solution s of tangent s = r. With products this is valid as long as the problem is not
    !> evaluated at another point; `is_singular` if they do not lead to a solution.
-   subroutine tangent_solver_solve(self, problem, r, is_singular)
+   subroutine tangent_solver_solve(self, problem, r, is_singular, guess)
       class(tangent_solver_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(inout), contiguous :: r(:)                     !! (n_unknowns)
       logical, intent(out) :: is_singular
+      real(wp), intent(in), optional :: guess(:)                      !! of the solution: saves products (n_unknowns)
       real(wp), allocatable :: s(:)
 
       is_singular = .false.
       if (allocated(self%factor)) then
          call self%factor%solve(problem, r)
       else
-         allocate (s, mold=r)
-         call self%krylov%solve(problem, r, self%accuracy, s)
+         allocate (s(size(r)), source=0.0_wp)
+         if (present(guess)) s = guess
+         call self%krylov%solve(problem, r, self%accuracy, s, from_guess=.true.)
          is_singular = self%krylov%residual > sqrt(self%accuracy)
          r = s
       end if
@@ -304,12 +306,13 @@ contains
    end subroutine tangent_krylov_update
 
    !> Computes s with |b - J s| <= accuracy |b|, or as near as `max_products` permit: see `residual`.
-   subroutine tangent_krylov_solve(self, problem, b, accuracy, s)
+   subroutine tangent_krylov_solve(self, problem, b, accuracy, s, from_guess)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
       real(wp), intent(in) :: accuracy
-      real(wp), intent(out), contiguous :: s(:)                       !! (n_unknowns)
+      real(wp), intent(inout), contiguous :: s(:)                     !! (n_unknowns)
+      logical, intent(in), optional :: from_guess                     !! s contains a guess; default no
       integer :: most, patience, products
 
       if (allocated(self%factor)) then
@@ -317,7 +320,7 @@ contains
          return
       end if
       if (.not. self%is_fresh .and. (self%level == 0 .or. self%needs_update)) call self%renew(problem)
-      s = 0.0_wp
+      if (.not. present(from_guess)) s = 0.0_wp
       products = 0
       most = self%products_of_factors(problem)
       do
