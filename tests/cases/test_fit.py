@@ -6,10 +6,12 @@ import math
 import os
 import subprocess
 import sys
+import types
 import warnings
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 import in_process  # noqa: F401  the library of the build
 
@@ -299,6 +301,35 @@ def test_the_command_fits(tmp_path):
 
 
 DATA = {"frequency": OMEGA, "amplitude": abs(Z)}
+
+
+def test_frequencies_in_the_other_unit_are_doubted():
+    """Hertz under 'frequency', which the fit would follow far away, and radians under 'hertz'; not superharmonic resonances."""
+    hertz = OMEGA / (2 * np.pi)
+    with pytest.warns(nhbm.Implausible, match=r"'frequency' has 0.1114 to 0.2228 rad/s, .* 1 rad/s .* Hz call the column 'hertz'"):
+        nhbm.fit(linear(), {"frequency": hertz, "amplitude": abs(Z)}, LINEAR, "x1 (1)", order=1)
+    with pytest.warns(nhbm.Implausible, match="for values in rad/s call the column 'frequency'"):
+        nhbm.fit(linear(), {"hertz": OMEGA, "amplitude": abs(Z)}, LINEAR, "x1 (1)", order=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", nhbm.Implausible)
+        nhbm.fit(linear(), {"frequency": OMEGA / 3, "amplitude": 0.1 / (1.21 - OMEGA**2 / 9)}, LINEAR[:1], "x1 (1)", order=1)
+
+
+def test_trial_values_are_not_warned_of(monkeypatch):
+    """A search may pass negative gaps; a warning is issued if it ends there."""
+    model = linear()
+    model.law("elastic_stop", "x1", stiffness=1.0, gap=0.2, label="stop")
+    wanted = {"frequency": OMEGA[:2], "amplitude": abs(Z[:2])}
+    for last, times in ((0.5, 0), (-0.1, 1)):
+        def search(residuals, start, last=last, **_):
+            residuals(np.array([-0.7]))
+            return types.SimpleNamespace(x=np.array([last]), cost=0.0, success=True, message="")
+
+        monkeypatch.setattr(scipy.optimize, "least_squares", search)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            nhbm.fit(model, wanted, ["stop.gap"], "x1 (1)", order=3)
+        assert sum("is negative" in str(one.message) for one in told) == times
 
 
 @pytest.mark.parametrize("made, message", [

@@ -118,6 +118,7 @@ class Description(Laws):
         self._sessions: dict[Settings, _Live] = {}
         self._used = Settings()  # which of them was used last
         self._warned: set[str] = set()  # warnings about the model that were issued
+        self._is_trial = False  # its values are those of a search, of which no warning is issued
         self._solved: Settings | None = None  # which has the motion found last
 
     @classmethod
@@ -483,7 +484,8 @@ class Description(Laws):
     def _begin(self, settings: Settings) -> Session:
         """The session of an operation, with a warning of values that suggest a mistake."""
         session = self._live(settings).session
-        doubts.warn_of_model(session, self._warned)
+        if not self._is_trial:
+            doubts.warn_of_model(session, self._warned)
         return session
 
     def _resolved(self, path: Any) -> str:

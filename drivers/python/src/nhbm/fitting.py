@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nhbm import dataset, doubts
-from nhbm.errors import ModelError, imported
-from nhbm.groups import identifier, numbers_of, path_of, request
+from nhbm.errors import Implausible, ModelError, imported
+from nhbm.groups import Settings, identifier, numbers_of, path_of, request
 from nhbm.keys import keys_of, limits_of
 from nhbm.responses import absence_of, parts_of
 
@@ -303,12 +303,14 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     lower, upper = _bounds(work, paths, bounds or {})
     problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys, force)
     least_squares = imported("scipy.optimize", "fits are made with", "scipy").least_squares
+    work._begin(Settings())  # of the first guess and of what is fitted, not of trial values
     def search(start: Array) -> Any:
         inside = np.clip(start, lower + 1e-6 * scale, upper - 1e-6 * scale)
         return least_squares(lambda x: problem.residuals(x * scale), inside / scale,
                              jac=lambda x: problem.jacobian(x * scale) * scale, bounds=(lower / scale, upper / scale),
                              x_scale="jac", xtol=1e-8, ftol=1e-8, gtol=1e-10, max_nfev=100)  # fmt: skip
 
+    work._is_trial = True
     found = search(first)
     if found.cost > _POOR * _n_measured(sets):  # a minimum far from the data: another start may lead elsewhere
         found = min([found, *map(search, _other_starts(problem, first, lower, upper))], key=lambda one: one.cost)
@@ -319,6 +321,8 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
         covariance = covariance * (residuals @ residuals) / (_n_measured(sets) - len(paths))
     at_end = (values <= lower + 1e-6 * scale) | (values >= upper - 1e-6 * scale)
     problem.set_values(values)
+    work._is_trial = False
+    work._begin(Settings())
     fitted = Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, "",
                  problem.predictions, force)  # fmt: skip
     doubtful = [] if found.success else [f"the optimisation has ended early: {found.message}"]
@@ -457,6 +461,7 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
         position = 2 * np.pi * position
     elif "frequency" in given and is_in_hertz:
         position = position / (2 * np.pi)
+    _doubt_the_unit(model, position * (2 * np.pi if is_in_hertz else 1.0), "hertz" in given)
     table = table.assign(position=position)
     forces = [name for name, path in others.items() if path_of(path).group == "load" and path_of(path).key in ("cos", "sin")]
     force = forces[0] if controlled and len(forces) == 1 else None
@@ -475,6 +480,20 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
         held = None if force is None else rows[force].values.astype(float)
         found.append(_Set(rows["position"].values, amplitude, phase, sigma, conditions, sweep, held))
     return found, noise is None and "sigma" not in given, "" if force is None else others[force]
+
+
+def _doubt_the_unit(model: Model, measured: Array, is_in_hertz: bool) -> None:
+    """Warns of frequencies [rad/s] far from those of the structure, if the other unit would bring them there."""
+    natural = model.natural_frequencies()
+    lowest, highest = measured.min(), measured.max()
+    other, factor = ("frequency", 1 / (2 * np.pi)) if is_in_hertz else ("hertz", 2 * np.pi)
+    is_near = (natural > lowest / 2) & (natural < 2 * highest)
+    would_be = (natural > 0.8 * factor * lowest) & (natural < 1.25 * factor * highest)
+    if would_be.any() and not is_near.any():
+        unit, scale = ("Hz", 2 * np.pi) if is_in_hertz else ("rad/s", 1.0)
+        doubts.warn(f"column '{'hertz' if is_in_hertz else 'frequency'}' has {lowest / scale:.4g} to {highest / scale:.4g} {unit}, "
+                    f"far from the natural frequency {natural[would_be][0] / scale:.4g} {unit} of the model; "
+                    f"for values in {'rad/s' if is_in_hertz else 'Hz'} call the column '{other}'", Implausible)  # fmt: skip
 
 
 def _is_number(text: str) -> bool:
