@@ -39,5 +39,5 @@ def test_multipliers_are_drawn_by_the_command_or_refused(tmp_path, capsys):
     add_stability(path, [1, 0], np.array([[0.3, 0.2], [np.nan, np.nan]]))
     assert main(["multipliers", str(path), "--dpi", "40"]) == 0
     assert (tmp_path / "a_multipliers.png").exists()
-    with Results(path) as results, pytest.raises(UsageError, match="none of the chosen points"):
+    with Results(path) as results, pytest.raises(UsageError, match="none of the chosen points .*; .*integration"):
         draw_multipliers(results, where={"tones%frequency": "2"})

@@ -184,6 +184,16 @@ def test_wrong_arguments_are_named(made, message):
         made()
 
 
+@pytest.mark.parametrize("call, message", [
+    (lambda model: model.tie("stop.gap", to="tones[0]", by=2.0), r"Model.tie\(\) .*'by'; its arguments: path, to, factor, offset"),
+    (lambda model: model.solve(ordr=3), r"Model.solve\(\) .*'ordr'; its arguments: tolerance, order, warm"),
+    (lambda model: model.curve("tones[0]", 1.0), r"Model.curve\(\) .*'stop'; its arguments: path, start, stop, "),
+])  # fmt: skip
+def test_wrong_names_of_arguments_are_answered_with_the_right_ones(call, message):
+    with pytest.raises(TypeError, match=message):
+        call(duffing())
+
+
 def test_operations_of_an_input_are_left_out_with_their_calls():
     text = duffing().to_namelist()
     path = "tones%frequency"
@@ -616,6 +626,8 @@ def test_a_point_without_a_motion_is_not_drawn():
     (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.to_dataframe(), "this dataset is no result of nhbm"),
     (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.plot("x1 (1)"), "numbers, not motions: response"),
     (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.amplitude("x1"), "numbers, not motions: response"),
+    (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.save("x.h5"), "to_csv, to_mat or to_netcdf write it"),
+    (lambda data: data.nhbm.plot("x1", "max x1"), "ax needs the axes of matplotlib .*, not 'max x1'; a plot shows one response"),
 ])  # fmt: skip
 def test_wrong_uses_of_a_dataset_are_named(wrong, message):
     with pytest.raises(ModelError, match=message):

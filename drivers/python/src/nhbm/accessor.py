@@ -64,7 +64,7 @@ class Accessor:
         if found is None and "displacement" in self._dataset:
             raise ModelError("this is a record of time integration, not a result; `nhbm integrate` writes files of records")
         if found is None and "coefficients" not in self._dataset and "status" in self._dataset:
-            raise ModelError("this dataset has numbers, not motions: it has neither details nor an input")
+            raise ModelError("this dataset has numbers, not motions, without details and input; to_csv, to_mat or to_netcdf write it")
         if found is None:
             raise ModelError("this dataset was computed from a result and has no details; use the result, or a selection of it")
         return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import re
 import threading
 from collections.abc import Callable, Iterable, Mapping
@@ -44,12 +45,21 @@ _SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
 
 def exclusive(method: _Method) -> _Method:
-    """A method that one thread at a time executes; others wait."""
+    """A method that one thread at a time executes; others wait. Wrong arguments are answered with those that there are."""
+    signature = inspect.signature(method)
 
     @functools.wraps(method)
     def call(self: Description, *arguments: Any, **options: Any) -> Any:
-        with self._lock:
-            return method(self, *arguments, **options)
+        try:
+            with self._lock:
+                return method(self, *arguments, **options)
+        except TypeError:
+            try:
+                signature.bind(self, *arguments, **options)
+            except TypeError as error:
+                names = ", ".join(list(signature.parameters)[1:]) or "none"
+                raise TypeError(f"{type(self).__name__}.{method.__name__}() {error}; its arguments: {names}") from None
+            raise
 
     return cast(_Method, call)
 

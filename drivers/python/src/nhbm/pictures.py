@@ -23,6 +23,9 @@ def plot(data: xr.Dataset, of: str | None = None, ax: Any = None) -> Any:
     plt = imported("matplotlib.pyplot", "plots are drawn with")
     if ax is None:
         _, ax = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    elif not hasattr(ax, "plot"):
+        raise ModelError(f"ax needs the axes of matplotlib to plot into, not {ax!r}; a plot shows one response, further ones into "
+                         "its axes: plot('max x2', ax=dataset.nhbm.plot('max x1'))")  # fmt: skip
     if "coefficients" not in data:
         _numbers(ax, data, of)
     elif "point" in data.dims:

@@ -21,7 +21,8 @@ def draw_multipliers(results: Results, *, where=None):
     values = results.multipliers()[points]
     known = np.isfinite(values.real).any(axis=1)
     if not known.any():
-        raise UsageError(f"{results.path}: none of the chosen points has multipliers")
+        raise UsageError(f"{results.path}: none of the chosen points has multipliers; "
+                         "&stability method = 'integration' in the input computes them")
     points, values = points[known], values[known]
     swept = [p for p in results.parameters.values() if p.is_number and len(set(p.values[points].tolist())) > 1]
     along = results.shown(max(swept, key=lambda p: len(set(p.values[points].tolist())))) if swept else None
