@@ -338,7 +338,7 @@ def test_trial_values_are_not_warned_of(monkeypatch):
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1"), "'x1' is no harmonic; a fit needs one, such as 'x1 .1.'"),
     (lambda: nhbm.fit(linear(), DATA, ["structure.stifness[0]"], "x1 (1)"), "stifness"),
     (lambda: nhbm.fit(linear(), {**DATA, "sweep": "left"}, LINEAR, "x1 (1)"), "'up' and 'down', not 'left'"),
-    (lambda: nhbm.fit(linear(), {"frequency": [1.0], "amplitude": [1.0]}, LINEAR, "x1 (1)"), "1 measured numbers do not determ"),
+    (lambda: nhbm.fit(linear(), {"frequency": [1.0], "amplitude": [1.0]}, LINEAR, "x1 (1)"), "1 measured number cannot determine"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", bounds={"spring.gap": (0, 1)}), "is no parameter of the fit"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", bounds={LINEAR[0]: (1, 0)}), "the lower one first"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x7 (1)", order=1), "no degree of freedom 'x7'"),
@@ -352,3 +352,17 @@ def test_trial_values_are_not_warned_of(monkeypatch):
 def test_mistakes_are_named(made, message):
     with pytest.raises(ModelError, match=message):
         made()
+
+
+@pytest.mark.parametrize("text, message", [
+    ("frequency,amplitude\n1.0,0.1\n", "1 measured number cannot determine 2 parameters: give at least 3"),
+    ("frequency,amplitude\n1.0,0.1\n2.0,abc\n", "'data.csv': column 'amplitude' must be numbers, not 'abc' .row 2."),
+    ("frequency,amplitude,force\n1.0,0.1,1.0\n", "'data.csv': path 'force' has no key, .*; columns are frequency, hertz, "),
+    ("1.0,0.1\n1.1,0.2\n", "'data.csv': data need the columns .*; the first row is that of the names"),
+    ("\xff\xfe", "'data.csv' cannot be read as CSV: it is not a text"),
+])  # fmt: skip
+def test_mistakes_in_files_are_named_with_the_file(text, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data.csv").write_bytes(text.encode("latin1"))
+    with pytest.raises(ModelError, match=message):
+        nhbm.fit(linear(), "data.csv", LINEAR, "x1 (1)")

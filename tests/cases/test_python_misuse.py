@@ -238,8 +238,14 @@ def test_files_that_are_no_results_are_named(tmp_path):
     (tmp_path / "empty.h5").touch()
     with pytest.raises(ModelError, match="cannot be read: it is empty"):
         nhbm.open_dataset(tmp_path / "empty.h5")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = np.zeros(3)
+    with pytest.raises(ModelError, match="other.h5' is no result of nhbm"):
+        nhbm.open_dataset(tmp_path / "other.h5")
     path = tmp_path / "motion.h5"
     duffing().solve(order=3).nhbm.save(path)
+    with pytest.raises(ModelError, match="motion.h5' is a result, not a model file: nhbm.open_dataset"):
+        Model(path, tones=[1.0])
     part = tmp_path / "part.h5"
     part.write_bytes(path.read_bytes()[:5000])
     with pytest.raises(ModelError, match=f"cannot be read: it is truncated: 5000 of {path.stat().st_size} bytes"):
@@ -673,6 +679,12 @@ def chain(**keys):
     (lambda: duffing().law("cubic_spring", "x1", stiffness=1.0, label=5), "label must be a text, not 5"),
     (lambda: with_law(lambda q: (q, q, q, q)).solve(order=3), "gives 4 values, not "),
     (lambda: nhbm.law(odd="yes")(cubic), "odd must be True or False, not 'yes'"),
+    (lambda: duffing().solve(order=3, warm=chain(tones=[1.0])), "warm must be True or False, .*, not Model"),
+    (lambda: duffing().verify(3), "give a motion, as of model.solve.*, not int"),
+    (lambda: duffing().__setitem__("load[0].cos", None), "'load.0..cos' needs a value, not None"),
+    (lambda: duffing().load("x1", 1, cos=1j), "&load: cos: expected a real number"),
+    (lambda: duffing().sweep({"tones[0]": [0.8, 0.9]}, of=lambda model: "a"), "returns a number or a dict of numbers, not 'a'"),
+    (lambda: duffing().sweep({"tones[0]": [0.8, 0.9]}, of=lambda model: [1.0, 2.0]), "returns a number or a dict"),
     (lambda: duffing().solve(order=3).nhbm.save("x.csv"), "give it the ending .h5; dataset.nhbm.to_dataframe"),
     (lambda: duffing()["spring"], "path 'spring' has no key, as in wall.gap"),
     (lambda: nhbm.fit(duffing(), {"hertz": [-0.1, 0.2], "amplitude": [0.1, 0.2]}, ["load[0].cos"], "x1 (1)"), "'hertz' must"),

@@ -64,7 +64,7 @@ class Accessor:
         if found is None and "displacement" in self._dataset:
             raise ModelError("this is a record of time integration, not a result; `nhbm integrate` writes files of records")
         if found is None and "coefficients" not in self._dataset and "status" in self._dataset:
-            raise ModelError("this dataset has numbers, not motions, without details and input; to_csv, to_mat or to_netcdf write it")
+            raise ModelError("this dataset has numbers, not motions, without an input; to_csv, to_mat or to_netcdf write it")
         if found is None:
             raise ModelError("this dataset was computed from a result and has no details; use the result, or a selection of it")
         return found
@@ -464,7 +464,10 @@ class Accessor:
         label = self._label(name, known) if axis == "dof" else name
         if label not in known:
             sets = sum((str(names).split() for names in column["dof_of_set"].values), []) if "dof_of_set" in column.coords else []
-            raise KeyError(f"'{of}' has no {axis} '{name}'; known: {', '.join(known + sets)}")
+            what = "degree of freedom" if axis == "dof" else "degree of freedom with a law" if axis == "law_dof" else axis
+            one = parts_of(name)[0]
+            hint = f"; '{one}' is one, '{name}' a response of curves and sweeps" if one != name and one in known else ""
+            raise KeyError(f"there is no {what} '{name}'{hint}; known: {', '.join(known + sets)}")
         row: xr.DataArray = column.sel({axis: label})
         return row
 

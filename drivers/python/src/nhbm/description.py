@@ -50,6 +50,9 @@ def exclusive(method: _Method) -> _Method:
 
     @functools.wraps(method)
     def call(self: Description, *arguments: Any, **options: Any) -> Any:
+        if not isinstance(options.get("warm", False), (bool, np.bool_)):
+            raise ModelError("warm must be True or False, for a start from the motion that this model had last, not "
+                             f"{type(options['warm']).__name__}")  # fmt: skip
         try:
             with self._lock:
                 return method(self, *arguments, **options)
@@ -75,9 +78,13 @@ class Description(Laws):
         elif isinstance(structure, (str, Path)) and str(structure).lower().endswith(".nml"):
             raise ModelError(f"'{structure}' is an input, not a model file: nhbm.Model.from_file({str(structure)!r})")
         elif isinstance(structure, (Structure, str, Path)):
+            from nhbm.files import is_result  # with h5py
+
             file = structure if isinstance(structure, Structure) else str(structure)
             if isinstance(file, str) and not Path(file).is_file():
                 raise ModelError(f"model file '{file}' does not exist")
+            if isinstance(file, str) and is_result(file):
+                raise ModelError(f"'{file}' is a result, not a model file: nhbm.open_dataset({file!r}) reads it")
             self._groups.add(Group("structure", {"type": "model", "file": file}))
         else:
             raise ModelError(
@@ -377,6 +384,8 @@ class Description(Laws):
         key = self._key_at(at)
         if key is not None and np.size(value) > 1 and (at.indices or not key.type.startswith(("list", "matrix"))):
             raise ModelError(f"'{path}': {at.keyed} has {np.size(value)} values, needs one")
+        if value is None:
+            raise ModelError(f"'{path}' needs a value, not None; del model[...] removes a group")
         value, live = plain(value), self._live(self._used)
         if not live.settings.has(at):
             live.set(str(at), value)  # raises what is wrong with the path

@@ -56,6 +56,15 @@ _SCALES = {**AXES, "message_byte": "byte of a message", "worker": "rank or proce
 _VERDICTS = "not_done agrees unstable differs undecided"
 
 
+def is_result(path: str | Path) -> bool:
+    """Whether a file is a result of nhbm."""
+    try:
+        with open_hdf5(path) as file:
+            return "schema_version" in file.attrs and "status" in file
+    except (OSError, ValueError):
+        return False
+
+
 def opened(path: str | Path) -> xr.Dataset:
     """A result file as the dataset that `Model` returns for the same motions."""
     if not Path(path).is_file():
@@ -63,8 +72,11 @@ def opened(path: str | Path) -> xr.Dataset:
     try:
         with open_hdf5(path) as file:
             is_model, version = file.attrs.get("format") == FORMAT, int(file.attrs.get("schema_version", _SCHEMA))
+            is_foreign = not {"schema_version", "varies"} & set(file.attrs) and not {"status", "displacement"} & set(file)
         if is_model:  # which h5netcdf opens or not, by its version
             raise ModelError(f"file '{path}' cannot be read: it is a model file, which nhbm.Model takes")
+        if is_foreign:
+            raise ModelError(f"file '{path}' is no result of nhbm: it has no attribute 'schema_version'")
         if version != _SCHEMA:
             raise ModelError(f"file '{path}' has the schema version {version}; this nhbm reads {_SCHEMA}")
         data = xr.open_dataset(path, engine="h5netcdf")

@@ -297,7 +297,9 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     at = work._resolved(path)
     sets, is_scaled, force = _sets(data, work, at, noise, controlled)
     if _n_measured(sets) <= len(paths):
-        raise ModelError(f"{_n_measured(sets)} measured numbers do not determine {len(paths)} parameters")
+        n, few = _n_measured(sets), len(paths)
+        raise ModelError(f"{n} measured number{'s' * (n != 1)} cannot determine {few} parameter{'s' * (few != 1)}: "
+                         f"give at least {few + 1}")  # fmt: skip
     first = np.array([float(work[one]) for one in paths])
     scale = np.where(first != 0.0, np.abs(first), 1.0)
     lower, upper = _bounds(work, paths, bounds or {})
@@ -420,11 +422,10 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
 
     if isinstance(data, (str, Path)):
         try:
-            data = pandas.read_csv(data, comment="#", skipinitialspace=True)
-        except FileNotFoundError:
-            raise ModelError(f"file '{data}' does not exist") from None
-        except (OSError, ValueError) as error:
-            raise ModelError(f"'{data}' cannot be read as CSV: {error}") from None
+            return _sets(_read(Path(data)), model, at, noise, controlled)
+        except ModelError as error:
+            text = str(error)
+            raise ModelError(text if f"'{data}'" in text else f"'{data}': {text}") from None
     if isinstance(data, Mapping):
         lengths = {str(name): len(column) for name, column in data.items() if np.ndim(column) == 1}
         if len(set(lengths.values())) > 1:
@@ -436,14 +437,20 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
         known = ", ".join(sorted(given))
         if len(given) == 1:
             known += ", one column: commas separate columns"
+        if any(map(_is_number, given)):
+            known += "; the first row is that of the names"
         raise ModelError(f"data need the columns 'amplitude' and 'frequency' [rad/s] or 'hertz' [Hz]; there are: {known}")
     if table.empty:
         raise ModelError("data have no rows")
-    others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
+    try:
+        others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
+    except ModelError as error:
+        raise ModelError(f"{error}; columns are {', '.join(_COLUMNS)}, or values of the model by their path") from None
     for column in [name for name in table.columns if name != "sweep"]:
         wrong = [value for value in table[column].values if isinstance(value, str) and not _is_number(value)]
         if wrong:
-            raise ModelError(f"column '{column}' must be numbers, not '{wrong[0]}'")
+            row = 1 + table[column].tolist().index(wrong[0])
+            raise ModelError(f"column '{column}' must be numbers, not '{wrong[0]}' (row {row})")
         numbers = np.array(numbers_of(f"column '{column}'", table[column].values.tolist()))
         is_above_zero = column in ("amplitude", "frequency", "hertz", "sigma")
         if not np.isfinite(numbers).all() or (is_above_zero and not (numbers > 0).all()):
@@ -480,6 +487,20 @@ def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: boo
         held = None if force is None else rows[force].values.astype(float)
         found.append(_Set(rows["position"].values, amplitude, phase, sigma, conditions, sweep, held))
     return found, noise is None and "sigma" not in given, "" if force is None else others[force]
+
+
+def _read(path: Path) -> Any:
+    """The table of a CSV file."""
+    import pandas
+
+    try:
+        return pandas.read_csv(path, comment="#", skipinitialspace=True)
+    except FileNotFoundError:
+        raise ModelError(f"file '{path}' does not exist") from None
+    except UnicodeDecodeError:
+        raise ModelError(f"'{path}' cannot be read as CSV: it is not a text") from None
+    except (OSError, ValueError) as error:
+        raise ModelError(f"'{path}' cannot be read as CSV: {str(error).strip()}") from None
 
 
 def _doubt_the_unit(model: Model, measured: Array, is_in_hertz: bool) -> None:

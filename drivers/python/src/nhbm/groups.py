@@ -40,6 +40,14 @@ def plain(value: Any) -> Any:
     raise ModelError(f"{_EXPECTED} {value!r}")
 
 
+def _plain_of(group: str, key: str, value: Any) -> Any:
+    """A value of a key, which is named where the value is none of an input."""
+    try:
+        return plain(value)
+    except ModelError as error:
+        raise ModelError(f"&{group}: {key}: {error}") from None
+
+
 def as_input(value: Any) -> str:
     """A value, or a list of them, as an input has it."""
     value = plain(value)
@@ -165,7 +173,7 @@ class Group:
 
     def __init__(self, name: str, keys: Mapping[str, Any]) -> None:
         self.name = name
-        self.keys = {key: plain(value) for key, value in keys.items() if value is not None}
+        self.keys = {key: _plain_of(name, key, value) for key, value in keys.items() if value is not None}
 
     def __repr__(self) -> str:
         return f"<{self.name}: {', '.join(f'{key} = {value!r}' for key, value in self.keys.items())}>"

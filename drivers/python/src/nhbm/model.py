@@ -523,6 +523,8 @@ class Model(Description):
 
     def _verify_motion(self, motion: xr.Dataset, periods: int) -> xr.Dataset:
         """The verdict on a motion, at the values for which it was found."""
+        if not isinstance(motion, xr.Dataset):
+            raise ModelError(f"give a motion, as of model.solve() or curve.isel(point=3), not {type(motion).__name__}")
         dataset.check_found(motion, "coefficients")
         dataset.check_motion(motion)
         if "point" in motion.dims:

@@ -187,6 +187,9 @@ class _Line:
                 raise
             text = f"{type(fault).__name__}: {fault}"
             return {"status": "failed", "message": text}, ("failed", text), None
+        wrong = [value for value in row.values() if isinstance(value, (str, bytes)) or np.ndim(value) > 0 or value is None]
+        if wrong:
+            raise ModelError(f"the function `of` of a sweep returns a number or a dict of numbers, not {wrong[0]!r}")
         status, message, text = model._ending()
         return {**row, "status": status, "message": message}, (status, text) if text else None, None
 
