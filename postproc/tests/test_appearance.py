@@ -169,3 +169,10 @@ def test_slender_things_are_no_slivers():
     for width, aspect in ((0.01, "auto"), (0.5, 1.0)):
         ax = draw_patch(patch, {"open share": np.ones(4)}, points * [1.0, 100.0 * width, 1.0], "").axes[0]
         assert ax.get_aspect() == aspect
+
+
+def test_details_of_a_heading_break_at_commas():
+    line = "Two-tone beam against a rigid wall, point 3, order of the harmonics = 12, samples of a period = 64"
+    assert look.rows_of(line, 96) == [line.rpartition(" samples")[0], "samples of a period = 64"]
+    assert look.rows_of(line, 100) == [line]
+    assert look.rows_of("a " * 20, 20) == ["a a a a a a a a a a", "a a a a a a a a a a"]

@@ -32,6 +32,8 @@ def test_models_and_results_are_shown_as_tables(curve):
     n = curve.sizes["point"]
     assert f"{n} converged" in text and "tones%frequency: 0.5 to 2.5 rad/s" in text and "1 peak" in text and "by truncation" in text
     assert "<table>" in page and f"{n} converged" in page
+    assert "events: 2 folds, 1 peak" in text, text
+    assert "events" not in repr(model.solve(order=5).nhbm) + repr(curve.isel(point=1).nhbm)
     assert "converged" in repr(model.solve(order=5).nhbm) and "response" in repr(model.sweep({"tones[0]": [0.5, 0.6]}, of="x1"))
 
 

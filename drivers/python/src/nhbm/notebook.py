@@ -15,6 +15,7 @@ import xarray as xr
 from nhbm.dataset import SOLVED, record_beside, varies_of
 from nhbm.errors import ModelError, imported
 from nhbm.groups import Groups
+from nhbm.located import located_kinds
 from nhbm.tables import writing
 
 _HEIGHT = 900  # of a report in a page [pixels]
@@ -74,8 +75,11 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
     if errors:
         rows.append(("largest estimated error", ", ".join(errors)))
     if "curve_kind" in data:
-        kinds = data["curve_kind"].values
-        rows.append(("events", _counts(kinds[~np.isin(kinds, ("none", "regular"))])))
+        located = located_kinds(data["curve_kind"].attrs)
+        counts = [(np.count_nonzero(data["curve_kind"].values == name), kind) for name, kind in located.items()]
+        text = ", ".join(f"{n} {kind.label if n == 1 else kind.plural}" for n, kind in counts if n)
+        if text or "point" in data.dims:
+            rows.append(("events", text or "none"))
     text = data.nhbm.message if "message" in data else ""
     return [*rows, ("message", text)] if text else rows
 

@@ -137,6 +137,17 @@ def axes_at(fig: Figure, left: float, bottom: float, width: float, height: float
     )
 
 
+def rows_of(line: str, width: int) -> list[str]:
+    """A detail of a heading in rows of some characters at most, broken behind commas where that is possible."""
+    rows = [""]
+    for part in line.split(", "):
+        if rows[-1] and len(rows[-1]) + len(part) + 2 > width:
+            rows[-1] += ","
+            rows.append("")
+        rows[-1] += (", " if rows[-1] else "") + part
+    return [piece for row in rows for piece in textwrap.wrap(row, width)]
+
+
 def head(fig: Figure, title: str, *lines: str) -> None:
     """Writes a bold heading with details below it, and keeps the axes of an arranged figure below both; on paper both are in the
     caption, `caption` of the figure."""
@@ -146,7 +157,7 @@ def head(fig: Figure, title: str, *lines: str) -> None:
         return
     width, height = fig.get_size_inches()
     titles = textwrap.wrap(title, int(width * 12.0))
-    details = [piece for line in lines if line for piece in textwrap.wrap(line, int(width * 15.5))]
+    details = [piece for line in lines if line for piece in rows_of(line, int(width * 15.5))]
     top = 0.10
     for texts, size, weight, colour in ((titles, 10.5, "bold", INK), (details, 8.5, "normal", MUTED)):
         for text in texts:
