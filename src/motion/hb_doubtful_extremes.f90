@@ -45,12 +45,14 @@ contains
             if (.not. curve_kinds(point%kind)%is_extreme) cycle
             extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
             extreme%sense = curve_kinds(point%kind)%sense
-            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))
+            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))* &
+                                           (-1)**count(self%waiting(self%first_waiting:i - 1)%kind == curve_kind%fold)
             call raise_error(self, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
-            if (.not. allocated(error)) call find_fall(self, extreme, 1, is_retained(i), error)
-            if (is_retained(i) .and. .not. allocated(error)) call find_fall(self, extreme, -1, is_retained(i), error)
+            if (.not. allocated(error)) call find_fall(self, extreme, point%position, 1, is_retained(i), error)
+            if (is_retained(i) .and. .not. allocated(error)) &
+               call find_fall(self, extreme, point%position, -1, is_retained(i), error)
             if (allocated(error)) return
          end associate
       end do
@@ -97,9 +99,10 @@ contains
 
    !> Whether the function falls on one side of the extremum by more than the error of its values, before it rises by
    !> as much and, backward, before another extremum that was reported.
-   subroutine find_fall(self, extreme, side, is_clear, error)
+   subroutine find_fall(self, extreme, position, side, is_clear, error)
       class(followed_motion_t), intent(inout), target :: self
       type(extreme_t), intent(inout) :: extreme
+      real(wp), intent(in) :: position                                ! on the step
       integer, intent(in) :: side                                     ! 1: forward, -1: backward
       logical, intent(out) :: is_clear
       type(error_t), allocatable, intent(out) :: error
@@ -128,6 +131,10 @@ contains
          end if
          if (fall >= safety*extreme%error) exit
          is_clear = fall >= -safety*extreme%error
+         if (i == 0 .and. .not. is_clear) then
+            call fall_on_step(self, extreme, position, side, is_clear)
+            if (is_clear) exit
+         end if
          if (side < 0 .and. is_clear) is_clear = .not. any(self%reported%response == extreme%response .and. &
                                                            self%reported%length >= length)
          if (.not. is_clear .or. span >= widest*self%curve%last_step) exit
@@ -140,4 +147,26 @@ contains
       end do
       self%curve%report = curve%report
    end subroutine find_fall
+
+   !> As `find_fall`, on the step itself, for an extremum that is followed or preceded by another one there.
+   subroutine fall_on_step(self, extreme, position, side, is_clear)
+      class(followed_motion_t), intent(inout), target :: self
+      type(extreme_t), intent(in) :: extreme
+      real(wp), intent(in) :: position
+      integer, intent(in) :: side
+      logical, intent(out) :: is_clear
+      integer, parameter :: n_halvings = 12
+      real(wp) :: fall, limit, x(size(self%curve%x))
+      integer :: i
+
+      is_clear = .false.
+      limit = merge(self%curve%last_step, 0.0_wp, side > 0)
+      do i = n_halvings, 1, -1
+         call self%curve%point_at(position + (limit - position)*0.5_wp**i, x, is_clear)
+         if (.not. is_clear) return
+         fall = extreme%sense*(extreme%value - function_at(self, extreme%response, x))
+         is_clear = fall >= safety*extreme%error .and. fall > 0.0_wp
+         if (is_clear .or. fall < -safety*extreme%error) return
+      end do
+   end subroutine fall_on_step
 end module hb_doubtful_extremes

@@ -3,14 +3,17 @@
 module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
-   use hb_curve_events, only: branch_event_t, fold_event_t, grazing_event_t, value_event_t
+   use hb_curve_events, only: branch_event_t, find_extremes, fold_event_t, grazing_event_t, value_event_t
    use hb_curve_return, only: has_images, image_of, nearest_phases
+   use hb_event_pairs, only: cubic_between, find_other_sign, may_change_sign, parabola_between, place_of_end, point_between, &
+      quadratic_between
    use hb_followed_motion, only: add_waiting, event_values_t, followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: transferred
    use hb_located_response, only: located_response_t
    use hb_point_kinds, only: curve_kind, curve_kinds
-   use hb_stability, only: bifurcation, bifurcation_value, is_torus, max_multipliers, stability_method, stability_t
+   use hb_stability, only: bifurcation, bifurcation_product, bifurcation_value, is_torus, max_multipliers, stability_method, &
+      stability_t
    use hb_thresholds, only: agreement, clearly, faint, minor, next_to_none, rounding, sharp
    implicit none
    private
@@ -19,13 +22,17 @@ module hb_event_location
    ! of each kind of bifurcation
    integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]
 
+   real(wp), parameter :: nearby = 0.5_wp                             ! of a square: the response may reach an amplitude on the step
+
    !> The step, and the state of the search.
    type :: search_t
       type(event_values_t) :: known                                          ! at the end of the step
       logical :: has_branched = .false.                               ! a branch point was passed
-      logical :: has_fold = .false.                                   ! its point is in the list
       logical :: is_lost = .false.                                    ! an event was not located
-      real(wp) :: fold(2) = 0.0_wp                                    ! position and value of the fold
+      logical :: is_smooth = .false.                                  ! the directions at both ends differ little
+      real(wp) :: length = 0.0_wp                                     ! of the step along the direction at its start
+      real(wp) :: along = 1.0_wp                                      ! its growth along the direction at its end
+      real(wp), allocatable :: folds(:, :)                            ! positions and values of folds, (2, any)
    end type search_t
 
    !> Part of the step without grazes; at grazes multipliers may jump.
@@ -39,6 +46,7 @@ module hb_event_location
       class(followed_motion_t), pointer :: motion => null()
       integer :: bifurcation = 0                                      ! hb_stability
       logical :: is_integrated = .false.                              ! of the integrated periodic motion
+      logical :: is_product = .false.                                 ! of all factors: smooth, and with the same sign
    contains
       procedure :: value => bifurcation_event_value
    end type bifurcation_event_t
@@ -75,7 +83,8 @@ contains
       search%has_branched = has_branched
       associate (curve => self%curve)
          if (self%is_rough) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance    ! of many points
-         call find_fold(self, search)
+         call place_of_end(curve, search%length, search%along, search%is_smooth)
+         call find_folds(self, search)
          if (has_branched) call find_branch(self, search)
          call find_responses(self, search)
          call find_grazes(self, search)
@@ -98,20 +107,26 @@ contains
 
    !> Finds where the value reverses: at a sharp kink the curve has reversed before its step, so the direction at the
    !> last point is used.
-   subroutine find_fold(self, search)
+   subroutine find_folds(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
+      real(wp), allocatable :: between(:)
+      integer :: i
 
+      allocate (search%folds(2, 0), between(0))
+      if (is_at_origin(self)) return
       associate (curve => self%curve, n => size(self%curve%x))
-         if (.not. self%known%rise*search%known%rise < 0.0_wp .or. is_at_origin(self)) return
-         call find(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), &   ! a corner, too
-                   [self%known%rise, search%known%rise]/curve%units(n), search%has_fold)
-         if (.not. search%has_fold) return
-         associate (found => self%waiting(size(self%waiting)))
-            search%fold = [found%position, found%x(n)]
+         associate (at_ends => [self%known%rise, search%known%rise]/curve%units(n))
+            if (search%is_smooth) between = quadratic_between(at_ends/[1.0_wp, search%along], &
+                                                              (curve%x(n) - curve%last_x(n))/(curve%units(n)*search%length))
+            call find_all(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), at_ends, between)  ! also a corner
          end associate
+         do i = 1, size(self%waiting)
+            if (self%waiting(i)%kind /= curve_kind%fold) cycle
+            search%folds = reshape([search%folds, self%waiting(i)%position, self%waiting(i)%x(n)], [2, size(search%folds, 2) + 1])
+         end do
       end associate
-   end subroutine find_fold
+   end subroutine find_folds
 
    !> Finds the intersection with another curve of the equations.
    subroutine find_branch(self, search)
@@ -130,23 +145,46 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       integer :: i
-      logical :: is_found
       real(wp) :: unit
+      real(wp), allocatable :: between(:)
 
       do i = 1, size(self%request%responses)
          associate (response => self%request%responses(i), values => [self%known%functions(i), search%known%functions(i)])
-            if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp))) cycle
-            if (curve_kinds(response%kind)%sense*values(1) < 0.0_wp) cycle
+            call expect_function(self, search, i, between)
+            if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp) &
+                       .or. may_change_sign(values, between))) cycle
             unit = self%unit_of_function(response, self%curve%x)
             if (.not. unit > 0.0_wp) cycle
             ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
             if (is_at_origin(self) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
-            call find(self, search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, &
-                                                     rounding_of(self), self, response, unit), values/unit, is_found)
-            if (is_found) self%waiting(size(self%waiting))%response = i
+            call find_all(self, search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, &
+                                                         rounding_of(self), self, response, unit), values/unit, between/unit, i)
          end associate
       end do
    end subroutine find_responses
+
+   !> The function of a response on the step as far as both ends show it; none if it cannot be close to zero.
+   subroutine expect_function(self, search, i, between)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(in) :: search
+      integer, intent(in) :: i                                        ! number of the response
+      real(wp), allocatable, intent(out) :: between(:)
+      real(wp) :: slopes(2)
+
+      between = [real(wp) ::]
+      if (.not. search%is_smooth) return
+      associate (response => self%request%responses(i), curve => self%curve, &
+                 values => [self%known%functions(i), search%known%functions(i)])
+         if (curve_kinds(response%kind)%is_extreme) then
+            between = quadratic_between(values/[1.0_wp, search%along], &
+                                        (search%known%squares(i) - self%known%squares(i))/search%length)
+         else if (response%kind == curve_kind%amplitude .and. minval(abs(values)) < nearby*search%known%squares(i)) then
+            slopes(1) = self%slope_at(response, curve%last_x, curve%last_direction)
+            slopes(2) = self%slope_at(response, curve%x, curve%direction)/search%along
+            between = cubic_between(values, slopes, search%length)
+         end if
+      end associate
+   end subroutine expect_function
 
    !> Finds where a contact begins, or becomes permanent.
    subroutine find_grazes(self, search)
@@ -155,6 +193,7 @@ contains
       integer :: i, k
       logical :: is_found
       real(wp) :: unit
+      real(wp), allocatable :: between(:), middle(:, :)
 
       if (allocated(self%known%impacts)) then
          if (any(self%known%impacts /= search%known%impacts)) &
@@ -163,17 +202,39 @@ contains
          return
       end if
       if (size(self%known%extremes, 2) /= size(search%known%extremes, 2)) return
+      call find_middle()
       do k = 1, size(search%known%extremes, 2)
          associate (before => self%known%extremes(:, k), behind => search%known%extremes(:, k))
             unit = max(maxval(abs(behind)), tiny(1.0_wp))
             do i = 1, 2
-               if (.not. before(i)*behind(i) < 0.0_wp) cycle
                if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
-               call find(self, search, grazing_event_t(curve_kind%grazing, .false., rounding_of(self), self%problem, i, k, unit), &
-                         [before(i), behind(i)]/unit, is_found)
+               between = [real(wp) ::]
+               if (size(middle, 2) > 0) between = parabola_between([before(i), behind(i)], middle(i, k))/unit
+               call find_all(self, search, grazing_event_t(curve_kind%grazing, .false., rounding_of(self), self%problem, i, k, &
+                                                           unit), [before(i), behind(i)]/unit, between)
             end do
          end associate
       end do
+
+   contains
+
+      !> The extremes in the middle of the step, if one may be zero on it.
+      subroutine find_middle()
+         real(wp) :: change, x(size(self%curve%x))
+         logical :: is_there
+
+         allocate (middle(2, 0))
+         if (.not. search%is_smooth .or. is_at_origin(self)) return
+         associate (before => self%known%extremes, behind => search%known%extremes, n => self%problem%n_unknowns, &
+                    curve => self%curve)
+            change = norm2((curve%x(:n) - curve%last_x(:n))/curve%units(:n))
+            if (.not. any(before*behind > 0.0_wp .and. min(abs(before), abs(behind)) < &
+                          change*spread(behind(2, :) - behind(1, :), 1, 2))) return
+            call point_between(curve, 0.5_wp, x, is_there)
+            if (is_there) call find_extremes(self%problem, x, middle)
+            if (size(middle, 2) /= size(behind, 2)) middle = middle(:, :0)
+         end associate
+      end subroutine find_middle
    end subroutine find_grazes
 
    !> Finds bifurcations from the multipliers on each piece of the step between its grazes.
@@ -223,29 +284,84 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
-      type(bifurcation_event_t) :: change
-      type(stability_t) :: there
-      real(wp) :: at_ends(2), position, x(size(self%curve%x))
+      real(wp) :: at_ends(2)
       integer :: kind
-      logical :: is_found
 
       do kind = bifurcation%branch, bifurcation%torus
          if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
-         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= rounding) cycle
-         change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
-         call self%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
-         search%is_lost = search%is_lost .or. .not. is_found
-         if (.not. is_found) cycle
-         if (kind == bifurcation%torus) then
-            call self%find_stability(x, sharp, there)
-            if (.not. allocated(there%multipliers)) cycle
-            if (.not. is_torus(there%multipliers)) cycle
+         if (minval(abs(at_ends)) <= rounding) cycle
+         if (at_ends(1)*at_ends(2) < 0.0_wp) then
+            call find_zero_of_kind(self, search, kind, piece, at_ends)
+         else
+            call find_pair_of_kind(self, search, kind, piece, at_ends)
          end if
-         call add_bifurcation(self, kind, piece, position, x)
       end do
    end subroutine find_by_kind
+
+   !> Finds the two zeros of the function of a kind on a piece with the same sign at its ends. Multipliers in the middle are
+   !> only computed where the function is close to zero, and not nearly constant, as that of pairs is with little damping.
+   subroutine find_pair_of_kind(self, search, kind, piece, at_ends)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: at_ends(2)
+      real(wp), parameter :: near = 0.3_wp                            ! to a bifurcation; also the least relative change
+      type(bifurcation_event_t) :: change
+      type(piece_t) :: half
+      type(stability_t) :: there
+      real(wp) :: position, products(2), value, x(size(self%curve%x))
+      real(wp), allocatable :: between(:)
+      logical :: is_found
+
+      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near .or. piece%ends(2) - piece%ends(1) < self%curve%last_step) return
+      if (kind == bifurcation%torus .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
+      call point_between(self%curve, 0.5_wp, x, is_found)
+      if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
+      if (.not. allocated(there%multipliers)) return
+      products = [bifurcation_product(kind, piece%stability(1)%multipliers), bifurcation_product(kind, &
+                                                                                                 piece%stability(2)%multipliers)]
+      between = parabola_between(products, bifurcation_product(kind, there%multipliers))
+      if (.not. may_change_sign(products, between)) return
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, is_product=.true.)
+      call find_other_sign(self%curve, change, products, between, position, value, is_found)
+      if (.not. is_found) return
+      half = piece
+      call evaluate_stability_at(self, position, sharp, half%ends(2), half%stability(2))
+      if (.not. allocated(half%stability(2)%multipliers)) return
+      value = bifurcation_value(kind, half%stability(2)%multipliers)
+      if (.not. at_ends(1)*value < 0.0_wp) return
+      call find_zero_of_kind(self, search, kind, half, [at_ends(1), value])
+      half%ends = [half%ends(2), piece%ends(2)]
+      half%stability = [half%stability(2), piece%stability(2)]
+      call find_zero_of_kind(self, search, kind, half, [value, at_ends(2)])
+   end subroutine find_pair_of_kind
+
+   !> Finds the zero of the function of a kind on a piece.
+   subroutine find_zero_of_kind(self, search, kind, piece, at_ends)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: at_ends(2)
+      type(bifurcation_event_t) :: change
+      type(stability_t) :: there
+      real(wp) :: position, x(size(self%curve%x))
+      logical :: is_found
+
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
+      call self%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
+      search%is_lost = search%is_lost .or. .not. is_found
+      if (.not. is_found) return
+      if (kind == bifurcation%torus) then
+         call self%find_stability(x, sharp, there)
+         if (.not. allocated(there%multipliers)) return
+         if (.not. is_torus(there%multipliers)) return
+      end if
+      call add_bifurcation(self, kind, piece, position, x)
+   end subroutine find_zero_of_kind
 
    !> If the bifurcations found do not explain the change in the number of multipliers outside the unit circle on a
    !> piece, as when two cross it in the same way, each change of this number is located instead.
@@ -317,7 +433,7 @@ contains
       class(followed_motion_t), intent(in) :: self
       type(search_t), intent(in) :: search
 
-      is_branch_known = search%has_fold .or. search%has_branched .or. finds_all_intersections(self)
+      is_branch_known = size(search%folds, 2) > 0 .or. search%has_branched .or. finds_all_intersections(self)
    end function is_branch_known
 
    !> Adds a bifurcation of the series, if the motion of the time domain has it.
@@ -505,30 +621,27 @@ contains
       end associate
    end subroutine sharpen
 
-   !> Finds wanted values and ends of the range; a fold divides the step.
+   !> Finds wanted values and ends of the range; folds divide the step.
    subroutine find_values(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(value_event_t) :: event
       real(wp), allocatable :: wanted(:)
-      real(wp) :: position, positions(3), values(3), x(size(self%curve%x))
+      real(wp), allocatable :: positions(:), values(:)
+      real(wp) :: position, x(size(self%curve%x))
       integer :: i, k, n
       logical :: is_found, is_there
 
       n = size(x)
       associate (curve => self%curve, request => self%request)
-         positions = [0.0_wp, curve%last_step, curve%last_step]
-         values = [curve%last_x(n), curve%x(n), curve%x(n)]
-         if (search%has_fold) then
-            positions(2) = search%fold(1)
-            values(2) = search%fold(2)
-         end if
+         allocate (positions, source=[0.0_wp, search%folds(1, :), curve%last_step])
+         allocate (values, source=[curve%last_x(n), search%folds(2, :), curve%x(n)])
          allocate (wanted, source=[request%from, request%to, request%values])
          event%unit = abs(request%to - request%from)
          do i = 1, size(wanted)
             if (i > 2 .and. any(abs(wanted(i) - wanted(:2)) <= 0.0_wp)) cycle
             event%wanted = wanted(i)
-            do k = 1, merge(2, 1, search%has_fold)
+            do k = 1, size(positions) - 1
                if (.not. (values(k) - wanted(i))*(values(k + 1) - wanted(i)) < 0.0_wp) then
                   if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
                end if
@@ -543,18 +656,55 @@ contains
       end associate
    end subroutine find_values
 
-   !> Locates an event on the whole step, and adds its point.
-   subroutine find(self, search, event, at_ends, is_found)
+   !> Locates the zero of an event whose function has changed its sign on the step, or the two zeros if it changes it twice.
+   subroutine find_all(self, search, event, at_ends, between, response)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      class(event_t), intent(in) :: event
+      real(wp), intent(in) :: at_ends(2)
+      real(wp), intent(in) :: between(:)                              !! as expected on the step; none: no pairs are sought
+      integer, intent(in), optional :: response
+      real(wp) :: middle, value
+      integer :: n
+      logical :: is_found
+
+      n = size(self%waiting)
+      if (may_change_sign(at_ends, between)) then
+         call find_other_sign(self%curve, event, at_ends, between, middle, value, is_found)
+         if (.not. is_found) return
+         call find(self, search, event, [at_ends(1), value], is_found, [0.0_wp, middle])
+         call find(self, search, event, [value, at_ends(2)], is_found, [middle, self%curve%last_step])
+      else if (changes_sign()) then
+         call find(self, search, event, at_ends, is_found)
+      end if
+      if (present(response)) self%waiting(n + 1:)%response = response
+
+   contains
+
+      !> Zero at the end belongs to this step.
+      pure logical function changes_sign()
+         changes_sign = at_ends(1)*at_ends(2) < 0.0_wp
+         if (present(response)) changes_sign = changes_sign .or. (abs(at_ends(1)) > 0.0_wp .and. .not. abs(at_ends(2)) > 0.0_wp)
+      end function changes_sign
+   end subroutine find_all
+
+   !> Locates an event on the step or a part of it, and adds its point.
+   subroutine find(self, search, event, at_ends, is_found, part)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       class(event_t), intent(in) :: event
       real(wp), intent(in) :: at_ends(2)
       logical, intent(out) :: is_found
+      real(wp), intent(in), optional :: part(2)
       class(event_t), allocatable :: sought
-      real(wp) :: position, x(size(self%curve%x))
+      real(wp) :: ends(2), position, x(size(self%curve%x))
 
+      is_found = .false.
+      if (curve_kinds(event%kind)%sense*at_ends(1) < 0.0_wp) return
+      ends = [0.0_wp, self%curve%last_step]
+      if (present(part)) ends = part
       allocate (sought, source=event)
-      call self%curve%find_zero(sought, [0.0_wp, self%curve%last_step], at_ends, x, position, is_found)
+      call self%curve%find_zero(sought, ends, at_ends, x, position, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
       if (is_at_origin(self)) is_found = is_found .and. position > next_to_none*self%curve%last_step
       if (is_found) call add(self, event%kind, position, x)
@@ -661,7 +811,12 @@ contains
 
       call self%motion%find_stability(x, sharp, there, self%is_integrated)
       value = ieee_value(value, ieee_quiet_nan)
-      if (allocated(there%multipliers)) value = bifurcation_value(self%bifurcation, there%multipliers)
+      if (.not. allocated(there%multipliers)) return
+      if (self%is_product) then
+         value = bifurcation_product(self%bifurcation, there%multipliers)
+      else
+         value = bifurcation_value(self%bifurcation, there%multipliers)
+      end if
    end function bifurcation_event_value
 
    real(wp) function count_event_value(self, curve, x) result(value)

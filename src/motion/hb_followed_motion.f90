@@ -75,6 +75,7 @@ module hb_followed_motion
    type :: event_values_t
       real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
       real(wp), allocatable :: functions(:)                           !! of the responses, hb_curve_events
+      real(wp), allocatable :: squares(:)                             !! of the responses
       real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
       integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_impact_curve)
       type(stability_t) :: stability                                  !! without multipliers if none are searched for
@@ -501,6 +502,7 @@ contains
       associate (x => self%curve%x, responses => self%request%responses)
          known%rise = self%curve%direction(size(x))
          known%functions = [(self%function_at(responses(i), x, self%curve%direction), i=1, size(responses))]
+         known%squares = [(self%square_at(responses(i), x), i=1, size(responses))]
          call self%find_stability(x, self%model%options%stability%tolerance, known%stability)
          call self%find_contact(x, known)
       end associate

@@ -23,9 +23,9 @@ module hb_stability
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: angle_of_pair, bifurcation, bifurcation_value, excitation_t, few_periods, harmonic_motion_t, is_torus, &
-      max_multipliers, n_multipliers_of, share_of_stability, stability_config_t, stability_finder_t, stability_method, &
-      stability_method_names, stability_t, verdict
+   public :: angle_of_pair, bifurcation, bifurcation_product, bifurcation_value, excitation_t, few_periods, harmonic_motion_t, &
+      is_torus, max_multipliers, n_multipliers_of, share_of_stability, stability_config_t, stability_finder_t, &
+      stability_method, stability_method_names, stability_t, verdict
 
    type :: bifurcation_t
       integer :: branch = 1                                           !! a multiplier 1
@@ -223,6 +223,32 @@ contains
          if (.not. abs(aimag(factor)) > 0.0_wp .and. real(factor) < 0.0_wp) value = -value
       end subroutine join
    end function bifurcation_value
+
+   !> Product of the factors of which `bifurcation_value` has the smallest, also those of pairs that never meet: smooth along a
+   !> curve, with the same sign unless other factors are negative.
+   pure real(wp) function bifurcation_product(kind, multipliers) result(value)
+      integer, intent(in) :: kind
+      complex(wp), intent(in) :: multipliers(:)                       !! each with its conjugate, except half of the last pair
+      complex(wp) :: factors
+      integer :: i, k
+
+      factors = (1.0_wp, 0.0_wp)
+      do i = 1, n_in_pairs(multipliers)
+         associate (m => multipliers(i))
+            select case (kind)
+            case (bifurcation%branch)
+               factors = factors*(1.0_wp - m)
+            case (bifurcation%doubling)
+               factors = factors*(1.0_wp + m)
+            case default
+               do k = 1, i - 1
+                  factors = factors*(1.0_wp - m*multipliers(k))
+               end do
+            end select
+         end associate
+      end do
+      value = real(factors)
+   end function bifurcation_product
 
    !> Whether two multipliers are both real, or each the conjugate of the other.
    elemental logical function are_pair(m, n)
