@@ -30,7 +30,7 @@ module hb_error_estimate
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set, shifted
-   use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
+   use hb_wide_problem, only: nearer, new_wide_problem, slightly_later, wide_problem_t
    implicit none
    private
    public :: choose_wider_set, estimate_error, estimate_linear_error, finer_samples, near_commensurate, wider_orders
@@ -309,7 +309,7 @@ contains
       type(tangent_solver_t), target :: tangent
       type(wide_problem_t) :: whole
       class(problem_t), pointer :: problem
-      real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), r(:), second(:), x(:)
+      real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), later(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
       integer :: i
       logical :: is_free, is_lost
@@ -321,16 +321,18 @@ contains
       is_free = has_unknown_tones(bordered)
       problem => balance
       x = [u]
+      later = [slightly_later(balance, u)]
       if (present(bordered)) then
          problem => bordered
          x = bordered%unknowns(x)
+         later = bordered%unknowns(later)
       end if
       select type (problem)
       class is (phase_problem_t)
          self%frequency_error(problem%tones) = balance%omega(problem%tones)
       end select
       ! with parameters and kinks each product of the wide problem is a solution; of polynomials few products suffice
-      call new_tangent_solver(tangent, problem, x, is_lost, well_solved, are_many=present(bordered) .and. &
+      call new_tangent_solver(tangent, problem, later, is_lost, well_solved, are_many=present(bordered) .and. &
                               any([(balance%law_set%laws(i)%law%degree == 0, i=1, size(balance%law_set%laws))]))
       if (is_lost .or. is_interrupted()) return
       if (present(bordered)) then
@@ -338,7 +340,7 @@ contains
       end if
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
-      call wide%factorise_mean_tangent(big, error)
+      call wide%factorise_mean_tangent(slightly_later(wide, big), error)
       if (allocated(error)) return
       call new_wide_problem(whole, wide, balance, problem, tangent, size_of_motion)
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)

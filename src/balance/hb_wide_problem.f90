@@ -11,13 +11,13 @@ module hb_wide_problem
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_gmres, only: gmres_t, new_gmres
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_phase, only: peak_functional, peak_rate_functional, phase_problem_t
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_krylov, tangent_krylov_t, tangent_solver_t
    implicit none
    private
-   public :: nearer, new_wide_problem, vectors_of_steps, wide_problem_t
+   public :: nearer, new_wide_problem, slightly_later, vectors_of_steps, wide_problem_t
 
    type, extends(bordered_problem_t) :: wide_problem_t
       integer :: n_products = 0                                       !! so far
@@ -121,6 +121,26 @@ contains
          end select
       end subroutine add_peaks
    end subroutine new_wide_problem
+
+   !> The motion a small part of a sample later, at which tangents are computed: slopes of laws jump at their kinks, and rounding
+   !> would decide on which side a sample on a kink is. Of a contact that begins and ends on samples one of both belongs to it.
+   pure function slightly_later(balance, motion) result(later)
+      class(balance_t), intent(in) :: balance
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      real(wp) :: later(size(motion, 1), size(motion, 2))
+      real(wp), parameter :: part = 1.0e-5_wp                         ! of a sample: above the accuracy of solutions
+      real(wp), parameter :: more = 0.4_wp                            ! of the next tone, so that a kink along none is followed
+      real(wp) :: angle(balance%harmonics%n_harmonics)
+      integer :: m
+
+      associate (set => balance%harmonics, torus => balance%law_set%transform%torus)
+         angle = 0.0_wp
+         do m = 1, set%n_tones
+            angle = angle + part*two_pi/torus%n_samples(m)*(1.0_wp + more*(m - 1))*set%tuples(m, :)
+         end do
+         later = set%times(cmplx(cos(angle), sin(angle), wp), motion)
+      end associate
+   end function slightly_later
 
    !> Two steps of Newton's method from a motion, by the preconditioner of the wider balance if that is used, otherwise as
    !> follows. With several tones they are block steps, two in the second one, if each is clearly smaller than the one
@@ -290,7 +310,7 @@ contains
       if (self%is_lost .or. .not. all(ieee_is_finite(step))) return
       is_found = norm2(step/self%r_scale) <= least
       if (is_found) return
-      call self%wide%linearise(reshape(motion, [size(motion)]), is_found)
+      call self%wide%linearise([slightly_later(self%wide, motion)], is_found)
       if (.not. is_found) return
       call new_gmres(gmres, self%n_unknowns, most)
       blocks = step
@@ -315,7 +335,7 @@ contains
       if (.not. is_found) return
       call new_tangent_krylov(self%krylov, self%wide, vectors_of_steps, max_products)
       self%krylov%patience = patience
-      call self%krylov%update(self%wide, reshape(motion, [size(motion)]), is_found)
+      call self%krylov%update(self%wide, [slightly_later(self%wide, motion)], is_found)
       if (.not. is_found) return
       call self%krylov%solve(self%wide, r, residual, step)
       self%n_products = self%n_products + self%krylov%n_products
