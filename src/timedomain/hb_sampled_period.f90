@@ -9,7 +9,7 @@ module hb_sampled_period
    type :: sampled_period_t
       real(wp) :: begun = 0.0_wp                                      !! phase of the first sample, part of a period
       real(wp), allocatable :: q(:, :)                                !! displacements [m], (n_samples, n_dofs)
-      real(wp), allocatable :: impacts(:)                             !! part of a period after it at which there is one, (n_impacts)
+      real(wp), allocatable :: impacts(:)                             !! parts of a period after it with an impact, (n_impacts)
       real(wp), allocatable :: jumps(:, :)                            !! of the velocities [m per period], (n_dofs, n_impacts)
    contains
       procedure :: amplitudes => sampled_period_amplitudes
