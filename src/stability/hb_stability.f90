@@ -225,7 +225,8 @@ contains
    end function bifurcation_value
 
    !> Product of the factors of which `bifurcation_value` has the smallest, also those of pairs that never meet: smooth along a
-   !> curve, with the same sign unless other factors are negative.
+   !> curve, with the same sign unless other factors are negative. Factors are relative to the larger of their terms, so that
+   !> the product of many has a magnitude of about 1.
    pure real(wp) function bifurcation_product(kind, multipliers) result(value)
       integer, intent(in) :: kind
       complex(wp), intent(in) :: multipliers(:)                       !! each with its conjugate, except half of the last pair
@@ -237,12 +238,12 @@ contains
          associate (m => multipliers(i))
             select case (kind)
             case (bifurcation%branch)
-               factors = factors*(1.0_wp - m)
+               factors = factors*((1.0_wp - m)/max(1.0_wp, abs(m)))
             case (bifurcation%doubling)
-               factors = factors*(1.0_wp + m)
+               factors = factors*((1.0_wp + m)/max(1.0_wp, abs(m)))
             case default
                do k = 1, i - 1
-                  factors = factors*(1.0_wp - m*multipliers(k))
+                  factors = factors*((1.0_wp - m*multipliers(k))/max(1.0_wp, abs(m*multipliers(k))))
                end do
             end select
          end associate
