@@ -304,8 +304,12 @@ contains
             if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(high - low) > 0.0_wp) &
                step = bracket(1) + (bracket(2) - bracket(1))*min(0.999_wp, max(0.001_wp, -low/(high - low)))
          end associate
-         call self%point_at(step, x, is_on_curve, &
-                            x_at(:, 1) + (step - position(1))/(position(2) - position(1))*(x_at(:, 2) - x_at(:, 1)))
+         if (event%may_jump .and. i > fast_steps) then                ! a jump: where the residual is small is near enough
+            call self%point_at(step, x, is_on_curve, &
+                               x_at(:, 1) + (step - position(1))/(position(2) - position(1))*(x_at(:, 2) - x_at(:, 1)))
+         else
+            call self%point_at(step, x, is_on_curve)
+         end if
          if (.not. is_on_curve) return
          value = event%value(self, x)
          if (ieee_is_nan(value)) return
