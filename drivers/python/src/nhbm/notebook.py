@@ -76,8 +76,8 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
         rows.append(("largest estimated error", ", ".join(errors)))
     if "curve_kind" in data:
         located = located_kinds(data["curve_kind"].attrs)
-        counts = [(np.count_nonzero(data["curve_kind"].values == name), kind) for name, kind in located.items()]
-        text = ", ".join(f"{n} {kind.label if n == 1 else kind.plural}" for n, kind in counts if n)
+        tally = [(np.count_nonzero(data["curve_kind"].values == name), kind) for name, kind in located.items()]
+        text = ", ".join(f"{n} {kind.label if n == 1 else kind.plural}" for n, kind in tally if n)
         if text or "point" in data.dims:
             rows.append(("events", text or "none"))
     text = data.nhbm.message if "message" in data else ""
