@@ -5,11 +5,12 @@
 !> docs/why/theory.md, section 6.8.
 module hb_curve_gradient
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_bifurcation_location, only: bifurcation_event_t
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
    use hb_curve_events, only: fold_event_t
    use hb_error, only: error_t
-   use hb_event_location, only: bifurcation_event_t, response_event_t
+   use hb_event_location, only: response_event_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
    use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, store_slope, zero_gradient
    use hb_hysteretic_law, only: has_memory

@@ -4,7 +4,8 @@
 !> that point on both sets; where their signs differ, the curve is followed backward on the new set, until they have the
 !> signs of the previous set.
 module hb_passed_events
-   use hb_event_location, only: find_events, n_outside
+   use hb_bifurcation_location, only: n_outside
+   use hb_event_location, only: find_events
    use hb_followed_motion, only: curve_state_t, event_values_t, followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome

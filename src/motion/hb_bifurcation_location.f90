@@ -1,0 +1,382 @@
+!> Location of the bifurcations on a completed step of a curve of motions, from the multipliers at both of its ends and of its
+!> pieces between grazes.
+module hb_bifurcation_location
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
+   use hb_curve, only: curve_t, event_t
+   use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
+   use hb_event_search, only: add_point, search_t, sort_by_position
+   use hb_followed_motion, only: followed_motion_t, waiting_t
+   use hb_kinds, only: wp
+   use hb_point_kinds, only: curve_kind
+   use hb_stability, only: bifurcation, bifurcation_product, bifurcation_value, is_torus, max_multipliers, stability_method, &
+      stability_t
+   use hb_thresholds, only: agreement, clearly, minor, rounding, sharp
+   implicit none
+   private
+   public :: bifurcation_event_t, find_bifurcations, n_outside, sharpen
+
+   ! of each kind of bifurcation
+   integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]
+
+   !> Part of the step without grazes; at grazes multipliers may jump.
+   type :: piece_t
+      real(wp) :: ends(2) = 0.0_wp                                    ! positions on the step
+      type(stability_t) :: stability(2)                               ! at the ends
+   end type piece_t
+
+   !> A zero of a function of the multipliers.
+   type, extends(event_t) :: bifurcation_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      integer :: bifurcation = 0                                      ! hb_stability
+      logical :: is_integrated = .false.                              ! of the integrated periodic motion
+      logical :: is_product = .false.                                 ! of all factors: smooth, and with the same sign
+   contains
+      procedure :: value => bifurcation_event_value
+   end type bifurcation_event_t
+
+   !> A change of the number of multipliers outside the unit circle: 1 while it is a given one, otherwise -1.
+   type, extends(event_t) :: number_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      integer :: n = 0
+   contains
+      procedure :: value => number_event_value
+   end type number_event_t
+
+contains
+
+   !> Finds bifurcations from the multipliers on each piece of the step between its grazes.
+   subroutine find_bifurcations(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t) :: piece
+      real(wp), allocatable :: grazes(:)
+      integer :: i, n_before
+
+      call sort_by_position(self%waiting)
+      grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%grazing)
+      do i = 0, size(grazes)
+         piece%ends = [0.0_wp, self%curve%last_step]
+         piece%stability = [self%known%stability, search%known%stability]
+         associate (tolerance => self%model%options%stability%tolerance, length => self%curve%last_step)
+            if (i > 0) call evaluate_stability_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
+            if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
+                                                             piece%stability(2))
+         end associate
+         if (.not. piece%ends(1) < piece%ends(2)) cycle
+         if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
+         call make_certain(self, piece%ends(1), piece%stability(1))
+         call make_certain(self, piece%ends(2), piece%stability(2))
+         n_before = size(self%waiting)
+         call find_by_kind(self, search, piece)
+         call find_by_number(self, search, piece, n_before)
+      end do
+   end subroutine find_bifurcations
+
+   !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
+   !> are.
+   subroutine make_certain(self, position, there)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: position
+      type(stability_t), intent(inout) :: there
+      type(stability_t) :: better
+      real(wp) :: same_position
+
+      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*self%model%options%stability%tolerance) return
+      call evaluate_stability_at(self, position, sharp, same_position, better)
+      if (allocated(better%multipliers)) there%multipliers = better%multipliers
+   end subroutine make_certain
+
+   !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.
+   subroutine find_by_kind(self, search, piece)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      real(wp) :: at_ends(2)
+      integer :: kind
+
+      do kind = bifurcation%branch, bifurcation%torus
+         if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
+         at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
+         at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
+         if (minval(abs(at_ends)) <= rounding) cycle
+         if (at_ends(1)*at_ends(2) < 0.0_wp) then
+            call find_zero_of_kind(self, search, kind, piece, at_ends)
+         else
+            call find_pair_of_kind(self, search, kind, piece, at_ends)
+         end if
+      end do
+   end subroutine find_by_kind
+
+   !> Finds the two zeros of the function of a kind on a piece with the same sign at its ends. Multipliers in the middle are
+   !> only computed where the function is close to zero, and not nearly constant, as that of pairs is with little damping.
+   subroutine find_pair_of_kind(self, search, kind, piece, at_ends)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: at_ends(2)
+      real(wp), parameter :: near = 0.3_wp                            ! to a bifurcation; also the least relative change
+      type(bifurcation_event_t) :: change
+      type(piece_t) :: half
+      type(stability_t) :: there
+      real(wp) :: position, products(2), value, x(size(self%curve%x))
+      real(wp), allocatable :: between(:)
+      logical :: is_found
+
+      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near .or. piece%ends(2) - piece%ends(1) < self%curve%last_step) return
+      if (kind == bifurcation%torus .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
+      call point_between(self%curve, 0.5_wp, x, is_found)
+      if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
+      if (.not. allocated(there%multipliers)) return
+      products = [bifurcation_product(kind, piece%stability(1)%multipliers), bifurcation_product(kind, &
+                                                                                                 piece%stability(2)%multipliers)]
+      between = parabola_between(products, bifurcation_product(kind, there%multipliers))
+      if (.not. may_change_sign(products, between)) return
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, is_product=.true.)
+      call find_other_sign(self%curve, change, products, between, position, value, is_found)
+      if (.not. is_found) return
+      half = piece
+      call evaluate_stability_at(self, position, sharp, half%ends(2), half%stability(2))
+      if (.not. allocated(half%stability(2)%multipliers)) return
+      value = bifurcation_value(kind, half%stability(2)%multipliers)
+      if (.not. at_ends(1)*value < 0.0_wp) return
+      call find_zero_of_kind(self, search, kind, half, [at_ends(1), value])
+      half%ends = [half%ends(2), piece%ends(2)]
+      half%stability = [half%stability(2), piece%stability(2)]
+      call find_zero_of_kind(self, search, kind, half, [value, at_ends(2)])
+   end subroutine find_pair_of_kind
+
+   !> Finds the zero of the function of a kind on a piece.
+   subroutine find_zero_of_kind(self, search, kind, piece, at_ends)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: at_ends(2)
+      type(bifurcation_event_t) :: change
+      type(stability_t) :: there
+      real(wp) :: position, x(size(self%curve%x))
+      logical :: is_found
+
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
+      call self%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
+      search%is_lost = search%is_lost .or. .not. is_found
+      if (.not. is_found) return
+      if (kind == bifurcation%torus) then
+         call self%find_stability(x, sharp, there)
+         if (.not. allocated(there%multipliers)) return
+         if (.not. is_torus(there%multipliers)) return
+      end if
+      call add_bifurcation(self, kind, piece, position, x)
+   end subroutine find_zero_of_kind
+
+   !> If the bifurcations found do not explain the change in the number of multipliers outside the unit circle on a
+   !> piece, as when two cross it in the same way, each change of this number is located instead.
+   subroutine find_by_number(self, search, piece, n_before)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
+      type(number_event_t) :: number
+      type(stability_t) :: there
+      real(wp) :: begin, position, x(size(self%curve%x))
+      integer :: i, kind, n_last
+      logical :: is_found, is_new
+
+      n_last = n_outside(piece%stability(2))
+      number%n = n_outside(piece%stability(1))
+      if (is_explained(self%waiting, piece, n_last - number%n)) return
+      self%waiting = self%waiting(:n_before)
+      number%motion => self
+      number%may_jump = .true.
+      begin = piece%ends(1)
+      do i = 1, max_multipliers
+         if (number%n == n_last) return
+         call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
+         search%is_lost = search%is_lost .or. .not. is_found
+         if (.not. is_found) return
+         call self%find_stability(x, sharp, there)
+         if (.not. allocated(there%multipliers)) return
+         associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
+            kind = kind_at(nearest)
+            is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
+            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, position, x)
+         end associate
+         call evaluate_stability_at(self, min(piece%ends(2), position + rounding*self%curve%last_step), sharp, begin, there)
+         if (.not. allocated(there%multipliers)) return
+         number%n = n_outside(there)
+      end do
+   end subroutine find_by_number
+
+   !> Whether the points on a piece explain the increase in the number of multipliers outside the unit circle.
+   pure logical function is_explained(points, piece, n_more)
+      type(waiting_t), intent(in) :: points(:)
+      type(piece_t), intent(in) :: piece
+      integer, intent(in) :: n_more
+      integer :: i, n_pairs, n_single
+
+      n_single = 0
+      n_pairs = 0
+      do i = 1, size(points)
+         if (points(i)%position < piece%ends(1) .or. points(i)%position > piece%ends(2)) cycle
+         if (any(points(i)%kind == [curve_kind%fold, curve_kind%branch, curve_kind%period_doubling, &
+                                    curve_kind%symmetry_breaking])) n_single = n_single + 1
+         if (points(i)%kind == curve_kind%neimark_sacker) n_pairs = n_pairs + 1
+      end do
+      is_explained = n_more == 0 .or. (modulo(n_more - n_single, 2) == 0 .and. abs(n_more) <= n_single + 2*n_pairs)
+   end function is_explained
+
+   !> The kind of bifurcation at which a multiplier crosses the unit circle at its present position.
+   pure integer function kind_at(multiplier) result(kind)
+      complex(wp), intent(in) :: multiplier
+
+      kind = bifurcation%branch
+      if (real(multiplier) < 0.0_wp) kind = bifurcation%doubling
+      if (abs(aimag(multiplier)) > 0.0_wp) kind = bifurcation%torus
+   end function kind_at
+
+   !> Whether a multiplier 1 on the step is a fold or a branch point that was found without multipliers.
+   pure logical function is_branch_known(self, search)
+      class(followed_motion_t), intent(in) :: self
+      type(search_t), intent(in) :: search
+
+      is_branch_known = size(search%folds, 2) > 0 .or. search%has_branched .or. finds_all_intersections(self)
+   end function is_branch_known
+
+   !> Adds a bifurcation of the series, if the motion of the time domain has it.
+   subroutine add_bifurcation(self, kind, piece, position, x)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: position, x(:)
+      logical :: is_there
+
+      call add_point(self, kind_of(kind), position, x)
+      call sharpen(self, kind, piece%ends, is_there)
+      if (.not. is_there) then
+         self%waiting = self%waiting(:size(self%waiting) - 1)
+         return
+      end if
+      associate (found => self%waiting(size(self%waiting)))
+         if (abs(found%position - position) > 0.0_wp) return           ! of the integrated motion, which has no error of the set
+         call find_shift(self, kind, piece, found)
+      end associate
+   end subroutine add_bifurcation
+
+   !> Finds by how much the value of a bifurcation moves with a change of the multipliers.
+   subroutine find_shift(self, kind, piece, found)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      type(waiting_t), intent(inout) :: found
+      type(bifurcation_event_t) :: change
+      real(wp) :: beside, function_there, x(size(self%curve%x))
+      logical :: is_on_curve
+
+      beside = minor*self%curve%last_step
+      if (found%position + beside > piece%ends(2)) beside = -min(beside, 0.5_wp*(found%position - piece%ends(1)))
+      call self%curve%point_at(found%position + beside, x, is_on_curve)
+      if (.not. is_on_curve) return
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
+      function_there = change%value(self%curve, x)
+      if (.not. abs(function_there) > 0.0_wp) return
+      found%bifurcation = kind
+      found%shift = abs((x(size(x)) - found%x(size(x)))/function_there)
+   end subroutine find_shift
+
+   !> Moves the bifurcation found last to that of the integrated periodic motion: near a kink of a law the multipliers
+   !> of a truncated motion have a first-order error in the truncation.
+   subroutine sharpen(self, kind, piece, is_there)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
+      logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
+      type(bifurcation_event_t) :: integrated
+      real(wp) :: ends(2), position, values(2), x(size(self%curve%x))
+      integer :: i, k
+      logical :: is_on_curve
+
+      associate (model => self%model, curve => self%curve, found => self%waiting(size(self%waiting)))
+         is_there = model%options%stability%method /= stability_method%integration .or. model%system%tones%n_tones > 1 .or. &
+                    allocated(self%known%impacts)
+         if (.not. is_there) is_there = all([(model%system%laws(i)%law%n_switches + model%system%laws(i)%law%n_states == 0, &
+                                              i=1, size(model%system%laws))])
+         if (is_there) return
+         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
+         do i = -3, 0                                                ! decades of the step
+            ends = min(max(found%position + 10.0_wp**i*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
+            do k = 1, 2
+               call curve%point_at(ends(k), x, is_on_curve)
+               if (.not. is_on_curve) return
+               values(k) = integrated%value(curve, x)
+               if (ieee_is_nan(values(k))) return
+            end do
+            if (.not. values(1)*values(2) < 0.0_wp) cycle
+            call curve%find_zero(integrated, ends, values, x, position, is_there)
+            if (.not. is_there) return
+            found%position = position
+            found%x = x
+            return
+         end do
+      end associate
+   end subroutine sharpen
+
+   subroutine evaluate_stability_at(self, there, tolerance, position, stability)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: there, tolerance
+      real(wp), intent(out) :: position
+      type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
+      real(wp) :: x(size(self%curve%x))
+      logical :: is_on_curve
+
+      position = there
+      call self%curve%point_at(position, x, is_on_curve)
+      if (is_on_curve) call self%find_stability(x, tolerance, stability)
+   end subroutine evaluate_stability_at
+
+   !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
+   !> of a truncated motion that pass 1 slightly beside a fold are then no other event.
+   pure logical function finds_all_intersections(self)
+      class(followed_motion_t), intent(in) :: self
+
+      finds_all_intersections = abs(self%curve%orientation) > 0.0_wp
+      if (allocated(self%known%impacts)) return
+      associate (set => self%problem%model%discretisation%harmonics)
+         finds_all_intersections = finds_all_intersections .and. set%n_harmonics == set%highest(1) + 1
+      end associate
+   end function finds_all_intersections
+
+   real(wp) function bifurcation_event_value(self, curve, x) result(value)
+      class(bifurcation_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      type(stability_t) :: there
+
+      call self%motion%find_stability(x, sharp, there, self%is_integrated)
+      value = ieee_value(value, ieee_quiet_nan)
+      if (.not. allocated(there%multipliers)) return
+      if (self%is_product) then
+         value = bifurcation_product(self%bifurcation, there%multipliers)
+      else
+         value = bifurcation_value(self%bifurcation, there%multipliers)
+      end if
+   end function bifurcation_event_value
+
+   real(wp) function number_event_value(self, curve, x) result(value)
+      class(number_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      type(stability_t) :: there
+
+      value = ieee_value(value, ieee_quiet_nan)
+      call self%motion%find_stability(x, sharp, there)
+      if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
+   end function number_event_value
+
+   !> Number of multipliers outside the unit circle; rounding errors of those on it, as without damping, do not count.
+   pure integer function n_outside(stability)
+      type(stability_t), intent(in) :: stability
+
+      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding)
+   end function n_outside
+end module hb_bifurcation_location
