@@ -28,7 +28,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: may_be_absent                  !! without the group there is no tone; default: an error
       type(properties_t), pointer :: group
-      real(wp), allocatable :: omega(:)
+      real(wp), allocatable :: absent(:), omega(:)
       logical, allocatable :: is_unknown(:)
       character(:), allocatable :: key
       integer :: subharmonic
@@ -70,6 +70,9 @@ contains
                                ") = 0.0 must be above 0.0; only for an unknown tone 0 means that there is no first guess")
          end if
       end if
+      if (.not. group%given("frequency")) call group%get("frequency", absent, required=.false.)       ! known in any case
+      if (.not. group%given("hertz")) call group%get("hertz", absent, required=.false.)
+      if (.not. allocated(omega)) call group%get("unknown", is_unknown)
       call group%get("subharmonic", subharmonic)
       if (allocated(omega)) omega = omega/subharmonic
       call group%finish(error)

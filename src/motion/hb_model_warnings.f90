@@ -21,6 +21,7 @@ module hb_model_warnings
    integer, parameter :: max_text = 1000                              ! length of a warning
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
    real(wp), parameter :: max_tone_ratio = 50.0_wp ! of a tone to the highest natural frequency, or of the lowest to it
+   real(wp), parameter :: max_tolerance = 0.2_wp                      ! error of a motion
    real(wp), parameter :: max_length = 100.0_wp                       ! of a gap [m]
    integer, parameter :: n_known = 12                                 ! digits of a frequency, without rounding errors
    integer, parameter :: max_loads = 200                              ! which are compared in less than a millisecond
@@ -43,8 +44,8 @@ contains
    end subroutine describe_warnings
 
    !> Lists values of a model that suggest a mistake, one per line: tones far above or below all natural frequencies, negative
-   !> damping or stiffness, gaps that are very large or negative, repeated loads, a tolerance beside given harmonics; none: an
-   !> empty text.
+   !> damping or stiffness, gaps that are very large or negative, repeated loads, a tolerance of a large part of the motion or
+   !> beside given harmonics; none: an empty text.
    subroutine describe_implausible(system, options, text)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
@@ -62,6 +63,9 @@ contains
          call describe_gaps(system%laws(i)%law, text)
       end do
       if (size(system%loads) <= max_loads) call describe_loads(system%loads, text)
+      if (options%accuracy%is_on .and. options%accuracy%tolerance > max_tolerance) call add_line(text, "tolerance = "// &
+         to_text(options%accuracy%tolerance)//" allows errors of "//to_text(nint(100.0_wp*options%accuracy%tolerance))// &
+         " % of the motion; 1 % is 1e-2")
       if (options%accuracy%is_on .and. .not. options%accuracy%grows_set) call add_line(text, "the harmonics are given, so that "// &
          "&accuracy refines the samples alone; for harmonics by its tolerance leave out the order or set of &harmonics")
    end subroutine describe_implausible

@@ -4,7 +4,7 @@ module hb_response
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_structure, only: structure_t
-   use hb_text, only: to_text
+   use hb_text, only: number_of, to_text
    use hb_thresholds, only: rounding
    implicit none
    private
@@ -45,8 +45,8 @@ contains
       if (index(name, ")") == len_trim(name) .and. count_of(",", name) == size(tuple) - 1) &
          read (name(bracket + 1:len_trim(name) - 1), *, iostat=status) tuple
       if (status /= 0) then
-         call fail(error, "'"//name//"' is not a response; give a degree of freedom, or one with "//to_text(size(tuple))// &
-            " integers in brackets, such as 'x1 ("//repeat("1,", size(tuple) - 1)//"1)'")
+         call fail(error, "'"//name//"' is not a response; give a degree of freedom, or one with "// &
+            number_of(size(tuple), "integer")//" in brackets, such as 'x1 ("//repeat("1,", size(tuple) - 1)//"1)'")
          return
       end if
       self%tuple = tuple
