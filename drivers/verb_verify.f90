@@ -7,7 +7,7 @@ module verb_verify
    use hb_integration_verdict, only: verdict, verdict_names, verdict_text
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, sum_over
-   use hb_outcome, only: outcome_text
+   use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
    use hb_text, only: number_of, to_text
    use hb_verify, only: verdict_t, verify_points
@@ -43,9 +43,8 @@ contains
       if (n_left > 0 .and. rank_of(comm) == 0) call print_error("stopped by the time limit: "//number_of(n_left, "point")// &
          trim(merge(" is ", " are", n_left == 1))//" left, which --points verifies")
       if (options%level < log_level%normal) return
+      call say_skipped(verdicts%skipped_status, size(points) > 0)
       do i = 1, size(verdicts)
-         if (verdicts(i)%skipped_status > 0) call say("point "//to_text(i - 1)//": skipped, it has no motion to start from: "// &
-            outcome_text(verdicts(i)%skipped_status))
          if (verdicts(i)%kind /= verdict%not_done) call say("point "//to_text(i - 1)//": "//words_on(verdicts(i)))
       end do
       do i = verdict%agrees, verdict%undecided
@@ -61,6 +60,23 @@ contains
       if (len(text) > 0) text = ": "//text
       call say(number_of(sum(counts), "point")//" verified"//text)
    end subroutine run_verify
+
+   !> A line for each status of points without a motion; spare rows of curves are told only if points were named.
+   subroutine say_skipped(statuses, are_named)
+      integer, intent(in) :: statuses(:)                               !! 0 of other points
+      logical, intent(in) :: are_named
+      character(:), allocatable :: who
+      integer :: i, n
+
+      do i = 1, size(statuses)
+         if (statuses(i) <= 0 .or. any(statuses(:i - 1) == statuses(i))) cycle
+         if (statuses(i) == outcome%unused .and. .not. are_named) cycle
+         n = count(statuses == statuses(i))
+         who = "point "//to_text(i - 1)//": skipped, it has no motion"
+         if (n > 1) who = to_text(n)//" points skipped (first: point "//to_text(i - 1)//"), they have no motion"
+         call say(who//" to start from: "//outcome_text(statuses(i)))
+      end do
+   end subroutine say_skipped
 
    !> Verdict on a point, with its numbers.
    function words_on(found) result(text)

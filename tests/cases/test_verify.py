@@ -39,6 +39,20 @@ def test_verify_integrates_again_what_was_integrated_with_a_set_of_its_own(tmp_p
     assert (verified(result)["integration_verdict"] == AGREES).all()
 
 
+def test_verify_passes_spare_rows_of_a_curve_in_silence(tmp_path):
+    text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.5, stiffness=1 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
+    text += "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=0.1 /\n"
+    text += "&curve parameter='tones%frequency', from=1.0, to=1.1, points=60 /\n"
+    result = solve(text, tmp_path, status=None)
+    n = int((read(result, "status") == 1).sum())
+    assert 2 <= n < 50
+    lines = run("verify", result, cwd=tmp_path).stdout.splitlines()
+    assert len(lines) == n + 1 and lines[-1].startswith(f"{n} points verified")
+    assert "point 59: skipped, it has no motion" in run("verify", result, "--points", "0,59", cwd=tmp_path).stdout
+    text = run("verify", result, "--points", "58,59", cwd=tmp_path).stdout
+    assert text.startswith("2 points skipped (first: point 58), they have no motion to start from: unused")
+
+
 def test_verify_sees_a_coefficient_that_is_wrong_by_a_thousandth(tmp_path):
     result = solve(CONVERGED_CUBIC, tmp_path)
     with h5py.File(result, "r+") as file:

@@ -41,7 +41,7 @@ def assert_motions_stay(name: str, folder: Path, *options) -> None:
     if options:
         status, kinds = (column[[int(point) for point in options[1].split(",")]] for column in (status, kinds))
     empty = np.isin(status, (COLLAPSED, NO_MOTION, LOCKED))
-    assert (kinds[empty] == NOT_DONE).all() and text.count("skipped") == empty.sum()
+    assert (kinds[empty] == NOT_DONE).all() and ("skipped" in text) == empty.any()
     expected = UNSTABLE if name == "dry_whip" else AGREES  # friction drives the whirl outwards, damping inwards
     assert (kinds[~empty] == expected).all(), text
 
