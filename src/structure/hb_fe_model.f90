@@ -190,8 +190,7 @@ contains
          end associate
       end do
       if (size(speeds) /= n) call fail(error, "the model has terms of "//number_of(n, "speed")//", 'speed' has "// &
-                                       number_of(size(speeds), "number")//"; give one for each, in rad/s: speed = 300.0 "// &
-                                       "(in Python model.set('structure', speed=[300.0]))")
+                                       number_of(size(speeds), "number")//"; give one for each, in rad/s: speed = 300.0")
    end subroutine check_speeds
 
    subroutine check_skew(matrix, labels, error)
