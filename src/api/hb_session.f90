@@ -285,7 +285,11 @@ contains
 
       text = ""
       if (.not. self%model%is_read) return
-      call idle%examine(self%model%system, self%model%discretisation, self%result)
+      if (self%runner%is_prepared()) then                             ! a point of a curve, which moves numbers of laws
+         call idle%examine(self%runner%model%system, self%model%discretisation, self%result)
+      else
+         call idle%examine(self%model%system, self%model%discretisation, self%result)
+      end if
       call idle%describe(self%model%system, text)
    end subroutine session_idle_laws
 

@@ -33,6 +33,16 @@ def test_a_stop_that_no_motion_reaches(tmp_path):
     assert "exerts no force" not in said(MODEL.format(gap=0.3) + SWEEP, tmp_path, ranks=2)
 
 
+def test_a_stop_is_reached_where_a_curve_moves_it(tmp_path):
+    """With the gap at the start no motion reaches it, with that at the end all do; likewise where peaks are followed."""
+    away = "&curve parameter = 'law(1)%gap', from = 1.0, to = {} /\n"
+    assert "exerts no force" not in said(MODEL.format(gap=1.0) + away.format(0.2), tmp_path)
+    assert IDLE in said(MODEL.format(gap=1.0) + away.format(0.7), tmp_path)
+    peaks = "&curve parameter = 'law(1)%gap', from = 1.5, to = 0.8, peak_of = 'x1', follow = 'peak', {} /\n"
+    over = peaks.format("over = 'tones%frequency', over_from = 0.7, over_to = 1.1")
+    assert "exerts no force" not in said(MODEL.format(gap=1.5) + over, tmp_path)
+
+
 def test_a_stop_that_prevents_a_point_is_not_called_idle(tmp_path):
     """Motions that were not found reach it, perhaps."""
     text = MODEL.format(gap=0.5).replace("stiffness = 1.0, gap", "stiffness = 100.0, gap").replace("cos = 0.1", "cos = 0.3")
