@@ -92,7 +92,7 @@ contains
 
       allocate (groups(0))
       do i = 1, n_key_rows()
-         if (all(groups /= group_of(i))) groups = [groups, group_of(i)]
+         if (all(groups /= group_of(i))) groups = [character(max_group) :: groups, group_of(i)]
       end do
    end function input_groups
 
