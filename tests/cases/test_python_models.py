@@ -87,7 +87,7 @@ def test_what_is_wrong_is_said():
         model["tones%frequency"] = -1.0
     motion = model.solve()
     assert motion.nhbm.is_converged and motion.nhbm.message == ""
-    with pytest.raises(KeyError, match="no dof 'x2'; known: x1"):
+    with pytest.raises(KeyError, match="there is no degree of freedom 'x2'; known: x1"):
         motion.nhbm.amplitude("x2")
     with pytest.raises(ModelError, match="curve"):
         session_of(DUFFING).begin_curve()
@@ -149,7 +149,7 @@ def test_structures_come_from_memory_and_from_files(tmp_path):
             assert model.response("tip.x (1)", order=7) == model.response("x3 (1)", order=7)
             curve = model.curve("tones[0]", 0.7, 0.71, order=5, peak_of="tip.x (1)")
             assert float(curve.nhbm.amplitude("tip.x")[0]) == float(curve.nhbm.amplitude("x3")[0]) > 0
-            with pytest.raises(KeyError, match="no dof 'tip.z'; known: x1, x2, x3, tip.x"):
+            with pytest.raises(KeyError, match="there is no degree of freedom 'tip.z'; known: x1, x2, x3, tip.x"):
                 motion.nhbm.harmonic("tip.z")
     same(found[0], found[1], "coefficients")
     np.testing.assert_allclose(found[0], found[2], rtol=1e-12)
