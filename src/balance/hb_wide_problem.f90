@@ -122,8 +122,9 @@ contains
       end subroutine add_peaks
    end subroutine new_wide_problem
 
-   !> The motion a small part of a sample later, at which tangents are computed: slopes of laws jump at their kinks, and rounding
-   !> would decide on which side a sample on a kink is. Of a contact that begins and ends on samples one of both belongs to it.
+   !> The motion a small part of a sample later, at which tangents are computed: slopes of laws jump at their switches, and rounding
+   !> would decide on which side a sample on a switch is. Of a contact that begins and ends on samples one of both belongs to
+   !> it. Without switches the motion itself: with sliders alone, whose states would be integrated again, and smooth laws.
    pure function slightly_later(balance, motion) result(later)
       class(balance_t), intent(in) :: balance
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
@@ -131,8 +132,10 @@ contains
       real(wp), parameter :: part = 1.0e-5_wp                         ! of a sample: above the accuracy of solutions
       real(wp), parameter :: more = 0.4_wp                            ! of the next tone, so that a kink along none is followed
       real(wp) :: angle(balance%harmonics%n_harmonics)
-      integer :: m
+      integer :: i, m
 
+      later = motion
+      if (.not. any([(balance%law_set%laws(i)%law%n_switches > 0, i=1, size(balance%law_set%laws))])) return
       associate (set => balance%harmonics, torus => balance%law_set%transform%torus)
          angle = 0.0_wp
          do m = 1, set%n_tones
