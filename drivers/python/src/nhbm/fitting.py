@@ -13,18 +13,17 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nhbm import dataset, doubts
-from nhbm.errors import Implausible, ModelError, imported
-from nhbm.groups import Settings, identifier, numbers_of, path_of, request
+from nhbm.errors import ModelError, imported
+from nhbm.groups import Settings, identifier, path_of, request
 from nhbm.keys import keys_of, limits_of
+from nhbm.measured import MeasuredSet, is_same, measured_sets, n_measured
 from nhbm.responses import absence_of, parts_of
 
 if TYPE_CHECKING:
@@ -32,39 +31,13 @@ if TYPE_CHECKING:
     from nhbm.session import Session
 
 Array = Any  # np.ndarray
-_RELATIVE = 0.01  # standard deviation of amplitudes, relative, where none is given; it is then scaled by the residuals
 _MARGIN = 0.02  # by which curves are longer than the measured range, relative to it
-_COLUMNS = "frequency", "hertz", "amplitude", "phase", "sweep", "sigma"
-_SWEEPS = "up", "down"
 _POOR = 50.0  # cost for each measured number, ten standard deviations, beyond which other starts are tried
 _FACTORS = 0.25, 0.5, 2.0, 4.0  # of one parameter, for them
 _FAR = 1e3  # residual of a point where the model has no motion
 _WEAK = 1e-6  # singular value, relative to the largest, of a combination of parameters that the data do not determine
 _FIRST, _HELD_STEP = 0.05, 0.25  # first force of a curve on which an amplitude is sought, over the measured one; longest step
 _UNLIKELY, _SIGNIFICANT, _MANY = 1e-3, 3.3, 8  # chance of a warning about noise alone; the same in deviations; fewest pairs
-
-
-@dataclass
-class _Set:
-    """Measured points of one sweep: values of the parameter, ascending, amplitudes, phases [rad] or None, standard deviations."""
-
-    at: Array
-    amplitude: Array
-    phase: Array | None
-    sigma: Array
-    conditions: tuple[tuple[str, float], ...] = ()
-    sweep: str = ""
-    force: Array | None = None  # measured, where the response was controlled
-
-    @property
-    def measured(self) -> Array:
-        """The measured amplitudes: of the response or, where this was controlled, of the force."""
-        return self.amplitude if self.force is None else self.force
-
-    @property
-    def name(self) -> str:
-        """What it differs in from others."""
-        return ", ".join([*(f"{path} = {value:g}" for path, value in self.conditions), *([self.sweep] if self.sweep else [])])
 
 
 @dataclass
@@ -95,7 +68,7 @@ class Fit:
     path: str
     order: Any
     tolerance: Any
-    sets: list[_Set]
+    sets: list[MeasuredSet]
     message: str
     predictions: list[Array]
     force: str = ""
@@ -115,7 +88,7 @@ class Fit:
     @property
     def degrees_of_freedom(self) -> int:
         """Number of measured numbers beyond the number of parameters."""
-        return _n_measured(self.sets) - len(self.paths)
+        return n_measured(self.sets) - len(self.paths)
 
     @property
     def chi_square(self) -> float:
@@ -126,7 +99,7 @@ class Fit:
     def bic(self) -> float:
         """Bayesian information criterion: of two models fitted to the same data the one with the smaller value is more likely, by
         the factor exp(difference/2)."""
-        n = _n_measured(self.sets)
+        n = n_measured(self.sets)
         misfit = n * np.log(self.chi_square / n) if self.is_scaled else self.chi_square
         return float(misfit + len(self.paths) * np.log(n))
 
@@ -295,9 +268,9 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     if parts_of(of)[1] is None:
         raise ModelError(f"'{of}' is no harmonic; a fit needs one, such as '{of} (1)'")
     at = work._resolved(path)
-    sets, is_scaled, force = _sets(data, work, at, noise, controlled)
-    if _n_measured(sets) <= len(paths):
-        n, few = _n_measured(sets), len(paths)
+    sets, is_scaled, force = measured_sets(data, work, at, noise, controlled)
+    if n_measured(sets) <= len(paths):
+        n, few = n_measured(sets), len(paths)
         raise ModelError(f"{n} measured number{'s' * (n != 1)} cannot determine {few} parameter{'s' * (few != 1)}: "
                          f"give at least {few + 1}")  # fmt: skip
     first = np.array([float(work[one]) for one in paths])
@@ -314,13 +287,13 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
 
     work._is_trial = True
     found = search(first)
-    if found.cost > _POOR * _n_measured(sets):  # a minimum far from the data: another start may lead elsewhere
+    if found.cost > _POOR * n_measured(sets):  # a minimum far from the data: another start may lead elsewhere
         found = min([found, *map(search, _other_starts(problem, first, lower, upper))], key=lambda one: one.cost)
     values = found.x * scale
     residuals, jacobian = problem.residuals(values), problem.jacobian(values)
     covariance, is_known = _covariance(jacobian)
     if is_scaled:
-        covariance = covariance * (residuals @ residuals) / (_n_measured(sets) - len(paths))
+        covariance = covariance * (residuals @ residuals) / (n_measured(sets) - len(paths))
     at_end = (values <= lower + 1e-6 * scale) | (values >= upper - 1e-6 * scale)
     problem.set_values(values)
     work._is_trial = False
@@ -358,7 +331,7 @@ def compare_fits(fits: Mapping[str, Fit]) -> Any:
     if first is None or len(fits) < 2:
         raise ModelError("a comparison needs two fits or more, by name")
     for name, fit in fits.items():
-        same = len(fit.sets) == len(first.sets) and all(_is_same(one, other) for one, other in zip(fit.sets, first.sets))
+        same = len(fit.sets) == len(first.sets) and all(is_same(one, other) for one, other in zip(fit.sets, first.sets))
         if not same or fit.is_scaled != first.is_scaled:
             raise ModelError(f"fit '{name}' has other data, or another noise, than '{next(iter(fits))}'")
     bic = np.array([fit.bic for fit in fits.values()])
@@ -366,14 +339,6 @@ def compare_fits(fits: Mapping[str, Fit]) -> Any:
     columns = {"parameters": [len(fit.paths) for fit in fits.values()], "chi_square": [fit.chi_square for fit in fits.values()],
                "bic": bic, "probability": likely / likely.sum()}  # fmt: skip
     return pandas.DataFrame(columns, index=pandas.Index(list(fits), name="model"))
-
-
-def _is_same(one: _Set, other: _Set) -> bool:
-    """Whether two sets have the same numbers."""
-    if (one.phase is None) != (other.phase is None) or len(one.at) != len(other.at):
-        return False
-    pairs = [(one.at, other.at), (one.measured, other.measured), (one.sigma, other.sigma), (one.phase, other.phase)]
-    return all(a is None or np.array_equal(a, b) for a, b in pairs)
 
 
 def _covariance(jacobian: Array) -> tuple[Array, Array]:
@@ -409,120 +374,6 @@ def _systematic(fit: Fit) -> list[str]:
         found.append("residuals resemble those beside them: the model misses something that the data show, and the standard errors "
                      "are too small")  # fmt: skip
     return found
-
-
-def _n_measured(sets: list[_Set]) -> int:
-    return sum(len(one.at) * (1 if one.phase is None else 2) for one in sets)
-
-
-def _sets(data: Any, model: Model, at: str, noise: float | None, controlled: bool) -> tuple[list[_Set], bool, str]:
-    """The measured points, a set for each sweep and each combination of other values; whether their noise is to be estimated; the
-    path of the force that was measured, where the response was controlled."""
-    import pandas
-
-    if isinstance(data, (str, Path)):
-        try:
-            return _sets(_read(Path(data)), model, at, noise, controlled)
-        except ModelError as error:
-            text = str(error)
-            raise ModelError(text if f"'{data}'" in text else f"'{data}': {text}") from None
-    if isinstance(data, Mapping):
-        lengths = {str(name): len(column) for name, column in data.items() if np.ndim(column) == 1}
-        if len(set(lengths.values())) > 1:
-            raise ModelError("the columns of data differ in length: " + ", ".join(f"{name}: {n}" for name, n in lengths.items()))
-    table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
-    table.columns = [re.sub(r"\s*\[[^\]0-9]*\]$", "", str(name)).strip() for name in table.columns]  # without a unit
-    given = set(table.columns)
-    if "amplitude" not in given or len(given & {"frequency", "hertz"}) != 1:
-        known = ", ".join(sorted(given))
-        if len(given) == 1:
-            known += ", one column: commas separate columns"
-        if any(map(_is_number, given)):
-            known += "; the first row is that of the names"
-        raise ModelError(f"data need the columns 'amplitude' and 'frequency' [rad/s] or 'hertz' [Hz]; there are: {known}")
-    if table.empty:
-        raise ModelError("data have no rows")
-    try:
-        others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
-    except ModelError as error:
-        raise ModelError(f"{error}; columns are {', '.join(_COLUMNS)}, or values of the model by their path") from None
-    for column in [name for name in table.columns if name != "sweep"]:
-        wrong = [value for value in table[column].values if isinstance(value, str) and not _is_number(value)]
-        if wrong:
-            row = 1 + table[column].tolist().index(wrong[0])
-            raise ModelError(f"column '{column}' must be numbers, not '{wrong[0]}' (row {row})")
-        numbers = np.array(numbers_of(f"column '{column}'", table[column].values.tolist()))
-        is_above_zero = column in ("amplitude", "frequency", "hertz", "sigma")
-        if not np.isfinite(numbers).all() or (is_above_zero and not (numbers > 0).all()):
-            raise ModelError(f"column '{column}' must have finite{' positive' if is_above_zero else ''} numbers")
-        table[column] = numbers
-    if "sweep" in given:
-        wrong = sorted(set(table["sweep"].astype(str)) - set(_SWEEPS))
-        if wrong:
-            raise ModelError(f"column 'sweep' has 'up' and 'down', not {', '.join(map(repr, wrong))}")
-    if noise is not None and not (noise > 0 and "sigma" not in given):
-        raise ModelError("noise must be positive; leave it out where the data have a column 'sigma'")
-    position = table["hertz" if "hertz" in given else "frequency"].values.astype(float)
-    is_in_hertz = model._described(at)["units"] == "Hz"
-    if "hertz" in given and not is_in_hertz:
-        position = 2 * np.pi * position
-    elif "frequency" in given and is_in_hertz:
-        position = position / (2 * np.pi)
-    _doubt_the_unit(model, position * (2 * np.pi if is_in_hertz else 1.0), "hertz" in given)
-    table = table.assign(position=position)
-    forces = [name for name, path in others.items() if path_of(path).group == "load" and path_of(path).key in ("cos", "sin")]
-    force = forces[0] if controlled and len(forces) == 1 else None
-    if force is not None and not (table[force] > 0).all():
-        raise ModelError(f"column '{force}' must have positive numbers: the force that was measured")
-    found = []
-    keys = [*(name for name in others if name != force), *(["sweep"] if "sweep" in given else [])]
-    for values, rows in table.groupby(keys if len(keys) > 1 else keys[0], sort=False) if keys else [((), table)]:
-        values = values if isinstance(values, tuple) else (values,)
-        rows = rows.sort_values("position", kind="stable")
-        amplitude = rows["amplitude"].values.astype(float)
-        sigma = rows["sigma"].values.astype(float) if "sigma" in given else (noise or _RELATIVE) * amplitude
-        phase = rows["phase"].values.astype(float) if "phase" in given else None
-        conditions = tuple((others[name], float(value)) for name, value in zip(keys, values) if name in others)
-        sweep = str(values[-1]) if "sweep" in given else ""
-        held = None if force is None else rows[force].values.astype(float)
-        found.append(_Set(rows["position"].values, amplitude, phase, sigma, conditions, sweep, held))
-    return found, noise is None and "sigma" not in given, "" if force is None else others[force]
-
-
-def _read(path: Path) -> Any:
-    """The table of a CSV file."""
-    import pandas
-
-    try:
-        return pandas.read_csv(path, comment="#", skipinitialspace=True)
-    except FileNotFoundError:
-        raise ModelError(f"file '{path}' does not exist") from None
-    except UnicodeDecodeError:
-        raise ModelError(f"'{path}' cannot be read as CSV: it is not a text") from None
-    except (OSError, ValueError) as error:
-        raise ModelError(f"'{path}' cannot be read as CSV: {str(error).strip()}") from None
-
-
-def _doubt_the_unit(model: Model, measured: Array, is_in_hertz: bool) -> None:
-    """Warns of frequencies [rad/s] far from those of the structure, if the other unit would bring them there."""
-    natural = model.natural_frequencies()
-    lowest, highest = measured.min(), measured.max()
-    other, factor = ("frequency", 1 / (2 * np.pi)) if is_in_hertz else ("hertz", 2 * np.pi)
-    is_near = (natural > lowest / 2) & (natural < 2 * highest)
-    would_be = (natural > 0.8 * factor * lowest) & (natural < 1.25 * factor * highest)
-    if would_be.any() and not is_near.any():
-        unit, scale = ("Hz", 2 * np.pi) if is_in_hertz else ("rad/s", 1.0)
-        doubts.warn(f"column '{'hertz' if is_in_hertz else 'frequency'}' has {lowest / scale:.4g} to {highest / scale:.4g} {unit}, "
-                    f"far from the natural frequency {natural[would_be][0] / scale:.4g} {unit} of the model; "
-                    f"for values in {'rad/s' if is_in_hertz else 'Hz'} call the column '{other}'", Implausible)  # fmt: skip
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _other_starts(problem: _Problem, first: Array, lower: Array, upper: Array) -> list[Array]:
@@ -643,7 +494,7 @@ _REGULAR, _FOLD, _END = 1, 3, 6  # as `curve_kind`
 class _Problem:
     """Residuals and their derivatives by the parameters."""
 
-    def __init__(self, model: Model, paths: list[str], of: str, path: str, tolerance: Any, order: Any, sets: list[_Set],
+    def __init__(self, model: Model, paths: list[str], of: str, path: str, tolerance: Any, order: Any, sets: list[MeasuredSet],
                  controlled: bool, keys: Mapping[str, Any], force: str) -> None:  # fmt: skip
         self.model, self.paths, self.of, self.path, self.tolerance, self.order = model, paths, of, path, tolerance, order
         self.sets, self.controlled, self.keys, self.force = sets, controlled, keys, force
@@ -691,7 +542,7 @@ class _Problem:
         return [_compared(one, curves[one.conditions], len(self.paths), self.controlled) for one in self.sets]
 
 
-def _held(how: _Problem, one: _Set) -> tuple[Array, Array, Array]:
+def _held(how: _Problem, one: MeasuredSet) -> tuple[Array, Array, Array]:
     """Residuals of the forces that hold the response at the measured amplitudes, and of the phases there; their derivatives; the
     forces of the model with these phases."""
     n = len(how.paths)
@@ -751,7 +602,7 @@ def _holding(how: _Problem, amplitude: float, measured: float) -> tuple[float, A
     return force, (1 - t) * by_forces[0] + t * by_forces[1], phase, (1 - t) * by_phases[0] + t * by_phases[1]
 
 
-def _compared(one: _Set, segments: list[_Segment], n: int, controlled: bool) -> tuple[Array, Array, Array]:
+def _compared(one: MeasuredSet, segments: list[_Segment], n: int, controlled: bool) -> tuple[Array, Array, Array]:
     """Residuals of a set and their derivatives on the branches with the smallest misfit; amplitudes of the model."""
     stable = [segment for k, segment in enumerate(segments) if (controlled or k % 2 == 0) and segment.at]
     if not stable:
@@ -783,7 +634,7 @@ def _in_order(costs: Array) -> Array:
     return chosen
 
 
-def _on_segment(one: _Set, segment: _Segment, n: int) -> tuple[Array, Array, Array]:
+def _on_segment(one: MeasuredSet, segment: _Segment, n: int) -> tuple[Array, Array, Array]:
     """Residuals (n_points, 3) of amplitude, phase and frequency on a branch, their derivatives and the complex amplitudes."""
     residuals, slopes, predicted = np.zeros((len(one.at), 3)), np.zeros((len(one.at), 3, n)), np.zeros(len(one.at), complex)
     positions = np.array(segment.at)

@@ -1,0 +1,169 @@
+"""Measured responses, of which parameters are fitted: tables and CSV files, a set of points for each sweep and condition."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from nhbm import doubts
+from nhbm.errors import Implausible, ModelError
+from nhbm.groups import numbers_of, path_of
+
+if TYPE_CHECKING:
+    from nhbm.model import Model
+
+Array = Any  # np.ndarray
+_RELATIVE = 0.01  # standard deviation of amplitudes, relative, where none is given; it is then scaled by the residuals
+_COLUMNS = "frequency", "hertz", "amplitude", "phase", "sweep", "sigma"
+_SWEEPS = "up", "down"
+
+
+@dataclass
+class MeasuredSet:
+    """Measured points of one sweep: values of the parameter, ascending, amplitudes, phases [rad] or None, standard deviations."""
+
+    at: Array
+    amplitude: Array
+    phase: Array | None
+    sigma: Array
+    conditions: tuple[tuple[str, float], ...] = ()
+    sweep: str = ""
+    force: Array | None = None  # measured, where the response was controlled
+
+    @property
+    def measured(self) -> Array:
+        """The measured amplitudes: of the response or, where this was controlled, of the force."""
+        return self.amplitude if self.force is None else self.force
+
+    @property
+    def name(self) -> str:
+        """What it differs in from others."""
+        return ", ".join([*(f"{path} = {value:g}" for path, value in self.conditions), *([self.sweep] if self.sweep else [])])
+
+
+def is_same(one: MeasuredSet, other: MeasuredSet) -> bool:
+    """Whether two sets have the same numbers."""
+    if (one.phase is None) != (other.phase is None) or len(one.at) != len(other.at):
+        return False
+    pairs = [(one.at, other.at), (one.measured, other.measured), (one.sigma, other.sigma), (one.phase, other.phase)]
+    return all(a is None or np.array_equal(a, b) for a, b in pairs)
+
+
+def n_measured(sets: list[MeasuredSet]) -> int:
+    """Number of real numbers that were measured."""
+    return sum(len(one.at) * (1 if one.phase is None else 2) for one in sets)
+
+
+def measured_sets(data: Any, model: Model, at: str, noise: float | None, controlled: bool) -> tuple[list[MeasuredSet], bool, str]:
+    """The measured points, a set for each sweep and each combination of other values; whether their noise is to be estimated; the
+    path of the force that was measured, where the response was controlled."""
+    import pandas
+
+    if isinstance(data, (str, Path)):
+        try:
+            return measured_sets(_read(Path(data)), model, at, noise, controlled)
+        except ModelError as error:
+            text = str(error)
+            raise ModelError(text if f"'{data}'" in text else f"'{data}': {text}") from None
+    if isinstance(data, Mapping):
+        lengths = {str(name): len(column) for name, column in data.items() if np.ndim(column) == 1}
+        if len(set(lengths.values())) > 1:
+            raise ModelError("the columns of data differ in length: " + ", ".join(f"{name}: {n}" for name, n in lengths.items()))
+    table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
+    table.columns = [re.sub(r"\s*\[[^\]0-9]*\]$", "", str(name)).strip() for name in table.columns]  # without a unit
+    given = set(table.columns)
+    if "amplitude" not in given or len(given & {"frequency", "hertz"}) != 1:
+        known = ", ".join(sorted(given))
+        if len(given) == 1:
+            known += ", one column: commas separate columns"
+        if any(map(_is_number, given)):
+            known += "; the first row is that of the names"
+        raise ModelError(f"data need the columns 'amplitude' and 'frequency' [rad/s] or 'hertz' [Hz]; there are: {known}")
+    if table.empty:
+        raise ModelError("data have no rows")
+    try:
+        others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
+    except ModelError as error:
+        raise ModelError(f"{error}; columns are {', '.join(_COLUMNS)}, or values of the model by their path") from None
+    for column in [name for name in table.columns if name != "sweep"]:
+        wrong = [value for value in table[column].values if isinstance(value, str) and not _is_number(value)]
+        if wrong:
+            row = 1 + table[column].tolist().index(wrong[0])
+            raise ModelError(f"column '{column}' must be numbers, not '{wrong[0]}' (row {row})")
+        numbers = np.array(numbers_of(f"column '{column}'", table[column].values.tolist()))
+        is_above_zero = column in ("amplitude", "frequency", "hertz", "sigma")
+        if not np.isfinite(numbers).all() or (is_above_zero and not (numbers > 0).all()):
+            raise ModelError(f"column '{column}' must have finite{' positive' if is_above_zero else ''} numbers")
+        table[column] = numbers
+    if "sweep" in given:
+        wrong = sorted(set(table["sweep"].astype(str)) - set(_SWEEPS))
+        if wrong:
+            raise ModelError(f"column 'sweep' has 'up' and 'down', not {', '.join(map(repr, wrong))}")
+    if noise is not None and not (noise > 0 and "sigma" not in given):
+        raise ModelError("noise must be positive; leave it out where the data have a column 'sigma'")
+    position = table["hertz" if "hertz" in given else "frequency"].values.astype(float)
+    is_in_hertz = model._described(at)["units"] == "Hz"
+    if "hertz" in given and not is_in_hertz:
+        position = 2 * np.pi * position
+    elif "frequency" in given and is_in_hertz:
+        position = position / (2 * np.pi)
+    _doubt_the_unit(model, position * (2 * np.pi if is_in_hertz else 1.0), "hertz" in given)
+    table = table.assign(position=position)
+    forces = [name for name, path in others.items() if path_of(path).group == "load" and path_of(path).key in ("cos", "sin")]
+    force = forces[0] if controlled and len(forces) == 1 else None
+    if force is not None and not (table[force] > 0).all():
+        raise ModelError(f"column '{force}' must have positive numbers: the force that was measured")
+    found = []
+    keys = [*(name for name in others if name != force), *(["sweep"] if "sweep" in given else [])]
+    for values, rows in table.groupby(keys if len(keys) > 1 else keys[0], sort=False) if keys else [((), table)]:
+        values = values if isinstance(values, tuple) else (values,)
+        rows = rows.sort_values("position", kind="stable")
+        amplitude = rows["amplitude"].values.astype(float)
+        sigma = rows["sigma"].values.astype(float) if "sigma" in given else (noise or _RELATIVE) * amplitude
+        phase = rows["phase"].values.astype(float) if "phase" in given else None
+        conditions = tuple((others[name], float(value)) for name, value in zip(keys, values) if name in others)
+        sweep = str(values[-1]) if "sweep" in given else ""
+        held = None if force is None else rows[force].values.astype(float)
+        found.append(MeasuredSet(rows["position"].values, amplitude, phase, sigma, conditions, sweep, held))
+    return found, noise is None and "sigma" not in given, "" if force is None else others[force]
+
+
+def _read(path: Path) -> Any:
+    """The table of a CSV file."""
+    import pandas
+
+    try:
+        return pandas.read_csv(path, comment="#", skipinitialspace=True)
+    except FileNotFoundError:
+        raise ModelError(f"file '{path}' does not exist") from None
+    except UnicodeDecodeError:
+        raise ModelError(f"'{path}' cannot be read as CSV: it is not a text") from None
+    except (OSError, ValueError) as error:
+        raise ModelError(f"'{path}' cannot be read as CSV: {str(error).strip()}") from None
+
+
+def _doubt_the_unit(model: Model, measured: Array, is_in_hertz: bool) -> None:
+    """Warns of frequencies [rad/s] far from those of the structure, if the other unit would bring them there."""
+    natural = model.natural_frequencies()
+    lowest, highest = measured.min(), measured.max()
+    other, factor = ("frequency", 1 / (2 * np.pi)) if is_in_hertz else ("hertz", 2 * np.pi)
+    is_near = (natural > lowest / 2) & (natural < 2 * highest)
+    would_be = (natural > 0.8 * factor * lowest) & (natural < 1.25 * factor * highest)
+    if would_be.any() and not is_near.any():
+        unit, scale = ("Hz", 2 * np.pi) if is_in_hertz else ("rad/s", 1.0)
+        doubts.warn(f"column '{'hertz' if is_in_hertz else 'frequency'}' has {lowest / scale:.4g} to {highest / scale:.4g} {unit}, "
+                    f"far from the natural frequency {natural[would_be][0] / scale:.4g} {unit} of the model; "
+                    f"for values in {'rad/s' if is_in_hertz else 'Hz'} call the column '{other}'", Implausible)  # fmt: skip
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
