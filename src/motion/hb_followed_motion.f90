@@ -31,7 +31,7 @@ module hb_followed_motion
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
    use hb_point_kinds, only: curve_kind, curve_kinds
-   use hb_response_slope, only: find_series_slope, omega_slopes_along
+   use hb_response_slope, only: find_series_slope
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_system, only: system_t
@@ -570,7 +570,6 @@ contains
       real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
       integer :: h
 
-      slopes%omega = omega_slopes_along(self%problem, direction)
       associate (set => self%problem%model%discretisation%harmonics, &
                  numbers => response%numbers_in(self%problem%model%discretisation%harmonics))
          if (response%column > 0) then
