@@ -245,6 +245,7 @@ def test_other_motions_are_each_found_to_the_tolerance(followed, tmp_path):
     np.testing.assert_allclose(amplitudes[0], amplitudes[1], rtol=2e-3)
 
 
+@pytest.mark.long
 def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_path):
     there = solve(STOP.replace("gap = 1.0", "gap = 0.8"), tmp_path)
     with Results(followed("fold")) as ridge, Results(there) as curve:

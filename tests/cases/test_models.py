@@ -232,7 +232,7 @@ def test_files_that_are_no_models(chain, tmp_path):
     assert "chain.h5' does not exist" in refused(tmp_path)
 
 
-@pytest.mark.parametrize("n_bytes", [2**62, 2**64 - 16])
+@pytest.mark.parametrize("n_bytes", [2**62, pytest.param(2**64 - 16, marks=pytest.mark.long)])
 def test_texts_of_which_hdf5_dies_or_finds_no_end(chain, tmp_path, n_bytes):
     """The second length causes an infinite loop: headers of texts have 16 bytes, so that the next one begins at the same
     position."""

@@ -21,9 +21,10 @@ def without_packages(script: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
-@pytest.mark.parametrize(
-    "name", ["accuracy", "error_estimates", "compare", "curves", "hard", "points", "jumps", "large", "time_domain", "performance"]
-)
+SCRIPTS = ("error_estimates", "compare", "curves", "hard", "points", "jumps", "large", "time_domain", "performance")
+
+
+@pytest.mark.parametrize("name", ["accuracy", *(pytest.param(name, marks=pytest.mark.long) for name in SCRIPTS)])
 def test_script_finds_an_environment(name):
     done = without_packages(TESTS / name, "--help")
     assert done.returncode == 0, done.stderr

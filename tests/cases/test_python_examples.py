@@ -40,6 +40,7 @@ def test_damper_optimum_is_that_of_the_ridge():
     assert abs(at[lowest(at).argmin()] / limit - 1) < 0.02
 
 
+@pytest.mark.long
 def test_damper_optimum_by_derivatives_takes_few_solutions():
     """The peak of the response curve is the amplitude found, and it grows with the limit in both directions."""
     limit, amplitude, frequency, n_solutions = damper_optimum.by_gradients()

@@ -562,7 +562,9 @@ def undisturbed_chains(tmp_path_factory):
 
 @on_linux
 @pytest.mark.parametrize(
-    "disturbance", [kill_all, lambda process: process.send_signal(signal.SIGUSR1)], ids=["kill -9 of all", "SIGUSR1"]
+    "disturbance",
+    [kill_all, pytest.param(lambda process: process.send_signal(signal.SIGUSR1), marks=pytest.mark.long)],
+    ids=["kill -9 of all", "SIGUSR1"],
 )
 def test_broken_chains_are_solved_again_from_their_beginning(disturbance, undisturbed_chains, tmp_path):
     """Each point of a chain starts from the previous solution, so the rest of a chain cannot be solved separately."""

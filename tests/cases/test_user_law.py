@@ -67,7 +67,8 @@ def wrong_law(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("more", ["", "&sweep parameter = 'tones%frequency', values = 2.0, 2.1 /\n",
+@pytest.mark.parametrize("more", [pytest.param("", marks=pytest.mark.long),
+                                  "&sweep parameter = 'tones%frequency', values = 2.0, 2.1 /\n",
                                   "&curve parameter = 'tones%frequency', from = 2.0, to = 2.1, points = 3 /\n"])  # fmt: skip
 def test_a_wrong_derivative_is_said_by_every_run(wrong_law, more):
     """The motion is right, and converges; its stability and curves would not be."""

@@ -32,7 +32,9 @@ def solved_and_verified(source: Path, folder: Path, *options) -> tuple[Path, str
     return result, done.stdout
 
 
-MANY_POINTS = ("duffing_backbone", "duffing_energy", "two_masses_energy", "van_der_pol_tied")  # 7 to 30
+LONG = (
+    "duffing_backbone", "duffing_energy", "one_sided_spring", "rotor_stator_friction", "two_masses_energy", "van_der_pol_tied",
+)  # fmt: skip
 
 
 def assert_motions_stay(name: str, folder: Path, *options) -> None:
@@ -46,7 +48,7 @@ def assert_motions_stay(name: str, folder: Path, *options) -> None:
     assert (kinds[~empty] == expected).all(), text
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in MANY_POINTS)) for name in AUTONOMOUS])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in AUTONOMOUS])
 def test_motions_with_tones_of_their_own_stay(tmp_path, name):
     assert_motions_stay(name, tmp_path)
 
