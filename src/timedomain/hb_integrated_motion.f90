@@ -315,6 +315,8 @@ contains
          end do
          if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(windows%n_first)// &
             " periods has too many samples"
+         if (steady%status == outcome%broadband .and. options%integration%aim > 0.0_wp) steady%message = steady%message// &
+            ": the motion is none of these tones"
          if (steady%status == outcome%integrated) then
             if (windows%unresolved > steady%spread) steady%message = steady%message//", and "//rounded(windows%unresolved)// &
                " of the motion is of harmonics too close to each other for a record of this length"
@@ -512,7 +514,7 @@ contains
       associate (spread => steady%spread)
          if (steady%status /= outcome%integrated) then
             is_final = any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. steady%status == status_before .and. &
-               (spread > falling*spread_before .or. spread <= aim*allowed)
+               (spread > merge(gaining, falling, aim_of_lines > 0.0_wp)*spread_before .or. spread <= aim*allowed)
          else if (aim_of_lines > 0.0_wp) then
             is_final = spread <= aim_of_lines .or. spread > gaining*spread_before
          else
@@ -581,9 +583,8 @@ contains
                            " times lower"
       case (outcome%broadband)
          if (finds_lines) then
-            steady%message = integrated_for//": the motion is none of these tones, a series of "// &
-                              to_text(discretisation%harmonics%n_harmonics)//" harmonics has the relative residual "// &
-                              rounded(steady%spread)//" (worst quarter of the record)"
+            steady%message = integrated_for//": a series of "//to_text(discretisation%harmonics%n_harmonics)// &
+                              " harmonics has the relative residual "//rounded(steady%spread)//" (worst quarter of the record)"
          else
             steady%message = integrated_for//": the motion does not repeat, its averages scatter by "//rounded(steady%spread)
          end if

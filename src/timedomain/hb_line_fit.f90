@@ -21,6 +21,7 @@ module hb_line_fit
    integer, parameter :: max_products = 100
    real(wp), parameter :: work_of_position = 35.0_wp                  ! [ns] in a product: .6 to 1.3 times the time
    real(wp), parameter :: curved = 13.4_wp                            ! 6 sqrt(5): phase squared over misfit of such lines
+   real(wp), parameter :: one_line = 1.0e-6_wp                        ! [rad] in a record: lines of one frequency
 
    type :: line_fit_t
       real(wp) :: work = 0.0_wp                                       !! of all fits so far [ns]
@@ -143,7 +144,7 @@ contains
    !> candidates: a fit divides it by their importance, whichever of them it belongs to. Lines at equal distances whose phases
    !> are b = (w1 - w2) T apart at the end of the record can exchange amplitudes as d, -2 d, d, and leave a misfit of
    !> d b**2/(6 sqrt(5)): an error of sqrt(6) d at other times. The smaller of the two lines is such a d, unless the misfit is
-   !> too small for it.
+   !> too small for it. Lines of the same frequency, which tones with a common multiple have, are one at all times.
    pure real(wp) function unresolved_by(duration, frequencies, coefficients, misfit) result(share)
       real(wp), intent(in) :: duration                                !! T [s] of the record
       real(wp), intent(in) :: frequencies(:)                          !! w [rad/s], (n_lines)
@@ -159,9 +160,9 @@ contains
       do i = 2, size(turns)
          do k = 1, i - 1
             beat = abs(turns(i) - turns(k))
-            if (beat >= two_pi) cycle
+            if (beat >= two_pi .or. beat <= one_line) cycle
             share = hypot(share, min(abs(coefficients(i))/moving, abs(coefficients(k))/moving, &
-                                     misfit*curved/max(beat**2, tiny(1.0_wp))))
+                                     misfit*curved/beat**2))
          end do
       end do
       share = sqrt(6.0_wp)*share
