@@ -292,6 +292,7 @@ def test_a_stop_between_two_modes_is_found_by_time_integration(tmp_path):
 &load dof = 'x1', tuple = 0, 1, cos = 10.0 /
 &law type = 'elastic_stop', dof = 'x2', stiffness = 1.0e4, gap = 5.0e-3 /
 &accuracy tolerance = 1e-2 /
+&solver max_fallback_work = 45.0 /
 """
     done, path = _solve(model, tmp_path)
     said = done.stdout + done.stderr
@@ -320,7 +321,7 @@ def test_what_shorter_steps_change_is_the_error_of_a_motion(tmp_path):
 &load dof = 'x1', tuple = 1, 0, cos = 0.742785312186, sin = -0.264302495068 /
 &load dof = 'x2', tuple = 0, 1, cos = -0.29806674424, sin = 0.0429676824647 /
 &law type = 'jenkins_2d', dof = 'x1', second_dofs = 'x2', stiffness = 9.53755198532, limit = 0.882585812616 /
-&solver max_fallback_work = 40.0 /
+&solver primary_method = 'integration', max_fallback_work = 40.0 /
 """
     done, path = _solve(model, tmp_path, limit=900.0)  # 25 s of the processor
     assert "1 truncated" in done.stdout

@@ -323,7 +323,7 @@ def test_coexisting_motions_of_the_rotor_are_reported(tmp_path):
     text = (INPUTS / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
     (tmp_path / "rotor.nml").write_text(text)
     assert run("solve", "rotor.nml", cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)
-    (torus,) = tmp_path.glob("rotor_*.h5")
+    torus = min(tmp_path.glob("rotor_*.h5"), key=lambda path: int(path.stem.removeprefix("rotor_")))  # of the first graze
     with Results(tmp_path / "rotor.h5") as results:
         there = np.flatnonzero((results.curve.values == 1.3) & (results.curve_kind() == "value"))
         assert [int(stable) for stable in results.per_point("is_stable")[there]] == [-1, -1, 1]

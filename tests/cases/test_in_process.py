@@ -332,7 +332,7 @@ model.load("x1", 1, cos=0.1)
 {use}
 print("points", model.sweep({{"tones[0]": np.linspace(2.0, 3.0, 4)}}, workers=2).sizes["point"])
 """
-OWN_LAW = "@nhbm.law\ndef force(q, v, p):\n    return q**3\n"
+OWN_LAW = "@nhbm.law\ndef force(q, v):\n    return q**3\n"
 
 
 def test_a_script_needs_no_guard_for_its_processes(tmp_path):
