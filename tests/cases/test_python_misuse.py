@@ -176,6 +176,8 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().solve(tolerance=10.0), "tolerance = 10.0 must be 1.0 or less"),
     (lambda: duffing().solve(order=3).nhbm.to_csv("/nothing/x.csv"), "file '/nothing/x.csv' cannot be written: No such file"),
     (lambda: duffing().solve(order=3).nhbm.to_mat("/nothing/x.mat"), "file '/nothing/x.mat' cannot be written: No such file"),
+    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones={"frequency": 1.0, "hertz": 2.0}), "give either 'frequency' .* or 'hertz'"),
+    (lambda: duffing().set("tones", hertz=2.0), r"None removes one: model.set\('tones', frequency=None, hertz=50.0\)"),
     (lambda: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.details, "has numbers, not motions"),
     (lambda: duffing().__setitem__("load[1].cos", 1.0), r"there is no load.2.; the file has load.1.$"),
 ])  # fmt: skip
@@ -638,6 +640,26 @@ def test_a_point_without_a_motion_is_not_drawn():
 def test_wrong_uses_of_a_dataset_are_named(wrong, message):
     with pytest.raises(ModelError, match=message):
         wrong(duffing().solve(order=3))
+
+
+@pytest.mark.parametrize("use", [
+    lambda data: data.nhbm.plot("max x1"), lambda data: data.nhbm.to_dataframe("max x1"), lambda data: data.nhbm.events("max x1"),
+    lambda data: data.nhbm.report(), lambda data: data.nhbm.save("x.h5"),
+])  # fmt: skip
+def test_an_axis_of_points_with_another_name_is_named(use):
+    curve = duffing().curve("tones[0]", 0.5, 1.5, order=3, max_step=0.3)
+    with pytest.raises(ModelError, match=r"are along 'p'; .* must be 'point': dataset.swap_dims\(p='point'\)|rename\(p='point'\)"):
+        use(curve.rename(point="p"))
+    with pytest.raises(ModelError, match=r"dataset.swap_dims\(tones_frequency='point'\)"):
+        use(curve.swap_dims(point="tones_frequency"))
+
+
+def test_responses_have_the_axes_of_the_points():
+    sweep = duffing().sweep({"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.4, 0.5, 0.6]}, order=3)
+    table = sweep.set_index(point=["load_1_cos", "law_spring_stiffness"]).unstack("point")
+    for of in ("x1", "x1 (1)", "max x1"):
+        on_table = table.nhbm.response(of)[0].transpose("load_1_cos", "law_spring_stiffness")
+        np.testing.assert_allclose(np.ravel(on_table), sweep.nhbm.response(of)[0], rtol=1e-14)
 
 
 def test_a_dataset_without_a_motion_says_why():

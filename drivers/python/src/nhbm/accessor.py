@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import SOLVED, Source, check_found, check_motion, check_result, record_beside, varies_of
+from nhbm.dataset import SOLVED, Source, check_found, check_motion, check_points, check_result, record_beside, varies_of
 from nhbm.errors import ModelError, meant
 from nhbm.groups import numbers_of
 from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
@@ -79,6 +79,7 @@ class Accessor:
         """
         from nhbm import files
 
+        check_points(self._dataset)
         files.save(self._dataset, self._record(), Path(path))
 
     def report(self) -> Any:
@@ -91,6 +92,7 @@ class Accessor:
         """
         from nhbm import notebook
 
+        check_points(self._dataset)
         return notebook.report(self._dataset)
 
     def to_dataframe(self, *of: str) -> Any:
@@ -221,6 +223,7 @@ class Accessor:
         data = self._dataset
         if "curve_kind" not in data:
             raise ModelError("only curves have events; this dataset is not the result of `curve`")
+        check_points(data)
         found = data.isel(point=~np.isin(data["curve_kind"].values, ("none", "regular")))
         columns: dict[str, Any] = {"kind": found["curve_kind"].values}
         columns.update({name: found[name].values for name in varies_of(data)})
@@ -325,7 +328,7 @@ class Accessor:
         data = self._dataset
         check_found(data, "coefficients")
         row = self._row("coefficients", dof).where(self._in_use(), 0.0)
-        axes = [axis for axis in row.dims if axis == "point"]
+        axes = [axis for axis in row.dims if axis not in ("harmonic", "component")]
         shape = [data.sizes[axis] for axis in axes]
         row = row.transpose(*axes, "harmonic", "component")
         tuples = self._tuples().transpose(..., "harmonic", "tone")
@@ -447,6 +450,7 @@ class Accessor:
         from nhbm.pictures import plot
 
         check_result(self._dataset)
+        check_points(self._dataset)
         if "integration_verdict" in self._dataset and "coefficients" not in self._dataset:
             raise ModelError("this dataset is a verdict of 'verify', without a motion: plot the motion that was verified")
         if {"coefficients", "n_harmonics"} & set(self._dataset.variables):  # motions, not numbers
@@ -472,14 +476,15 @@ class Accessor:
         return row
 
     def _column(self, name: str) -> xr.DataArray:
-        """A column, of the dataset or its details."""
+        """A column, of the dataset or its details, with its harmonics last."""
         check_found(self._dataset, name)
-        if name in self._dataset:
-            return self._dataset[name]
-        if name not in self.details:
+        if name not in self._dataset and name not in self.details:
             known = [*map(str, self._dataset.data_vars), *map(str, self.details)]
             raise ModelError(f"there is no column '{name}'{meant(name, known)}")
-        return self.details[name]
+        column = self._dataset[name] if name in self._dataset else self.details[name]
+        if not {"harmonic", "component"} <= set(column.dims):
+            return column
+        return column.transpose(..., *(axis for axis in ("dof", "law_dof", "harmonic", "component") if axis in column.dims))
 
     def _label(self, name: str, known: list[str]) -> str:
         """The label of a degree of freedom that its set names."""

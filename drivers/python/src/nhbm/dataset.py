@@ -95,6 +95,16 @@ def check_result(data: xr.Dataset, name: str = "coefficients") -> None:
         raise ModelError(f"this dataset is no result of nhbm: it has no '{name}'")
 
 
+def check_points(data: xr.Dataset) -> None:
+    """Raises ModelError if the points of a result lie along other axes than `point`."""
+    axes = [str(axis) for axis in data["status"].dims if axis != "point"] if "status" in data else []
+    if not axes:
+        return
+    back = "swap_dims" if "point" in data.coords else "rename"
+    back = f"dataset.{back}({axes[0]}='point')" if len(axes) == 1 else f"dataset.stack(point={axes})"
+    raise ModelError(f"the points are along {' and '.join(map(repr, axes))}; here their axis must be 'point': {back}")
+
+
 def check_motion(data: xr.Dataset, what: str = "") -> None:
     """Raises ModelError, with the status and the reason, if a dataset has no motion."""
     statuses = np.unique(data["status"].values).tolist() if "status" in data else SOLVED

@@ -213,6 +213,10 @@ class Description(Laws):
         kind = own.keys["type"] if own is not None and "type" in own.keys and "type" not in keys else None
         check_keys(group, {**keys, "type": kind} if kind else keys)
         keys = {key: plain(value) for key, value in keys.items()}
+        both = {**(own.keys if own is not None else {}), **keys}
+        if group == "tones" and both.get("frequency") is not None and both.get("hertz") is not None:
+            raise ModelError("&tones: give either 'frequency' [rad/s] or 'hertz', not both; None removes one: "
+                             "model.set('tones', frequency=None, hertz=50.0)")  # fmt: skip
         if group == "gradient" and keys.get("by") is not None:
             keys["by"] = tuple(self._resolved(path) for path in np.atleast_1d(keys["by"]).tolist())
         for key, value in keys.items():

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
-from nhbm.dataset import check_result, varies_of
+from nhbm.dataset import check_points, check_result, varies_of
 from nhbm.errors import ModelError
 
 _MOST_DOFS = 12  # of which a table has a column by default
@@ -34,6 +34,7 @@ def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any
     import pandas
 
     check_result(data)
+    check_points(data)
     columns: dict[str, Any] = {}
 
     def add(name: str, values: Any, unit: str) -> None:
