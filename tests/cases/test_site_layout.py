@@ -45,6 +45,20 @@ def test_no_page_is_wider_than_its_window(chromium):
     assert not wide, "\n".join(wide)
 
 
+def test_meanings_of_keys_are_within_their_window(chromium):
+    """The last column of a table of keys is its meaning."""
+    cut = """[...document.querySelectorAll(".table-wrapper")].filter(e => e.querySelector("th")?.textContent == "key"
+      && e.scrollWidth > e.clientWidth + 1).length"""
+    wide = []
+    for page in sorted([*SITE.glob("laws/*.html"), *SITE.glob("docs/user/input/*.html")]):
+        chromium.load(page.as_uri())
+        for width in WIDTHS:
+            chromium.size(width, 900)
+            if chromium.run(cut):
+                wide.append(f"{page.relative_to(SITE)} in a window of {width} px")
+    assert not wide, "\n".join(wide)
+
+
 @pytest.mark.parametrize("words", ["grazing", "natural frequency", "matlab"])
 def test_results_of_the_search_have_excerpts(words, chromium):
     chromium.size(1280, 900)
