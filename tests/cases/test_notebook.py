@@ -83,6 +83,17 @@ def test_a_report_is_shown_within_a_page(curve, tmp_path):
         curve.isel(point=[1, 2]).nhbm.report()
 
 
+def test_rotations_are_not_drawn_in_place_of_displacements():
+    """The slope at the tip of a beam is 15 times its displacement."""
+    beam = nhbm.Beam(length=0.1, bending_stiffness=1.0, mass_per_length=1.0, n_elements=1, left_support="clamped",
+                     right_support="free")  # fmt: skip
+    model = nhbm.Model(beam, tones=[10.0])
+    model.load("v2", 1, cos=1.0)
+    motion = model.solve(order=1)
+    assert motion.nhbm.largest("theta2") > 10 * motion.nhbm.largest("v2")
+    assert motion.nhbm.plot().get_ylabel() == "Displacement v2 [m]"
+
+
 def test_pictures_of_a_motion(curve, tmp_path):
     motion = curve.isel(point=3)
     for figure in (motion.nhbm.orbit(), motion.nhbm.spectrum("x1"), motion.nhbm.spectrum(over="frequency")):

@@ -38,9 +38,10 @@ def plot(data: xr.Dataset, of: str | None = None, ax: Any = None) -> Any:
 
 
 def most_of(data: xr.Dataset) -> str:
-    """The degree of freedom that moves most."""
-    size = abs(data["coefficients"].fillna(0.0)).sum(["harmonic", "component"])
-    return str(data["dof"].values[int((size.sum("point") if "point" in data.dims else size).argmax("dof"))])
+    """The degree of freedom that moves most; rotations are not compared with displacements."""
+    sizes = abs(data["coefficients"].fillna(0.0)).sum([axis for axis in data["coefficients"].dims if axis != "dof"]).values
+    lengths = np.array([data.nhbm.unit_of(str(dof)) == "m" for dof in data["dof"].values])
+    return str(data["dof"].values[int(np.where(lengths | ~lengths.any(), sizes, -1.0).argmax())])
 
 
 def _labelled(name: str, values: xr.DataArray, value: float | None = None) -> str:
