@@ -230,9 +230,9 @@ def result_of(columns: xr.Dataset, source: Source, coordinates: Mapping[str, Any
         columns = columns.rename(tuples="tuple")
     if "tuple" in columns:
         columns["tuple"].attrs.update(TUPLE)
-    columns = columns.assign_coords({
-        name: (("point",) if "point" in columns.dims else (), values, dict(attrs)) for name, (values, attrs) in coordinates.items()
-    })  # fmt: skip
+    if coordinates:
+        axes = ("point",) if "point" in columns.dims else ()
+        columns = columns.assign_coords({name: (axes, values, dict(attrs)) for name, (values, attrs) in coordinates.items()})
     source = copy.copy(source)
     source.n_points = columns.sizes.get("point")
     return split(columns.assign_attrs(attributes), source)
@@ -240,22 +240,22 @@ def result_of(columns: xr.Dataset, source: Source, coordinates: Mapping[str, Any
 
 def with_words(columns: xr.Dataset) -> xr.Dataset:
     """Columns whose numbers have names (flag_meanings) as these names."""
-    for name in [name for name in columns.data_vars if "flag_meanings" in columns[name].attrs]:
-        column = columns[name]
+    texts: dict[Any, Any] = {}
+    for name, column in columns.variables.items():
+        if "flag_meanings" not in column.attrs or name in columns.coords:
+            continue
         words = np.array(str(column.attrs["flag_meanings"]).split())
         numbers = np.atleast_1d(column.attrs["flag_values"])
         text = np.full(column.shape, "unknown", dtype=f"<U{max(7, *map(len, words))}")
         for number, word in zip(numbers, words):
             text[column.values == number] = word
-        columns = columns.assign({name: (column.dims, text, column.attrs)})
-    return columns.rename({old: new for old, new in _NAMES.items() if old in columns})
+        texts[name] = column.dims, text, column.attrs
+    return columns.assign(texts).rename({old: new for old, new in _NAMES.items() if old in columns})
 
 
 def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
     """A dataset of what users need, with the other columns and the input as its details."""
-    for name in _COORDINATES:
-        if name in columns.data_vars:
-            columns = columns.set_coords(name)
+    columns = columns.set_coords([name for name in _COORDINATES if name in columns.data_vars])
     if "tuple" in columns.coords and columns["tuple"].dims == ("harmonic", "tone"):
         columns = columns.assign_coords({
             f"tuple_{m + 1}": ("harmonic", line, {"long_name": f"entry of the tuple for tone {m + 1}", "units": "1"})
@@ -263,9 +263,9 @@ def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
         })  # fmt: skip
     main = columns[[name for name in _MAIN if name in columns.data_vars]].assign_attrs(columns.attrs)
     details = columns.drop_vars([name for name in columns.data_vars if name in _MAIN])
-    unused = [name for name in main.coords if name not in columns.coords]
-    main = main.drop_vars(unused).assign_coords({name: columns.coords[name] for name in columns.coords if name not in main.coords
-                                                 and set(columns[name].dims) <= set(main.dims)})  # fmt: skip
+    others = {name: columns.coords[name] for name in columns.coords if name not in main.coords
+              and set(columns[name].dims) <= set(main.dims)}  # fmt: skip
+    main = main.assign_coords(others) if others else main
     main.encoding[_DETAILS] = details, source
     return main
 
