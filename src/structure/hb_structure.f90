@@ -407,7 +407,7 @@ contains
       if (allocated(dofs)) then
          if (size(dofs) == 1) dof = dofs(1)
          if (size(dofs) /= 1) call fail(error, "'"//trim(adjustl(label))//"' stands for "//to_text(size(dofs))// &
-                                        " degrees of freedom; one is needed")
+                                        " degrees of freedom; one is needed, such as '"//trim(self%labels(dofs(1)))//"'")
          return
       end if
       call parse_integer(trim(adjustl(label)), number, is_number)
