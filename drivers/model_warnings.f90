@@ -25,7 +25,8 @@ module model_warnings
 
 contains
 
-   !> Names a value of a sweep that is given twice in succession, other than for samples, which vary together; empty: none.
+   !> Names a value of a sweep that is given twice in succession, other than for samples, which vary together, or a range
+   !> that one value leaves unused; empty: none.
    function repeated_value_text(plan) result(text)
       type(sweep_plan_t), intent(in) :: plan
       character(:), allocatable :: text
@@ -34,6 +35,11 @@ contains
       text = ""
       do i = 1, size(plan%parameters)
          associate (swept => plan%parameters(i))
+            text = swept%omission()
+            if (len(text) > 0) then
+               text = "&sweep("//to_text(i)//"): "//text
+               return
+            end if
             if (swept%is_text .or. count(plan%parameters%axis == swept%axis) > 1) cycle
             do k = 2, min(swept%length(), max_compared)
                if (abs(swept%value(k) - swept%value(k - 1)) > 0.0_wp) cycle

@@ -232,6 +232,7 @@ contains
                    trim(tones%unit())// &
                " instead of both, with tuple "//to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "// &
                to_text(abs(k(a)))//" for those of tone "//to_text(b)
+            if (all(abs(k(in_it)) == 1)) text = trim(text)//"; 2*3.14 in an input is 3.14 twice"
          end associate
       else if (m > 0) then
          m = in_it(m)

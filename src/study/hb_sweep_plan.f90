@@ -42,6 +42,7 @@ module hb_sweep_plan
    contains
       procedure :: describe => swept_describe
       procedure :: length => swept_length
+      procedure :: omission => swept_omission
       procedure :: value => swept_value
    end type swept_t
 
@@ -269,6 +270,17 @@ contains
             call group%problem("spacing", "'from' and 'to' of a logarithmic range must be nonzero and have the same sign")
       end if
    end subroutine read_values
+
+   !> What a range of one value leaves out; empty: nothing.
+   function swept_omission(self) result(text)
+      class(swept_t), intent(in) :: self
+      character(:), allocatable :: text
+
+      text = ""
+      if (self%range%n == 1 .and. abs(self%range%last - self%range%first) > 0.0_wp) &
+         text = "with n = 1 only from = "//to_text(self%range%first)//" is solved, not to = "//to_text(self%range%last)// &
+                "; n counts both ends"
+   end function swept_omission
 
    !> Value i along the axis of a parameter.
    pure real(wp) function swept_value(self, i) result(value)

@@ -85,6 +85,12 @@ def test_what_can_be_meant_otherwise(tmp_path):
     repeated = SWEEP.replace("0.1, 0.9", "0.5, 0.9, 0.9, 0.5")
     assert "warning: &sweep(1): tones%frequency = 0.9 is given twice in succession" in said(text + repeated, tmp_path)
     assert "given twice" not in said(text + SWEEP.replace("0.1, 0.9", "0.5, 0.9, 0.5"), tmp_path)
+    once = "&sweep parameter = 'load(1)%cos', from = 0.1, to = {}, n = 1 /\n"
+    assert "&sweep(1): with n = 1 only from = 0.1 is solved, not to = 0.2; n counts" in said(text + once.format(0.2), tmp_path)
+    assert "with n = 1" not in said(text + once.format(0.1), tmp_path)
+    product = text.replace("0.9 /", "2*0.9 /").replace("tuple = 1", "tuple = 1, 0").replace("order = 9", "order = 1")
+    assert "(1,-1) has the frequency 0; use one tone of 0.9 rad/s" in said(product, tmp_path, "check")
+    assert "; 2*3.14 in an input is 3.14 twice" in said(product, tmp_path, "check")
     curve = "&curve parameter = 'tones%frequency', from = 0.8, to = {}, peak_of = 'x1 (1)' /\n"
     assert "no peak: the response of 'peak_of' is largest at an end of the curve" in said(text + curve.format(0.9), tmp_path)
     assert "no peak" not in said(text + curve.format(2.0), tmp_path)
