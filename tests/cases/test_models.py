@@ -103,6 +103,12 @@ def test_a_file_without_its_option_is_named(capsys):
     assert "unknown: a.inp: give it to an option, such as --calculix" in capsys.readouterr().err
 
 
+def test_an_option_that_is_given_once_for_several_values_is_named(capsys):
+    with pytest.raises(SystemExit):
+        nhbm_model(["fit", "a.nml", "a.csv", "--by", "law(1)%gap", "structure%damping(1)", "--of", "x1 (1)"])
+    assert "repeat the option for each, --by structure%damping(1) (see nhbm" in capsys.readouterr().err
+
+
 def imported(kind, model, folder):
     """Writes the model in a format and gives the options of `nhbm-model import` for it."""
     given = {"mass": model.mass, "stiffness": model.stiffness}

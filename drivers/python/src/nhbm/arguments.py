@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import re
+import sys
 from typing import Any, NoReturn
 
 
@@ -20,7 +21,11 @@ class Parser(argparse.ArgumentParser):
             words = [word.partition("=")[0] for word in rest if word.startswith("-")]
             close = difflib.get_close_matches(words[0], parser._option_string_actions, 1) if words else []
             hint = f"; did you mean '{close[0]}'?" if close else ""
-            if not words:
+            given = sys.argv[1:] if args is None else list(args)
+            before = next((word for word in reversed(given[: given.index(rest[0])]) if word.startswith("-")), "")
+            if not words and isinstance(parser._option_string_actions.get(before), argparse._AppendAction):
+                hint = f": repeat the option for each, {before} {rest[0]}"
+            elif not words:
                 files = [a.option_strings[-1] for a in parser._actions if a.metavar in ("STEM", "FILE") and a.option_strings]
                 hint = f": give it to an option, such as {files[0]}" if files else ""
             parser.error(f"unknown: {' '.join(rest)}{hint}")
