@@ -5,6 +5,7 @@ module hb_padding
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
+   use hb_progress, only: progress_t
    use hb_result_columns, only: measure_row, new_plan, plan_t
    use hb_results_file, only: make_file
    use hb_results_layout, only: results_layout_t
@@ -15,15 +16,18 @@ module hb_padding
    public :: remove_padding
 
    real(wp), parameter :: worth_it = 1.0e6_wp                         ! [B] smallest saving that justifies a copy
+   integer, parameter :: many = 1000                                  ! points, whose copy takes a second or more
 
 contains
 
    !> Replaces a complete file by a copy without unused elements if that has less than half the size. A file with
    !> points that could be solved again is not replaced, because they may need the room. After an error the file is
    !> unchanged.
-   subroutine remove_padding(study, path)
+   subroutine remove_padding(study, path, progress, has_time)
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path                                !! of the result file, which must be closed
+      type(progress_t), intent(in) :: progress
+      logical, intent(in) :: has_time                                 !! for a copy of many points
       type(results_layout_t) :: layout
       type(record_t) :: record
       type(plan_t) :: plan
@@ -45,8 +49,14 @@ contains
          call new_plan(plan, layout)
          call measure_row(plan, size(layout%parameters), narrow, n_datasets)
          call row_of_study(study, wide, n_datasets, size(record%tuples, 2))
-         if (narrow < 0.5_wp*wide .and. record%n_points*(wide - narrow) > worth_it) &
-            call make_file(path, layout, plan, .true., error, file)
+         if (narrow < 0.5_wp*wide .and. record%n_points*(wide - narrow) > worth_it) then
+            if (record%n_points > many .and. .not. has_time) then
+               call progress%say("complete; without time to remove its unused room, which nhbm resume "//path//" does")
+            else
+               if (record%n_points > many) call progress%say("removing unused room from "//path)
+               call make_file(path, layout, plan, .true., error, file)
+            end if
+         end if
       end if
       call file%close(error)
    end subroutine remove_padding

@@ -46,6 +46,7 @@ module hb_progress
       procedure :: report_point => progress_report_point
       procedure :: show => progress_show
       procedure :: finish => progress_finish
+      procedure :: say => progress_say
    end type progress_t
 
 contains
@@ -133,6 +134,14 @@ contains
          call write_line(self, done, failed, wall_clock())
       if (self%on_terminal) write (error_unit, "()")
    end subroutine progress_finish
+
+   !> Writes a line about the run as a whole.
+   subroutine progress_say(self, text)
+      class(progress_t), intent(in) :: self
+      character(*), intent(in) :: text
+
+      if (self%is_shown) write (error_unit, "(a)") printable(text)
+   end subroutine progress_say
 
    subroutine write_line(self, done, failed, now, within)
       class(progress_t), intent(in) :: self

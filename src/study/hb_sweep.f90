@@ -126,7 +126,8 @@ contains
          call check_written(options%path, summary%n_left, error)
       if (rank_of(comm) == 0 .and. run%before%is_there .and. allocated(self%plan%curve) .and. .not. allocated(error)) &
          call recount(options%path, summary, error)
-      if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) call remove_padding(self, options%path)
+      if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) &
+         call remove_padding(self, options%path, run%progress, wall_clock() - started < options%time_limit)
       if (rank_of(comm) == 0 .and. (run%before%is_there .or. allocated(summary%law_doubt)) .and. .not. allocated(error)) &
          call store_law_doubt(options%path, summary%law_doubt, error)
       call share_error(comm, error)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+import subprocess
 from pathlib import Path
 
 import h5py
@@ -13,7 +14,7 @@ import pytest
 from nhbm_post.reader import Results
 from nhbm_post.report import info
 
-from program import BAD_INPUT, NOT_ALL_CONVERGED, run
+from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, command, environment, run
 
 MODEL = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, ground_stiffness = 1.0, coupling_stiffness = 0.0,
@@ -84,6 +85,27 @@ def test_a_complete_file_has_places_for_what_its_points_use(tmp_path):
     assert run("resume", path, cwd=tmp_path).status == 0  # nothing is left
     assert path.read_bytes() == made
     assert run("info", "--check", path, cwd=tmp_path).status == 0
+
+
+def test_the_room_of_many_points_is_removed_with_a_word_and_within_the_time(tmp_path):
+    """A run that is killed meanwhile has all points; a resumed one whose time is over leaves them as they are."""
+    text = "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /\n&tones frequency = 0.5 /\n"
+    text += "&load dof = 'x1', tuple = 1, cos = 0.1 /\n&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /\n"
+    text += "&accuracy tolerance = 0.1 /\n&stability method = 'off' /\n"
+    (tmp_path / "many.nml").write_text(text + "&sweep parameter = 'load(1)%cos', from = 0.1, to = 0.2, n = 1001 /\n")
+    with subprocess.Popen(command("solve", "many.nml"), cwd=tmp_path, env=environment(), stderr=subprocess.PIPE,
+                          stdout=subprocess.DEVNULL, text=True) as process:  # fmt: skip
+        assert any("removing unused room from many.h5" in line and process.kill() is None for line in process.stderr)
+    with h5py.File(tmp_path / "many.h5") as file:
+        reserved, before = file["coefficients"].shape[2], file["coefficients"][:, :, :5]
+    late = run("resume", "many.h5", "--time-limit", "1e-9", cwd=tmp_path)
+    assert late.status == ALL_CONVERGED and "complete; without time to remove its unused room" in late.stderr, late
+    with h5py.File(tmp_path / "many.h5") as file:
+        assert file["coefficients"].shape[2] == reserved
+    assert "removing unused room from many.h5" in run("resume", "many.h5", cwd=tmp_path).stderr
+    with h5py.File(tmp_path / "many.h5") as file:
+        assert file["coefficients"].shape[2] < 0.1 * reserved
+        np.testing.assert_array_equal(file["coefficients"][:, :, :5], before[:, :, : file["coefficients"].shape[2]])
 
 
 def test_sets_differ_and_are_read(tmp_path):
