@@ -81,7 +81,7 @@ contains
       associate (why => run%kind%reason)
          select case (run%kind%status)
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
-            if (why /= reason%overflow) text = with_other_search(run)
+            if (all(why /= [reason%overflow, reason%steep_friction])) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
             if (any(why == [reason%growth, reason%departure])) then
                text = integrate_from_rest(run)

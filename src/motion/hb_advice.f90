@@ -1,6 +1,6 @@
 !> The message of a point that was not solved: possible remedies, and the least residual of each attempt.
 !> The remedies follow from the outcomes of the attempts and from properties that make a model difficult: contact much
-!> stiffer than the structure, sliders that hardly slide, nearly commensurate tones.
+!> stiffer than the structure, sliders that hardly slide, steep friction, nearly commensurate tones.
 module hb_advice
    use hb_attempts, only: attempt_rules
    use hb_balance, only: balance_t
@@ -8,6 +8,7 @@ module hb_advice
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_t
+   use hb_numbers, only: number_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome, outcome_name, reason
    use hb_solver_types, only: report_t, technique
@@ -19,6 +20,8 @@ module hb_advice
 
    real(wp), parameter :: stiff = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
+   real(wp), parameter :: steep = 1.0e4_wp                            ! speed relative to that over which friction is smoothed
+   character(*), parameter :: smoothing(2) = [character(13) :: "velocity", "slip_velocity"]        ! keys of this speed [m/s]
    real(wp), parameter :: far = 1.0e3_wp ! motion relative to a law's length at which its contact is closed
 
    !> Properties that make a model difficult, as far as known.
@@ -27,6 +30,8 @@ module hb_advice
       real(wp) :: stiffness_ratio = 0.0_wp !! its stiffness relative to that of the structure at its coordinate
       character(:), allocatable :: slider                             !! label of the law that slides least
       real(wp) :: slip_ratio = huge(1.0_wp)                           !! its motion relative to its sticking displacement
+      character(:), allocatable :: friction                           !! label of the law with the steepest smoothed friction
+      real(wp) :: smoothing = 1.0_wp, speed = 0.0_wp                  !! over which it is smoothed, and that of the motion [m/s]
       integer, allocatable :: combination(:)                          !! of tones, nearly zero; not allocated: none
       real(wp) :: combination_frequency = 0.0_wp                      !! [rad/s]
       logical :: is_neighbour_used = .false.                          !! first guesses already come from neighbours
@@ -54,6 +59,7 @@ contains
       do i = 1, size(system%laws)
          associate (law => system%laws(i)%law, set => balance%law_set)
             length = law%length_scale
+            if (law%needs_velocity) call find_friction(law, maxval(abs(set%coordinates_of(i, set%samples%v%values))), found)
             if (law%n_states > 0) then
                if (length <= 0.0_wp) cycle
                ratio = maxval(abs(set%coordinates_of(i, set%samples%q%values)))/length
@@ -74,6 +80,30 @@ contains
       found%combination = combination
       found%combination_frequency = frequency
    end subroutine find_circumstances
+
+   !> Keeps a law if its friction is smoothed over a smaller part of the speed of its coordinates than that of others.
+   subroutine find_friction(given, speed, found)
+      class(law_t), intent(in) :: given
+      real(wp), intent(in) :: speed                                   !! [m/s]
+      type(circumstances_t), intent(inout) :: found
+      class(law_t), allocatable :: law
+      type(number_t), allocatable :: numbers(:)
+      real(wp) :: value
+      logical :: is_found
+      integer :: i
+
+      allocate (law, source=given)
+      call law%list_numbers(numbers)
+      do i = 1, size(numbers)
+         if (.not. any(numbers(i)%key == smoothing)) cycle
+         call law%find_number(numbers(i), value, is_found)
+         if (.not. is_found .or. value <= 0.0_wp) cycle
+         if (speed/value <= found%speed/found%smoothing) cycle
+         found%friction = law%label
+         found%smoothing = value
+         found%speed = speed
+      end do
+   end subroutine find_friction
 
    !> Whether a time integration follows by itself where the balance finds no motion, or is not possible.
    pure logical function is_integrated(system, options)
@@ -127,6 +157,8 @@ contains
          if (c%slip_ratio < hardly_sliding) &
             call add(text, "'"//c%slider//"' hardly slips: its motion is "//rounded(c%slip_ratio)// &
             " times its sticking range: replace it by a spring, or increase the loads")
+         if (is_steep(c)) call add(text, "'"//c%friction//"' smooths friction over "//to_text(c%smoothing)// &
+            " m/s, at speeds of "//rounded(c%speed)//" m/s: smooth it over a thousandth of these, or use coulomb_rigid or jenkins")
          if (allocated(c%combination)) call add(text, "nearly commensurate tones, "//tuple_text(c%combination)//" has "// &
             rounded(c%combination_frequency)//" rad/s: use fewer tones, or lower orders")
          if (report%status == outcome%singular) call add(text, "singular tangent: a fold, or an unconstrained motion")
@@ -134,7 +166,8 @@ contains
             call add(text, "start a sweep with first_guess = 'neighbour' from smaller loads")
          if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out .and. .not. c%has_fallbacks) &
             call add(text, "set &solver fallback = .true. to try other methods")
-         if (is_out_of_work(report)) call add(text, "a fallback exhausted its budget: raise &solver max_fallback_work")
+         if (is_out_of_work(report) .and. .not. is_steep(c)) &
+            call add(text, "a fallback exhausted its budget: raise &solver max_fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
             call add(text, "try another first guess: "//trim(guesses(c)))
       end associate
@@ -152,13 +185,22 @@ contains
       end subroutine add
    end function advice_on
 
+   !> Whether smoothed friction is a step at the speeds of the motion, so that work alone does not help.
+   pure logical function is_steep(circumstances)
+      type(circumstances_t), intent(in) :: circumstances
+
+      is_steep = circumstances%speed > steep*circumstances%smoothing
+   end function is_steep
+
    !> The limit that ended the attempts, of hb_outcome%reason.
-   pure integer function limit_of(report) result(limit)
+   pure integer function limit_of(report, circumstances) result(limit)
       type(report_t), intent(in) :: report
+      type(circumstances_t), intent(in) :: circumstances
 
       limit = reason%none
       if (is_out_of_work(report)) limit = reason%max_fallback_work
       if (was_falling(report)) limit = reason%max_iterations
+      if (is_steep(circumstances)) limit = reason%steep_friction
       if (report%status == outcome%timed_out) limit = reason%time_limit
    end function limit_of
 

@@ -113,6 +113,7 @@ contains
       call integration(system, discretisation, options, steady, integrated, found)
       is_done = work_is_over() .or. steady%status /= outcome%pending
       if (.not. is_done) then
+         if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
          if (steady%is_out_of_work) result%reason = reason%max_fallback_work
          if (allocated(steady%message) .and. allocated(result%message)) result%message = steady%message//"; "//result%message
          return

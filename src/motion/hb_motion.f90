@@ -262,6 +262,7 @@ contains
          else if (result%fallback == fallback%integration) then
             return
          else if (steady%status == outcome%pending) then
+            if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
             if (allocated(result%message)) steady%message = steady%message//"; "//result%message
             result%message = steady%message
             if (steady%is_out_of_work) result%reason = reason%max_fallback_work
@@ -642,7 +643,7 @@ contains
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
          call find_circumstances(system, options, balance, u, circumstances)
          result%message = trim(advice_on(report, circumstances))
-         result%reason = limit_of(report)
+         result%reason = limit_of(report, circumstances)
       else if (report%status == outcome%not_finite) then
          result%message = "loads or motion overflow; rescale the units"
          result%reason = reason%overflow

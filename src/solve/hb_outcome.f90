@@ -48,10 +48,11 @@ module hb_outcome
       integer :: points = 8                            !! `points` of `&curve`: the curve continues beyond its last point
       integer :: grazing = 9                             !! a curve ends at a grazing impact, beyond which no motion was found
       integer :: departure = 10                        !! of a time integration from the motion: a larger set does not help
+      integer :: steep_friction = 11                   !! friction that is smoothed over a tiny speed: more work does not help
    end type reason_t
    type(reason_t), parameter :: reason = reason_t()
-   character(*), parameter :: reason_names(0:10) = [character(17) :: "none", "max_iterations", "max_fallback_work", "time_limit", &
-      "overflow", "growth", "lost_curve", "error", "points", "grazing", "departure"]
+   character(*), parameter :: reason_names(0:11) = [character(17) :: "none", "max_iterations", "max_fallback_work", "time_limit", &
+      "overflow", "growth", "lost_curve", "error", "points", "grazing", "departure", "steep_friction"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
    character(*), parameter :: outcome_names(0:21) = [character(19) :: &

@@ -82,6 +82,20 @@ def test_why_says_what_was_tried_and_what_to_do(tmp_path):
     assert refused.status == BAD_INPUT and "it has 0 to 2" in refused.stderr
 
 
+def test_friction_that_is_a_step_leads_to_other_laws(tmp_path):
+    """More work does not help; a thousand times the speed of smoothing, or rigid friction, does."""
+    law = "&law type = 'coulomb_tanh', label = 'pad', dof = 'x1', limit = 0.2, velocity = {} /\n"
+    text = MASS.replace("= 0.2 /", "= 0.5 /") + law
+    (tmp_path / "step.nml").write_text(text.format("1e-7"))
+    done = run("solve", "step.nml", cwd=tmp_path)
+    assert done.status == NOT_ALL_CONVERGED, done.stdout
+    for said in (done.stdout, run("why", "step.h5", cwd=tmp_path).stdout):
+        assert "'pad' smooths friction over 1.0e-7 m/s, at speeds of" in " ".join(said.split())
+        assert "max_fallback_work" not in said
+    (tmp_path / "smooth.nml").write_text(text.format("1e-4"))
+    assert run("solve", "smooth.nml", cwd=tmp_path).status == ALL_CONVERGED
+
+
 def test_a_given_tolerance_is_not_loosened(tmp_path):
     """With an order and a tolerance the order is left out, not the tolerance."""
     text = STOP + "&harmonics order = 3 /\n&accuracy tolerance = 1e-4 /\n"
