@@ -6,6 +6,7 @@ module model_warnings
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+   use hb_element_catalogue, only: element_groups
    use hb_error, only: error_t
    use hb_frequency_part, only: kind_of_part
    use hb_kinds, only: two_pi, wp
@@ -60,7 +61,7 @@ contains
       if (allocated(plan%curve)) varies_loads = varies_loads .or. index(lower(adjustl(plan%curve%path)), "load") == 1
    end function varies_loads
 
-   !> Names a speed of a structure or bearing that is constant while the frequency of a tone moves, and the input that
+   !> Names a speed of a structure or element that is constant while the frequency of a tone moves, and the input that
    !> ties them; empty: none.
    function frozen_speed_text(plan, document) result(text)
       type(sweep_plan_t), intent(in) :: plan
@@ -68,17 +69,18 @@ contains
       character(:), allocatable :: text
       type(properties_t), pointer :: group
       type(parameter_t) :: moving
+      character(*), parameter :: groups(*) = [character(max_name) :: "structure", element_groups]
       character(:), allocatable :: name, path, to
       real(wp) :: factor
       integer :: i
 
       text = ""
-      name = "structure"
-      if (.not. turns(name)) name = "bearing"
-      if (.not. turns(name)) return
+      i = findloc([(turns(trim(groups(i))), i=1, size(groups))], .true., dim=1)
+      if (i == 0) return
+      name = trim(groups(i))
       do i = 1, size(plan%parameters)
          associate (parameter => plan%parameters(i)%parameter)
-            if (any(group_of(parameter) == [character(9) :: "structure", "bearing"]) .and. parameter%key == "speed") return
+            if (any(group_of(parameter) == groups) .and. parameter%key == "speed") return
             if (group_of(parameter) == "tones") moving = parameter
          end associate
       end do
@@ -194,8 +196,8 @@ contains
    function named_dofs(document) result(text)
       type(document_t), intent(inout) :: document
       character(:), allocatable :: text
-      character(17), parameter :: groups(8) = [character(17) :: "law", "load", "start", "output", "dynamic_stiffness", "bearing", &
-                                               "normal_mode", "phase"]
+      character(17), parameter :: groups(*) = [character(17) :: "law", "load", "start", "output", "dynamic_stiffness", &
+                                               element_groups, "normal_mode", "phase"]
       character(*), parameter :: keys(6) = [character(11) :: "dof", "dofs", "second_dofs", "normal_dofs", "force_dof", "force_dofs"]
       type(properties_t), pointer :: group
       type(string_t), allocatable :: names(:)

@@ -76,6 +76,7 @@ module hb_numbers
       procedure :: derive_inherited => numbered_derive_inherited
       procedure :: derive => numbered_derive
       procedure :: has_valid_numbers => numbered_has_valid_numbers
+      procedure :: is_affine_in => numbered_is_affine_in
       procedure, non_overridable :: set_number => numbered_set_number
       procedure, non_overridable :: set_numbers => numbered_set_numbers
       procedure, non_overridable :: find_number => numbered_find_number
@@ -168,6 +169,15 @@ contains
 
       are_valid = .true.
    end function numbered_has_valid_numbers
+
+   !> Whether structure and loads are affine functions of a number, a + b p: differences of any length are then exact, and long
+   !> ones are formed. Not assumed: an object overrides this for such numbers.
+   pure logical function numbered_is_affine_in(self, number) result(is_affine)
+      class(numbered_t), intent(in) :: self
+      type(number_t), intent(in) :: number                  !! one that it declares
+
+      is_affine = .false.
+   end function numbered_is_affine_in
 
    !> Sets a number and what follows from it, as `set_numbers` does.
    subroutine numbered_set_number(self, number, value, is_set)

@@ -1,10 +1,9 @@
 !> Reads models from documents: the permitted groups, and the order in which their procedures read them. Numbers of the
 !> document that change are set in the model (hb_model_numbers).
 module hb_model_reader
-   use hb_bearing_reader, only: read_bearing
    use hb_document, only: document_t, parameter_t, tied_t
+   use hb_element_reader, only: read_elements
    use hb_error, only: annotate, error_t
-   use hb_fe_model, only: fe_model_source_t
    use hb_floquet, only: floquet_t
    use hb_frequency_part, only: frequency_part_t, kind_of_part
    use hb_frequency_part_input, only: read_frequency_part
@@ -14,14 +13,14 @@ module hb_model_reader
    use hb_model, only: model_t
    use hb_model_laws, only: read_laws
    use hb_model_loads, only: loaded_tuples, read_initial, read_loads, read_starts
-   use hb_model_number, only: follower_t, followers_of_changes, has_number, model_number_t, moving_groups, relation_t, tie_t, &
-      values_at
+   use hb_model_number, only: follower_t, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
+      relation_t, tie_t, values_at
    use hb_model_numbers, only: find_model_number, set_model_numbers
    use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
    use hb_options, only: callbacks_t, options_t
-   use hb_parameter_number, only: find_number, locate_number, movable_groups
+   use hb_parameter_number, only: find_number, list_groups, locate_number
    use hb_properties, only: properties_t
    use hb_response, only: new_response, response_t
    use hb_solver_types, only: share_of_solver
@@ -307,11 +306,7 @@ contains
       call read_structure(group, self%system%structure, error, self%options%memory_limit, self%options%callbacks%fe_models, &
                           self%system%builder)
       if (allocated(error)) return
-      allocate (self%system%bearings(document%count("bearing")))
-      do i = 1, size(self%system%bearings)
-         call read_bearing(self%system%bearings(i), document%group("bearing", i), self%system%structure)
-         if (self%system%bearings(i)%is_complete()) call self%system%bearings(i)%add_to(self%system%structure)
-      end do
+      call read_elements(document, self%system%structure, self%system%elements)
       if (document%count("dynamic_stiffness") == 0) return
       allocate (parts(0))
       do i = 1, document%count("dynamic_stiffness")
@@ -510,7 +505,7 @@ contains
       if (allocated(error)) then
          problem = error%message
       else if (.not. any(document%groups%holders(parameter%i_group)%group%name == moving_groups)) then
-         problem = "is not a number of "//trim(movable_groups())
+         problem = "is not a number of "//trim(list_groups(numbered_groups%may_move, "or"))
       else if (document%n_tones_of(parameter) > 1) then
          problem = "does not specify the tone; give one, such as '"//path//"(1)'"
       else if (.not. is_given) then
@@ -562,10 +557,10 @@ contains
       do i = 1, size(document%ties)
          if (tone_of(document, i, tones) == 0) cycle
          if (any(document%groups%holders(document%ties(i)%parameter%i_group)%group%name == &
-                 [character(9) :: "structure", "bearing", "load", "law"])) cycle
+                 pack(numbered_groups%name, numbered_groups%may_follow_unknown))) cycle
          group => document%group("tie", i)
-         call group%problem("parameter", "follows the frequency of an unknown tone, which only values of &structure, &bearing, "// &
-                            "&load and &law can")
+         call group%problem("parameter", "follows the frequency of an unknown tone, which only values of "// &
+                            trim(list_groups(numbered_groups%may_follow_unknown, "and"))//" can")
       end do
    end subroutine refuse_unknown_tones
 end module hb_model_reader

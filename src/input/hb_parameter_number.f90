@@ -2,11 +2,11 @@
 module hb_parameter_number
    use hb_document, only: document_t, parameter_t
    use hb_kinds, only: wp
-   use hb_model_number, only: has_number, model_number_t, moving_groups, numbered_groups
+   use hb_model_number, only: has_number, model_number_t, numbered_groups
    use hb_text, only: to_text
    implicit none
    private
-   public :: find_number, locate_number, movable_groups
+   public :: find_number, list_groups, locate_number
 
 contains
 
@@ -50,16 +50,19 @@ contains
       number%element = parameter%element
    end subroutine locate_number
 
-   !> The groups whose numbers may move, for messages.
-   pure function movable_groups() result(text)
+   !> Lists some of the groups with numbers, for messages.
+   pure function list_groups(are_listed, word) result(text)
+      logical, intent(in) :: are_listed(:)                            !! as `numbered_groups`, one or more
+      character(*), intent(in) :: word                                !! before the last one: and, or
       character(160) :: text
+      integer, allocatable :: which(:)
       integer :: i
 
-      text = "&"//moving_groups(1)
-      do i = 2, size(moving_groups)
-         if (i < size(moving_groups)) text = trim(text)//", &"//moving_groups(i)
-         if (i == size(moving_groups)) text = trim(text)//" or &"//moving_groups(i)
+      which = pack([(i, i=1, size(are_listed))], are_listed)
+      text = "&"//numbered_groups(which(1))%name
+      do i = 2, size(which)
+         if (i < size(which)) text = trim(text)//", &"//numbered_groups(which(i))%name
+         if (i == size(which)) text = trim(text)//" "//word//" &"//numbered_groups(which(i))%name
       end do
-   end function movable_groups
-
+   end function list_groups
 end module hb_parameter_number

@@ -35,6 +35,7 @@ module hb_property_record
       procedure :: forget => record_forget
       procedure :: given => record_given
       procedure :: has_key => record_has_key
+      procedure :: has_problems => record_has_problems
       procedure :: refuse_unread => record_refuse_unread
       procedure :: location => record_location
       procedure :: pass_over_keys => record_pass_over_keys
@@ -187,6 +188,13 @@ contains
          call lines%add(new_line("a")//self%location()//": and "//to_text(n - max_problems)//" more problems")
       if (n > 0) call fail(error, lines%text())
    end subroutine record_finish
+
+   !> Whether problems have been found.
+   pure logical function record_has_problems(self) result(has)
+      class(record_t), intent(in) :: self
+
+      has = self%n_problems > 0
+   end function record_has_problems
 
    !> Reports the first problem only: without a known type no other key can be checked.
    pure subroutine record_report_first(self, error)

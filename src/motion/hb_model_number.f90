@@ -2,6 +2,7 @@
 !> follow others.
 module hb_model_number
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_element_catalogue, only: element_groups
    use hb_kinds, only: wp
    use hb_numbers, only: number_t
    use hb_text, only: to_text
@@ -10,17 +11,19 @@ module hb_model_number
    public :: follower_t, followers_of, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
       relation_t, tie_t, values_at
 
+   integer, parameter :: n_elements = size(element_groups)
+
    !> The objects of a model that have numbers.
    type :: has_number_t
       integer :: none = 0
       integer :: structure = 1
-      integer :: bearing = 2
-      integer :: dynamic_stiffness = 3
-      integer :: tones = 4
-      integer :: load = 5
-      integer :: start = 6
-      integer :: law = 7
-      integer :: normal_mode = 8
+      integer :: element = 2                                          !! those of the catalogue, in its order
+      integer :: dynamic_stiffness = n_elements + 2
+      integer :: tones = n_elements + 3
+      integer :: load = n_elements + 4
+      integer :: start = n_elements + 5
+      integer :: law = n_elements + 6
+      integer :: normal_mode = n_elements + 7
    end type has_number_t
    type(has_number_t), parameter :: has_number = has_number_t()
 
@@ -30,15 +33,17 @@ module hb_model_number
       logical :: is_of_structure = .false.                            !! the matrices of the structure depend on its numbers
       logical :: is_of_loads = .false.                                !! the loads depend on them
       logical :: may_move = .true.                                    !! they may move along curves: they change the motion
+      logical :: may_follow_unknown = .false.                         !! they may follow the frequency of an unknown tone
    end type numbered_group_t
-   type(numbered_group_t), parameter :: numbered_groups(8) = [ &
-      numbered_group_t("structure", is_of_structure=.true.), &
-      numbered_group_t("bearing", is_of_structure=.true.), &
+   integer :: k                                                       ! of the table alone
+   type(numbered_group_t), parameter :: numbered_groups(*) = [ &
+      numbered_group_t("structure", is_of_structure=.true., may_follow_unknown=.true.), &
+      (numbered_group_t(element_groups(k), is_of_structure=.true., may_follow_unknown=.true.), k=1, n_elements), &
       numbered_group_t("dynamic_stiffness", is_of_structure=.true.), &
       numbered_group_t("tones"), &
-      numbered_group_t("load", is_of_loads=.true.), &
+      numbered_group_t("load", is_of_loads=.true., may_follow_unknown=.true.), &
       numbered_group_t("start", may_move=.false.), &                  ! it selects a motion
-      numbered_group_t("law"), &
+      numbered_group_t("law", may_follow_unknown=.true.), &
       numbered_group_t("normal_mode", may_move=.false.)]              ! its amplitude or energy alone, which an equation has
    character(*), parameter :: moving_groups(*) = pack(numbered_groups%name, numbered_groups%may_move)
 

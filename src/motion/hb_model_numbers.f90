@@ -1,5 +1,5 @@
 !> The numbers of a model: their values, and setting them, with all that follows from them.
-!> A number belongs to an object of the model, which declares it (hb_numbers): the builder of the structure, a bearing, a
+!> A number belongs to an object of the model, which declares it (hb_numbers): the builder of the structure, an element, a
 !> load, a law. Setting it is a store in that object. Structure and loads are then built again from numbers, and laws
 !> derive what they need; nothing is read.
 module hb_model_numbers
@@ -79,30 +79,18 @@ contains
       end select
    end subroutine find_model_number
 
-   !> The object that has a number: of several laws of one group the first; null if there is none.
+   !> The object that has a number, null if there is none.
    function object_of(self, number) result(object)
       type(model_t), intent(inout), target :: self
       type(model_number_t), intent(in) :: number
       class(numbered_t), pointer :: object
 
       object => null()
-      associate (i => number%i)
-         select case (number%object)
-         case (has_number%structure)
-            if (allocated(self%system%builder)) object => self%system%builder
-         case (has_number%bearing)
-            if (i <= size(self%system%bearings)) object => self%system%bearings(i)
-         case (has_number%dynamic_stiffness)
-            if (.not. allocated(self%system%structure%parts)) return
-            if (i <= size(self%system%structure%parts)) object => self%system%structure%parts(i)
-         case (has_number%load)
-            if (i <= size(self%system%loads)) object => self%system%loads(i)
-         case (has_number%start)
-            if (i <= size(self%options%start%given)) object => self%options%start%given(i)
-         case (has_number%law)
-            if (any(self%system%law_groups == i)) object => self%system%laws(findloc(self%system%law_groups, i, dim=1))%law
-         end select
-      end associate
+      if (number%object /= has_number%start) then
+         object => self%system%object_of(number)
+      else if (number%i <= size(self%options%start%given)) then
+         object => self%options%start%given(number%i)
+      end if
    end function object_of
 
    !> Sets numbers, and what follows from them. Fails, with an unchanged model, for a number that the model does not have
@@ -249,8 +237,8 @@ contains
 
       call self%system%builder%build(structure, error, self%options%memory_limit)
       if (allocated(error)) return
-      do i = 1, size(self%system%bearings)
-         call self%system%bearings(i)%add_to(structure)
+      do i = 1, size(self%system%elements)
+         call self%system%elements(i)%element%add_to(structure)
       end do
       if (allocated(self%system%structure%parts)) structure%parts = self%system%structure%parts
    end subroutine build_structure

@@ -6,6 +6,7 @@ module hb_movement
    use hb_model, only: model_t
    use hb_model_number, only: follower_t, followers_of, has_number, model_number_t, relation_t, values_at
    use hb_model_numbers, only: find_model_number, set_model_numbers
+   use hb_numbers, only: numbered_t
    use hb_system, only: system_t
    use hb_tones, only: tones_t
    implicit none
@@ -86,6 +87,7 @@ contains
       type(movement_t), intent(out) :: self
       type(system_t), intent(in) :: system
       type(follower_t), intent(in) :: first(:)
+      class(numbered_t), pointer :: object
       integer :: i
 
       self%followers = first
@@ -98,7 +100,9 @@ contains
          self%coordinates = any([(is_weight(system, numbers(i)), i=1, size(numbers))])
          self%tones = any(numbers%object == has_number%tones)
          self%has_inertia_loads = system%has_inertia_loads
-         if (size(numbers) == 1) self%is_affine = is_affine_in(system, numbers(1))
+         if (size(numbers) > 1) return
+         object => system%object_of(numbers(1))
+         if (associated(object)) self%is_affine = object%is_affine_in(numbers(1)%number_t)
       end associate
    end subroutine make_movement
 
@@ -114,21 +118,6 @@ contains
          if (system%law_groups(i) == number%i) is_weight = is_weight .or. system%laws(i)%law%has_weight(number%number_t)
       end do
    end function is_weight
-
-   !> Whether structure and loads are affine functions of a number, a + b p, where nothing else moves.
-   logical function is_affine_in(system, number)
-      type(system_t), intent(in) :: system
-      type(model_number_t), intent(in) :: number
-
-      select case (number%object)
-      case (has_number%load)
-         is_affine_in = system%loads(number%i)%is_affine_in(number%number_t)
-      case (has_number%structure)
-         is_affine_in = system%builder%is_affine_in(number%number_t)
-      case default
-         is_affine_in = .false.
-      end select
-   end function is_affine_in
 
    !> Whether it moves numbers of the model.
    pure logical function movement_moves(self) result(moves)

@@ -49,7 +49,7 @@ contains
       if (.not. allocated(error)) call new_torus(self%discretisation%torus, n_samples, harmonics, error)
       if (allocated(error)) return
       self%discretisation%harmonics = harmonics
-      allocate (self%system%bearings(0), self%system%laws(0), self%system%law_groups(0), self%system%loads(0), &
+      allocate (self%system%elements(0), self%system%laws(0), self%system%law_groups(0), self%system%loads(0), &
                 self%options%start%given(0), self%system%ties(0))
       allocate (self%options%gradient%names(0), self%options%gradient%by(0), self%options%output%samples(0))
       allocate (self%options%callbacks%stability_finder, source=floquet_t())

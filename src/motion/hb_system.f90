@@ -1,13 +1,14 @@
 !> The system whose motions are computed: structure, laws, loads and base frequencies. It has no harmonics and no settings.
 module hb_system
-   use hb_bearing, only: bearing_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
    use hb_load, only: load_t
-   use hb_model_number, only: tie_t
+   use hb_model_number, only: has_number, model_number_t, tie_t
+   use hb_numbers, only: numbered_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
+   use hb_structure_element, only: element_box_t
    use hb_text, only: to_text
    use hb_tones, only: tones_t
    implicit none
@@ -34,8 +35,8 @@ module hb_system
    end type normal_mode_t
 
    type :: system_t
-      class(structure_builder_t), allocatable :: builder              !! of the structure without bearings
-      type(bearing_t), allocatable :: bearings(:)
+      class(structure_builder_t), allocatable :: builder              !! of the structure without elements
+      type(element_box_t), allocatable :: elements(:)
       type(structure_t) :: structure                                  !! with them
       type(law_box_t), allocatable :: laws(:)
       integer, allocatable :: law_groups(:)                           !! number of the group of each law
@@ -47,6 +48,7 @@ module hb_system
       type(normal_mode_t) :: normal_mode
       type(tie_t), allocatable :: ties(:)                             !! by which numbers follow others, in their order
    contains
+      procedure :: object_of => system_object_of
       procedure :: has_restitution => system_has_restitution
       procedure :: check_balance => system_check_balance
       procedure :: list_files => system_list_files
@@ -54,6 +56,34 @@ module hb_system
    end type system_t
 
 contains
+
+   !> The object that has a number: of several laws of one group the first; null if there is none, and for tones and the normal
+   !> mode, whose numbers depend on each other.
+   function system_object_of(self, number) result(object)
+      class(system_t), intent(in), target :: self
+      type(model_number_t), intent(in) :: number
+      class(numbered_t), pointer :: object
+      integer :: k
+
+      object => null()
+      associate (i => number%i)
+         select case (number%object)
+         case (has_number%structure)
+            if (allocated(self%builder)) object => self%builder
+         case (has_number%dynamic_stiffness)
+            if (.not. allocated(self%structure%parts)) return
+            if (i <= size(self%structure%parts)) object => self%structure%parts(i)
+         case (has_number%load)
+            if (i <= size(self%loads)) object => self%loads(i)
+         case (has_number%law)
+            k = findloc(self%law_groups, i, dim=1)
+            if (k > 0) object => self%laws(k)%law
+         case default
+            k = findloc(self%elements%object == number%object .and. self%elements%i == i, .true., dim=1)
+            if (k > 0) object => self%elements(k)%element
+         end select
+      end associate
+   end function system_object_of
 
    !> Fails if the system has no balance, so that it can only be integrated in time.
    pure subroutine system_check_balance(self, error)

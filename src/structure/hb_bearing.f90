@@ -2,24 +2,24 @@
 module hb_bearing
    use hb_interpolation, only: is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_numbers, only: numbered_t, numbers_t
-   use hb_sparse, only: sparse_from_entries, sparse_sum
+   use hb_numbers, only: numbers_t
+   use hb_problems, only: problems_t
    use hb_structure, only: structure_t
+   use hb_structure_element, only: structure_element_t
+   use hb_text, only: to_text
    implicit none
    private
    public :: bearing_t
 
-   integer, parameter :: row(4) = [1, 1, 2, 2], column(4) = [1, 2, 1, 2]   ! of the columns of a table: xx, xy, yx, yy
-
-   type, extends(numbered_t) :: bearing_t
-      integer :: dofs(2) = 0                                          !! directions x and y
+   type, extends(structure_element_t) :: bearing_t                    ! its degrees of freedom are the directions x and y
       real(wp) :: speed = 0.0_wp                                      !! [rad/s], in the table
       real(wp), allocatable :: speeds(:)                              !! [rad/s], ascending, two or more
-      real(wp), allocatable :: stiffness(:, :), damping(:, :)         !! [N/m], [N s/m], (size(speeds), 4)
+      real(wp), allocatable :: stiffness(:, :), damping(:, :)         !! [N/m], [N s/m], (size(speeds), 4): xx, xy, yx, yy
    contains
       procedure :: declare_numbers => bearing_declare_numbers
       procedure :: has_valid_numbers => bearing_has_valid_numbers
-      procedure :: is_complete => bearing_is_complete
+      procedure :: check => bearing_check
+      procedure :: n_dofs => bearing_n_dofs
       procedure :: add_to => bearing_add_to
    end type bearing_t
 
@@ -45,29 +45,42 @@ contains
                                  self%speed >= self%speeds(1) .and. self%speed <= self%speeds(size(self%speeds))
    end function bearing_has_valid_numbers
 
-   !> Whether all numbers are there, and fit together.
-   logical function bearing_is_complete(self) result(is_complete)
+   !> Reports a table that is none, and a speed outside of it.
+   subroutine bearing_check(self, problems)
+      class(bearing_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. allocated(self%speeds)) return                        ! which has been reported
+      associate (speeds => self%speeds)
+         if (size(speeds) < 2 .or. .not. is_ascending(speeds)) then
+            call problems%add("speeds", "two or more are needed, each greater than the one before")
+         else if (.not. self%has_valid_numbers()) then
+            call problems%add("speed", to_text(self%speed)//" rad/s lies outside of the table, "//to_text(speeds(1))//" to "// &
+                              to_text(speeds(size(speeds))))
+         end if
+      end associate
+   end subroutine bearing_check
+
+   pure integer function bearing_n_dofs(self) result(n_dofs)
       class(bearing_t), intent(in) :: self
 
-      is_complete = allocated(self%speeds) .and. allocated(self%stiffness) .and. all(self%dofs > 0)
-      if (is_complete) is_complete = all([size(self%stiffness, 1), size(self%damping, 1)] == size(self%speeds)) .and. &
-                                     self%has_valid_numbers()
-   end function bearing_is_complete
+      n_dofs = 2
+   end function bearing_n_dofs
 
    !> Adds the bearing, at its speed, to a structure.
    subroutine bearing_add_to(self, structure)
       class(bearing_t), intent(in) :: self
       type(structure_t), intent(inout) :: structure
 
-      call add_at(structure, self%dofs, values_at(self%speeds, self%stiffness, self%speed), &
-                  values_at(self%speeds, self%damping, self%speed))
+      call self%add_matrices(structure, matrix_at(self%speeds, self%stiffness, self%speed), &
+                             matrix_at(self%speeds, self%damping, self%speed))
    end subroutine bearing_add_to
 
-   !> The four coefficients at a speed.
-   function values_at(speeds, table, speed) result(values)
+   !> The matrix of a table at a speed.
+   function matrix_at(speeds, table, speed) result(matrix)
       real(wp), intent(in) :: speeds(:), table(:, :)
       real(wp), intent(in) :: speed
-      real(wp) :: slope, values(4)
+      real(wp) :: matrix(2, 2), slope, values(4)
       type(monotone_cubic_t) :: curve
       integer :: k
 
@@ -75,26 +88,6 @@ contains
          call new_monotone_cubic(curve, speeds, table(:, k), is_constant_beyond=.true.)
          call curve%at(speed, values(k), slope)
       end do
-   end function values_at
-
-   subroutine add_at(structure, dofs, stiffness, damping)
-      type(structure_t), intent(inout) :: structure
-      integer, intent(in) :: dofs(2)
-      real(wp), intent(in) :: stiffness(4), damping(4)
-      integer :: k
-
-      if (allocated(structure%sparse)) then
-         associate (s => structure%sparse, n => structure%n_dofs)
-            s%stiffness = sparse_sum(1.0_wp, s%stiffness, 1.0_wp, sparse_from_entries(n, dofs(row), dofs(column), stiffness))
-            s%damping = sparse_sum(1.0_wp, s%damping, 1.0_wp, sparse_from_entries(n, dofs(row), dofs(column), damping))
-         end associate
-         return
-      end if
-      do k = 1, 4
-         associate (i => dofs(row(k)), j => dofs(column(k)))
-            structure%stiffness(i, j) = structure%stiffness(i, j) + stiffness(k)
-            structure%damping(i, j) = structure%damping(i, j) + damping(k)
-         end associate
-      end do
-   end subroutine add_at
+      matrix = reshape(values, [2, 2], order=[2, 1])
+   end function matrix_at
 end module hb_bearing

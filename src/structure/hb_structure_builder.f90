@@ -23,7 +23,6 @@ module hb_structure_builder
       type(proportional_damping_t) :: proportional           !! added to other damping
    contains
       procedure(build_structure), deferred :: build
-      procedure :: is_affine_in => structure_builder_is_affine_in
       procedure :: find_slope => structure_builder_find_slope
    end type structure_builder_t
 
@@ -76,13 +75,4 @@ contains
       call slope%begin()
       is_known = .false.
    end subroutine structure_builder_find_slope
-
-   !> Whether the matrices are affine functions of a number, a + b p: differences of any length are then exact, and long ones are
-   !> formed. Not assumed: a builder overrides this for such numbers.
-   pure logical function structure_builder_is_affine_in(self, number) result(is_affine)
-      class(structure_builder_t), intent(in) :: self
-      type(number_t), intent(in) :: number
-
-      is_affine = .false.
-   end function structure_builder_is_affine_in
 end module hb_structure_builder

@@ -8,12 +8,12 @@ module hb_curve_plan
    use hb_law, only: hold_t
    use hb_located_response, only: located_response_t
    use hb_model, only: model_t
-   use hb_model_number, only: moving_groups
+   use hb_model_number, only: moving_groups, numbered_groups
    use hb_model_problem, only: moving_value_t
    use hb_movement, only: movement_t, new_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome
-   use hb_parameter_number, only: find_number, movable_groups
+   use hb_parameter_number, only: find_number, list_groups
    use hb_point_kinds, only: curve_kind_names, curve_kinds, located_by, response_keys, response_kinds, target_keys
    use hb_properties, only: properties_t
    use hb_response, only: new_response
@@ -182,7 +182,7 @@ contains
          call document%resolve(self%over_path, self%over_parameter, error)
          if (.not. allocated(error)) then
             if (.not. any(moving_groups == document%groups%holders(self%over_parameter%i_group)%group%name)) then
-               call fail(error, "a curve follows a number of "//trim(movable_groups()))
+               call fail(error, "a curve follows a number of "//trim(list_groups(numbered_groups%may_move, "or")))
             else if (document%n_tones_of(self%over_parameter) > 1) then
                call fail(error, "specify the tone that moves, such as '"//trim(lower(self%over_path))//"(1)'")
             end if
@@ -195,7 +195,8 @@ contains
       associate (name => document%groups%holders(self%parameter%i_group)%group%name)
          if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
             call fail(error, self%location//": parameter '"//shown(self%path)// &
-                      "': a curve follows a number of "//trim(movable_groups())//", or of &normal_mode; give others to &sweep")
+                      "': a curve follows a number of "//trim(list_groups(numbered_groups%may_move, "or"))// &
+                      ", or of &normal_mode; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%location//": tie: 'ratio' is for the frequency of a tone")
       end associate

@@ -20,6 +20,7 @@ from program import run
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 TABLES = runpy.run_path(str(ROOT / "tests" / "keys"))
+ELEMENTS = re.findall(r"^([a-z]\w*) \|", (SRC / "structure_elements.txt").read_text(), re.MULTILINE)
 KEYS, LAWS = TABLES["keys"](), TABLES["laws"]()
 
 # Where neither the file nor the procedure (read_<group>) tells whose keys are read.
@@ -30,6 +31,7 @@ SECTIONS_BY_FILE = {
     "hb_proportional_damping.f90": ["structure"],
     "hb_sweep_plan.f90": ["sweep"],
     "hb_curve_plan.f90": ["curve"],
+    "hb_element_reader.f90": ELEMENTS,
 }
 SECTIONS_BY_PROCEDURE = {
     "any_beam_declare_numbers": ["structure beam", "structure modal_beam"],
@@ -51,8 +53,6 @@ SECTIONS_BY_PROCEDURE = {
     "frequency_part_declare_numbers": ["dynamic_stiffness"],  # and of its kinds, each in a case
     "read_frequency_part": ["dynamic_stiffness"],
     "read_names": ["dynamic_stiffness"],
-    "bearing_declare_numbers": ["bearing"],
-    "find_dofs": ["bearing"],
 }
 
 CALL = re.compile(r"\bcall\s+(?:(?!file%)\w+%(?:get|choose)|numbers%add)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
@@ -116,6 +116,8 @@ def sections_of(path: Path, procedure: str) -> list[str]:
     module = path.stem.removeprefix("hb_")
     if path.parent.name == "laws":
         return [f"law {module.removeprefix('law_')}"]
+    if path.parent.name == "structure" and module in ELEMENTS:
+        return [module]
     if path.parent.name == "structure":
         return [f"structure {module}"]
     return [procedure.removeprefix("read_")]

@@ -16,7 +16,6 @@ from nhbm import doubts
 from nhbm.errors import Implausible, ModelError, among
 from nhbm.groups import (
     OPERATIONS,
-    REPEATED,
     Builder,
     Group,
     Groups,
@@ -29,7 +28,7 @@ from nhbm.groups import (
     plain,
     value_at,
 )
-from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups
+from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups
 from nhbm.laws import Law
 from nhbm.session import Session
 from nhbm.signatures import Laws
@@ -114,7 +113,7 @@ class Description(Laws):
         tones = self._groups.first("tones")
         if tones:
             parts += [f"{key} {list(value) if isinstance(value, tuple) else value}" for key, value in tones.keys.items()]
-        for name in REPEATED:
+        for name in repeated_groups():
             found = self._groups.named(name)
             types = [str(group.keys["type"]) for group in found if "type" in group.keys]
             if found:
@@ -203,7 +202,7 @@ class Description(Laws):
         **keys
             Its keys, such as ``set("harmonics", order=9)``; None restores the default.
         """
-        if group in REPEATED:
+        if group in repeated_groups():
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group == "curve":
             raise ModelError("the keys of &curve are arguments of the operations: model.curve(path, start, stop, points=200)")
@@ -448,7 +447,7 @@ class Description(Laws):
         """
         match = re.fullmatch(r"(\w+)\[(\d+)\]", entry)
         if match:
-            found = self._groups.named(match[1])[int(match[2]) :][:1] if match[1] in REPEATED else []
+            found = self._groups.named(match[1])[int(match[2]) :][:1] if match[1] in repeated_groups() else []
         else:
             found = [group for group in self._groups if group.label == entry]
         if not found:
@@ -533,7 +532,7 @@ class Description(Laws):
 
     def _forward(self, live: _Live, group: Group, key: str) -> None:
         """Sets a value of a group in a session."""
-        which = self._groups.number_of(group) if group.name in REPEATED else None
+        which = self._groups.number_of(group) if group.name in repeated_groups() else None
         path = path_of(str(InputPath(group.name, which, key)))
         if not live.settings.has(path):
             live.set(str(path), group.value(key))

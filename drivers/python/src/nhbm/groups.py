@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from nhbm.errors import ModelError
-from nhbm.keys import check_keys, keys_of, missing_key, model_groups
+from nhbm.keys import check_keys, keys_of, labelled_groups, missing_key, model_groups, repeated_groups
 from nhbm.signatures import STRUCTURES
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from nhbm import signatures
 
-REPEATED = "load", "law", "start", "initial", "bearing", "dynamic_stiffness", "tie"  # groups of which there may be several
 OPERATIONS = "sweep", "curve"  # groups of an input that are operations of a model
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them
 _EXPECTED = "expected a real number, text, bool or list of them, not"
@@ -278,13 +277,13 @@ class Groups:
         """The one spelling of a path: groups by their label or, without one, their number; the only tone without an index."""
         found = path_of(path)
         if found.group == "law" and isinstance(found.which, str) and self.find(found) is None:  # a label of another group?
-            others = [group for group in self._all if group.label == found.which and group.name in REPEATED]
+            others = [group for group in self._all if group.label == found.which and group.name in repeated_groups()]
             if len(others) == 1:
                 found = found._replace(group=others[0].name)
         group = self.find(found)
         if group is None:
             return found
-        if group.name not in REPEATED:
+        if group.name not in repeated_groups():
             found = found._replace(which=None)
         else:
             is_unique = sum(other.label == group.label for other in self.named(group.name)) == 1
@@ -548,9 +547,6 @@ class Matrices(Builder):
         super().__init__(n_dofs=len(mass), mass=mass.ravel(), **more, **keys)
 
 
-_OF_MOTIONS = "structure", "bearing", "dynamic_stiffness", "tones", "load", "law"  # groups that a motion satisfies
-
-
 def changed_values(before: str, after: str, varied: Iterable[str]) -> str:
     """The first number by which two complete inputs differ, in words, other than those at the paths `varied` and those that follow
     others; empty if there is none."""
@@ -558,7 +554,7 @@ def changed_values(before: str, after: str, varied: Iterable[str]) -> str:
     free = [groups[after].resolved(path) for path in varied]
     free += [path_of(str(tie.keys["parameter"])) for tie in groups[after].named("tie")]
     skipped = {(id(groups[after].find(path)), path.key) for path in free}
-    for name in _OF_MOTIONS:
+    for name in ("structure", *labelled_groups(), "tones", "load"):  # groups that a motion satisfies
         old, new = groups[before].named(name), groups[after].named(name)
         if len(old) != len(new):
             return f"it has {len(new)} groups &{name}, and had {len(old)}"
@@ -569,6 +565,6 @@ def changed_values(before: str, after: str, varied: Iterable[str]) -> str:
                 if (id(now), key) in skipped or not {old_numbers.dtype.kind, new_numbers.dtype.kind} <= {"f", "i"}:
                     continue
                 if not np.array_equal(old_numbers, new_numbers):
-                    which = f"({now.label or k + 1})" if name in REPEATED else ""
+                    which = f"({now.label or k + 1})" if name in repeated_groups() else ""
                     return f"{name}{which}%{key} is {as_input(value)}, and was {as_input(other)}"
     return ""

@@ -65,6 +65,18 @@ def model_groups() -> tuple[str, ...]:
     return tuple(group for group in groups if group != "sweep")
 
 
+@functools.lru_cache(maxsize=1)
+def labelled_groups() -> tuple[str, ...]:
+    """The groups of which there may be several, each with a label: laws, and what is added to the structure."""
+    return tuple(key.section for key in _table() if key.name == "label")
+
+
+@functools.lru_cache(maxsize=1)
+def repeated_groups() -> tuple[str, ...]:
+    """The groups of which there may be several."""
+    return tuple(dict.fromkeys(("load", "law", "start", "initial", *labelled_groups(), "tie")))
+
+
 @functools.lru_cache(maxsize=None)
 def keys_of(group: str, kind: str = "") -> dict[str, Key]:
     """The keys of a group, and of its type, by name."""

@@ -1,0 +1,74 @@
+!> An element that is added to a structure, such as a bearing: it declares its numbers (hb_numbers), and adds to the matrices
+!> as often as they change. Each kind is a group of an input, a row of src/structure_elements.txt.
+module hb_structure_element
+   use hb_kinds, only: wp
+   use hb_numbers, only: numbered_t
+   use hb_problems, only: problems_t
+   use hb_sparse, only: sparse_from_entries, sparse_sum
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: element_box_t, structure_element_t
+
+   type, extends(numbered_t), abstract :: structure_element_t
+      integer, allocatable :: dofs(:)                                 !! degrees of freedom at which it is, different ones
+   contains
+      procedure(add_element), deferred :: add_to
+      procedure :: n_dofs => structure_element_n_dofs
+      procedure :: check => structure_element_check
+      procedure, non_overridable :: add_matrices => structure_element_add_matrices
+   end type structure_element_t
+
+   abstract interface
+      !> Adds the element, with its present numbers, to a structure (`add_matrices`).
+      subroutine add_element(self, structure)
+         import :: structure_element_t, structure_t
+         class(structure_element_t), intent(in) :: self
+         type(structure_t), intent(inout) :: structure
+      end subroutine add_element
+   end interface
+
+   !> Elements in an array.
+   type :: element_box_t
+      integer :: object = 0                                           !! its kind, as a `model_number_t` has it
+      integer :: i = 0                                                !! its number among those of this kind, as given
+      class(structure_element_t), allocatable :: element
+   end type element_box_t
+
+contains
+
+   !> Number of degrees of freedom at which an element is.
+   pure integer function structure_element_n_dofs(self) result(n_dofs)
+      class(structure_element_t), intent(in) :: self
+
+      n_dofs = 1
+   end function structure_element_n_dofs
+
+   !> Reports numbers that do not fit together, which `has_valid_numbers` rejects.
+   subroutine structure_element_check(self, problems)
+      class(structure_element_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+   end subroutine structure_element_check
+
+   !> Adds matrices between the degrees of freedom of the element to those of a structure.
+   subroutine structure_element_add_matrices(self, structure, stiffness, damping)
+      class(structure_element_t), intent(in) :: self
+      type(structure_t), intent(inout) :: structure
+      real(wp), intent(in) :: stiffness(:, :), damping(:, :)          !! [N/m], [N s/m], (n_dofs, n_dofs)
+      integer :: i, k
+
+      associate (dofs => self%dofs, n => size(self%dofs))
+         if (allocated(structure%sparse)) then
+            associate (s => structure%sparse, rows => [((dofs(i), k=1, n), i=1, n)], columns => [((dofs(k), k=1, n), i=1, n)])
+               s%stiffness = sparse_sum(1.0_wp, s%stiffness, 1.0_wp, &
+                  sparse_from_entries(structure%n_dofs, rows, columns, [transpose(stiffness)]))
+               s%damping = sparse_sum(1.0_wp, s%damping, 1.0_wp, &
+                  sparse_from_entries(structure%n_dofs, rows, columns, [transpose(damping)]))
+            end associate
+         else
+            structure%stiffness(dofs, dofs) = structure%stiffness(dofs, dofs) + stiffness
+            structure%damping(dofs, dofs) = structure%damping(dofs, dofs) + damping
+         end if
+      end associate
+   end subroutine structure_element_add_matrices
+end module hb_structure_element
