@@ -39,6 +39,7 @@ module hb_session
    use hb_record_columns, only: record_columns, verdict_columns
    use hb_session_cancellation, only: session_cancellation_t
    use hb_session_input, only: session_input_t
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
@@ -279,17 +280,13 @@ contains
 
    !> Names the laws that exert no force on the last motion, one per line; empty: none.
    subroutine session_idle_laws(self, text)
-      class(session_t), intent(in) :: self
+      class(session_t), intent(inout), target :: self
       character(:), allocatable, intent(out) :: text
       type(idle_laws_t) :: idle
 
       text = ""
       if (.not. self%model%is_read) return
-      if (self%runner%is_prepared()) then                             ! a point of a curve, which moves numbers of laws
-         call idle%examine(self%runner%model%system, self%model%discretisation, self%result)
-      else
-         call idle%examine(self%model%system, self%model%discretisation, self%result)
-      end if
+      call idle%examine(system_of_result(self), self%model%discretisation, self%result)
       call idle%describe(self%model%system, text)
    end subroutine session_idle_laws
 
@@ -612,14 +609,23 @@ contains
 
    !> Gives a result the harmonics of the model if it has none of its own, since the model may change.
    subroutine complete_result(self)
-      class(session_t), intent(inout) :: self
+      class(session_t), intent(inout), target :: self
 
       if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%discretisation%harmonics
       self%is_present = .true.
       self%has_law_doubt = .not. self%law_doubt%is_done
-      call self%law_doubt%examine(self%model%system, self%model%discretisation, self%result)
+      call self%law_doubt%examine(system_of_result(self), self%model%discretisation, self%result)
       self%has_law_doubt = self%has_law_doubt .and. self%law_doubt%is_done
    end subroutine complete_result
+
+   !> The system of the last motion: at a point of a curve with the numbers that it has there.
+   function system_of_result(self) result(system)
+      class(session_t), intent(inout), target :: self
+      type(system_t), pointer :: system
+
+      system => self%model%system
+      if (self%runner%is_prepared()) system => self%runner%system_at(self%result)
+   end function system_of_result
 
    subroutine forget_integration(self)
       class(session_t), intent(inout) :: self

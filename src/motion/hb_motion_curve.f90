@@ -56,6 +56,7 @@ module hb_motion_curve
       procedure :: next => motion_curve_next
       procedure :: search_for => motion_curve_search_for
       procedure :: measure => motion_curve_measure
+      procedure :: system_at => motion_curve_system_at
       procedure :: start_branch => motion_curve_start_branch
       procedure :: make_step
       procedure :: pack => motion_curve_pack
@@ -685,4 +686,15 @@ contains
       measure = 0.0_wp
       if (size(self%request%responses) > 0) measure = sqrt(self%square_at(self%request%responses(1), x))
    end function motion_curve_measure
+
+   !> The system at a point that was reported, to which the curve moves its own.
+   function motion_curve_system_at(self, position) result(system)
+      class(motion_curve_t), intent(inout), target :: self
+      type(curve_position_t), intent(in) :: position
+      type(system_t), pointer :: system
+      logical :: is_possible                                          ! it was there before
+
+      call self%problem%set_parameters(self%problem%which, further_of(position, self%model%system), is_possible)
+      system => self%problem%model%system
+   end function motion_curve_system_at
 end module hb_motion_curve

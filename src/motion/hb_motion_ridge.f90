@@ -43,6 +43,7 @@ module hb_motion_ridge
       procedure :: begin => motion_ridge_begin
       procedure :: continue_from => motion_ridge_continue_from
       procedure :: next => motion_ridge_next
+      procedure :: system_at => motion_ridge_system_at
       procedure :: destroy => motion_ridge_destroy
    end type motion_ridge_t
 
@@ -354,6 +355,15 @@ contains
       level = level_of(self%model%discretisation, position)
       level%unknowns = [position%unknowns(:size(position%unknowns) - 1), 0.0_wp*self%model%system%tones%omega]
    end function motion_at
+
+   !> The system at the last point, to which the curve along the first value moves its own.
+   function motion_ridge_system_at(self, position) result(system)
+      class(motion_ridge_t), intent(inout), target :: self
+      type(curve_position_t), intent(in) :: position
+      type(system_t), pointer :: system
+
+      system => self%short%system_at(position)
+   end function motion_ridge_system_at
 
    !> Frees the curve; safe to call twice.
    subroutine motion_ridge_destroy(self)

@@ -14,6 +14,7 @@ module hb_curve_runner
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved, outcome
    use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, technique
+   use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: reliable
    implicit none
@@ -22,17 +23,17 @@ module hb_curve_runner
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: curve_runner_t
-      type(model_t) :: model                                          !! at the start; its laws at the last point
+      type(model_t) :: model                                          !! at the start
       type(curve_request_t) :: request
       logical :: is_done = .false.                                    !! there is no further point
       class(motion_curve_t), allocatable, private :: curve
       logical, private :: has_begun = .false.
-      type(movement_t), allocatable, private :: movements(:)          ! of the values along and over which it is followed
    contains
       procedure :: prepare => curve_runner_prepare
       procedure :: continue_from => curve_runner_continue_from
       procedure :: is_prepared => curve_runner_is_prepared
       procedure :: next => curve_runner_next
+      procedure :: system_at => curve_runner_system_at
       procedure :: destroy => curve_runner_destroy
    end type curve_runner_t
 
@@ -57,7 +58,6 @@ contains
 
       call self%destroy()
       call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
-      if (allocated(self%movements)) deallocate (self%movements)
       self%is_done = .false.
       self%has_begun = .false.
    end subroutine curve_runner_prepare
@@ -108,31 +108,18 @@ contains
          return
       end if
       self%is_done = self%curve%is_done .or. allocated(error)
-      if (.not. allocated(error) .and. allocated(result%curve)) call set_laws(self, result%curve)
    end subroutine curve_runner_next
 
-   !> Gives the laws of the model, with which motions are examined, their numbers at a point.
-   subroutine set_laws(self, point)
-      class(curve_runner_t), intent(inout) :: self
-      type(curve_position_t), intent(in) :: point
-      type(error_t), allocatable :: error                             ! the curve has set these numbers before
-      real(wp) :: values(2)
-      integer :: i
+   !> The system at the point that was returned last, with the numbers that it has there.
+   function curve_runner_system_at(self, result) result(system)
+      class(curve_runner_t), intent(inout), target :: self
+      type(motion_result_t), intent(in) :: result
+      type(system_t), pointer :: system
 
-      if (.not. allocated(self%movements)) then
-         allocate (self%movements(merge(2, 1, allocated(self%request%over))))
-         associate (moving => self%request%moving)
-            call new_movement(self%movements(1), self%model, moving%number, moving%is_tied, error)
-         end associate
-         if (allocated(self%request%over) .and. .not. allocated(error)) &
-            call new_movement(self%movements(2), self%model, self%request%over%moving%number, .false., error)
-         if (allocated(error)) self%movements%laws = .false.
-      end if
-      values = [point%parameter, point%over]
-      do i = 1, size(self%movements)
-         if (self%movements(i)%laws) call set_movement(self%model, self%movements(i), values(i), error, laws_only=.true.)
-      end do
-   end subroutine set_laws
+      system => self%model%system
+      if (.not. allocated(result%curve)) return
+      if (allocated(result%curve%unknowns)) system => self%curve%system_at(result%curve)
+   end function curve_runner_system_at
 
    !> Begins the curve by the attempts of `hb_attempts`: contacts that are closed at one end of the range are often open at the
    !> other; time integration, which takes longer, is the last attempt.

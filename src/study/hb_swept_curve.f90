@@ -19,6 +19,7 @@ module hb_swept_curve
    use hb_results_layout, only: results_layout_t
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_dofs, spread_result
+   use hb_system, only: system_t
    implicit none
    private
    public :: new_swept_curve, swept_curve_t
@@ -100,6 +101,7 @@ contains
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable :: error
       type(cancellation_t), target :: cancellation
+      type(system_t), pointer :: system
       real(wp) :: started
 
       started = wall_clock()
@@ -110,8 +112,9 @@ contains
          if (allocated(error)) then
             call result%set_failure(error)
          else
-            call self%law_doubt%examine(model%system, model%discretisation, result)
-            call self%idle_laws%examine(model%system, model%discretisation, result)
+            system => self%runner%system_at(result)
+            call self%law_doubt%examine(system, model%discretisation, result)
+            call self%idle_laws%examine(system, model%discretisation, result)
             if (.not. layout%has_own_tuples) call spread_result(model%discretisation%harmonics, layout, result)
          end if
       end associate

@@ -69,6 +69,7 @@ module hb_impact_curve
       procedure :: find_stability => impact_curve_find_stability
       procedure :: find_contact => impact_curve_find_contact
       procedure :: describe => impact_curve_describe
+      procedure :: system_at => impact_curve_system_at
       procedure :: pack => impact_curve_pack
       procedure, private :: impacts_at => impact_curve_impacts_at
       procedure, private :: defect => impact_curve_defect
@@ -254,6 +255,17 @@ contains
       end associate
       call self%evaluate_here(self%known)
    end subroutine impact_curve_continue_from
+
+   !> The system at a point that was reported, to which the orbit moves its own.
+   function impact_curve_system_at(self, position) result(system)
+      class(impact_curve_t), intent(inout), target :: self
+      type(curve_position_t), intent(in) :: position
+      type(system_t), pointer :: system
+      logical :: is_possible                                          ! it was there before
+
+      call self%orbit%set_parameters([1], [position%parameter], is_possible)
+      system => self%orbit%model%system
+   end function impact_curve_system_at
 
    !> The state with its scales and the section, and the value.
    pure function impact_curve_pack(self, x) result(packed)
