@@ -3,10 +3,11 @@
 module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
+   use hb_curve_points, only: waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
    use hb_event_search, only: add_point, search_t, sort_by_position
-   use hb_followed_motion, only: followed_motion_t, waiting_t
    use hb_kinds, only: wp
+   use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
    use hb_stability, only: bifurcation, bifurcation_product, bifurcation_value, is_torus, max_multipliers, stability_method, &
       stability_t
@@ -26,7 +27,7 @@ module hb_bifurcation_location
 
    !> A zero of a function of the multipliers.
    type, extends(event_t) :: bifurcation_event_t
-      class(followed_motion_t), pointer :: motion => null()
+      class(observed_motion_t), pointer :: motion => null()
       integer :: bifurcation = 0                                      ! hb_stability
       logical :: is_integrated = .false.                              ! of the integrated periodic motion
       logical :: is_product = .false.                                 ! of all factors: smooth, and with the same sign
@@ -36,7 +37,7 @@ module hb_bifurcation_location
 
    !> A change of the number of multipliers outside the unit circle: 1 while it is a given one, otherwise -1.
    type, extends(event_t) :: number_event_t
-      class(followed_motion_t), pointer :: motion => null()
+      class(observed_motion_t), pointer :: motion => null()
       integer :: n = 0
    contains
       procedure :: value => number_event_value
@@ -46,7 +47,7 @@ contains
 
    !> Finds bifurcations from the multipliers on each piece of the step between its grazes.
    subroutine find_bifurcations(self, search)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(piece_t) :: piece
       real(wp), allocatable :: grazes(:)
@@ -75,7 +76,7 @@ contains
    !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
    !> are.
    subroutine make_certain(self, position, there)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: position
       type(stability_t), intent(inout) :: there
       type(stability_t) :: better
@@ -88,7 +89,7 @@ contains
 
    !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.
    subroutine find_by_kind(self, search, piece)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       real(wp) :: at_ends(2)
@@ -110,7 +111,7 @@ contains
    !> Finds the two zeros of the function of a kind on a piece with the same sign at its ends. Multipliers in the middle are
    !> only computed where the function is close to zero, and not nearly constant, as that of pairs is with little damping.
    subroutine find_pair_of_kind(self, search, kind, piece, at_ends)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
@@ -148,7 +149,7 @@ contains
 
    !> Finds the zero of the function of a kind on a piece.
    subroutine find_zero_of_kind(self, search, kind, piece, at_ends)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
@@ -173,7 +174,7 @@ contains
    !> If the bifurcations found do not explain the change in the number of multipliers outside the unit circle on a
    !> piece, as when two cross it in the same way, each change of this number is located instead.
    subroutine find_by_number(self, search, piece, n_before)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
@@ -237,7 +238,7 @@ contains
 
    !> Whether a multiplier 1 on the step is a fold or a branch point that was found without multipliers.
    pure logical function is_branch_known(self, search)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
       type(search_t), intent(in) :: search
 
       is_branch_known = size(search%folds, 2) > 0 .or. search%has_branched .or. finds_all_intersections(self)
@@ -245,7 +246,7 @@ contains
 
    !> Adds a bifurcation of the series, if the motion of the time domain has it.
    subroutine add_bifurcation(self, kind, piece, position, x)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: position, x(:)
@@ -265,7 +266,7 @@ contains
 
    !> Finds by how much the value of a bifurcation moves with a change of the multipliers.
    subroutine find_shift(self, kind, piece, found)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
       type(waiting_t), intent(inout) :: found
@@ -287,7 +288,7 @@ contains
    !> Moves the bifurcation found last to that of the integrated periodic motion: near a kink of a law the multipliers
    !> of a truncated motion have a first-order error in the truncation.
    subroutine sharpen(self, kind, piece, is_there)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       integer, intent(in) :: kind
       real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
       logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
@@ -322,7 +323,7 @@ contains
    end subroutine sharpen
 
    subroutine evaluate_stability_at(self, there, tolerance, position, stability)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: there, tolerance
       real(wp), intent(out) :: position
       type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
@@ -337,7 +338,7 @@ contains
    !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
    !> of a truncated motion that pass 1 slightly beside a fold are then no other event.
    pure logical function finds_all_intersections(self)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
 
       finds_all_intersections = abs(self%curve%orientation) > 0.0_wp
       if (allocated(self%known%impacts)) return

@@ -1,7 +1,8 @@
 !> Where and why a branch of a curve ends, other than at the end of its range: the values ahead are not possible, its tones lock,
 !> its points are no longer reliable or use up their work, or it has come back to one of its folds.
 module hb_curve_end
-   use hb_followed_motion, only: followed_motion_t, waiting_t
+   use hb_curve_points, only: waiting_t
+   use hb_followed_motion, only: followed_motion_t
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, estimate_of_motion

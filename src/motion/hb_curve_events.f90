@@ -15,11 +15,21 @@ module hb_curve_events
    use hb_thresholds, only: max_bisections
    implicit none
    private
-   public :: branch_event_t, extremes_of_switches, find_extremes, find_motion, find_stability, fold_event_t, grazing_event_t, &
-      value_event_t
+   public :: branch_event_t, event_values_t, extremes_of_switches, find_extremes, find_motion, find_stability, fold_event_t, &
+      grazing_event_t, value_event_t
 
    integer, parameter :: largest_search_grid = 4096                   ! size of the grid for the first search of an extreme
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
+
+   !> Quantities at the point of the curve that events compare with those at the end of the next step.
+   type :: event_values_t
+      real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
+      real(wp), allocatable :: functions(:)                           !! of the responses, hb_observed_motion
+      real(wp), allocatable :: squares(:)                             !! of the responses
+      real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
+      integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_impact_curve)
+      type(stability_t) :: stability                                  !! without multipliers if none are searched for
+   end type event_values_t
 
    !> A fold: the value's component of the tangent is zero.
    type, extends(event_t) :: fold_event_t

@@ -9,9 +9,9 @@ module hb_curve_gradient
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
    use hb_curve_events, only: fold_event_t
+   use hb_curve_points, only: waiting_t
    use hb_error, only: error_t
    use hb_event_location, only: response_event_t
-   use hb_followed_motion, only: followed_motion_t, waiting_t
    use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, store_slope, zero_gradient
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
@@ -20,6 +20,7 @@ module hb_curve_gradient
    use hb_model_numbers, only: find_model_number
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
+   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: is_solved
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_stability, only: bifurcation
@@ -36,7 +37,7 @@ module hb_curve_gradient
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
-      class(followed_motion_t), pointer :: curve => null()
+      class(observed_motion_t), pointer :: curve => null()
       type(waiting_t) :: point
       real(wp) :: step = apart                                        ! relative to the value
    contains
@@ -54,7 +55,7 @@ contains
 
    !> Adds the derivatives to the result of a point, if any are requested.
    subroutine find_curve_gradient(curve, point, result)
-      class(followed_motion_t), intent(inout), target :: curve        !! near the point, on its set
+      class(observed_motion_t), intent(inout), target :: curve        !! near the point, on its set
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable :: error
@@ -151,7 +152,7 @@ contains
       type(neighbour_t), intent(out) :: neighbour
       logical, intent(out) :: is_found
       class(event_t), allocatable :: event
-      class(followed_motion_t), allocatable, target :: there
+      class(observed_motion_t), allocatable, target :: there
       type(error_t), allocatable :: error
       type(movement_t) :: movement
       real(wp), allocatable :: x(:)
@@ -186,7 +187,7 @@ contains
 
    !> The function that is zero at a located point.
    subroutine make_event(curve, point, event)
-      type(followed_motion_t), intent(inout), target :: curve
+      type(observed_motion_t), intent(inout), target :: curve
       type(waiting_t), intent(in) :: point
       class(event_t), allocatable, intent(out) :: event
       type(bifurcation_event_t) :: change
@@ -210,7 +211,7 @@ contains
 
    !> Follows the curve to the zero of a function by the secant method; x becomes the zero.
    subroutine find_zero(curve, event, x, is_found)
-      type(followed_motion_t), intent(inout), target :: curve
+      type(observed_motion_t), intent(inout), target :: curve
       class(event_t), intent(inout) :: event
       real(wp), intent(inout) :: x(:)                                 !! near the zero
       logical, intent(out) :: is_found

@@ -8,14 +8,16 @@
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: cancellation_t, work_is_over
+   use hb_curve_points, only: waiting_t
    use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: curve_state_t, followed_motion_t, waiting_t
+   use hb_followed_motion, only: curve_state_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
    use hb_level, only: choose_next, choose_smaller, estimate_of, join, level_t, margin, max_failures, min_goal, transferred
    use hb_motion_result, only: motion_result_t
+   use hb_observed_motion, only: observed_motion_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
@@ -35,7 +37,7 @@ module hb_curve_sets
 
    !> A curve that is refined. Its set and grid are those of the motion that is followed.
    type, abstract, extends(refinable_t) :: refined_curve_t
-      class(followed_motion_t), pointer :: motion => null()
+      class(observed_motion_t), pointer :: motion => null()
       type(discretisation_t) :: whole                                 ! in which all tuples of the lowest set are required
       type(level_t) :: next
       logical :: is_ended = .false.                                   ! there is no further step
@@ -73,7 +75,7 @@ contains
 
    !> Performs one step on a set and a grid on which all of its points have the requested accuracy, if there is one.
    subroutine step_to_tolerance(self, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(refined_step_t) :: refined
       type(curve_state_t) :: first
@@ -201,7 +203,7 @@ contains
    !> Transfers a motion to a set and a grid on which it has the requested accuracy, if there is one, in the plane
    !> across a direction. The problem uses these afterwards.
    subroutine transfer_motion(self, x, direction, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the present set, before and afterwards
       type(error_t), allocatable, intent(out) :: error
       type(refined_crossing_t) :: refined
@@ -259,7 +261,7 @@ contains
    !> Prepares the levels of a motion that is followed.
    subroutine refined_curve_prepare(self, motion)
       class(refined_curve_t), intent(inout) :: self
-      class(followed_motion_t), intent(inout), target :: motion
+      class(observed_motion_t), intent(inout), target :: motion
 
       self%motion => motion
       self%whole = motion%model%discretisation
@@ -320,7 +322,7 @@ contains
 
    !> The present set with a motion.
    function top_at(self, x) result(top)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
       real(wp), intent(in) :: x(:)
       type(level_t) :: top
 
@@ -330,7 +332,7 @@ contains
 
    !> Changes to a smaller set or a coarser grid, if one is sufficient.
    subroutine shrink(self, system, discretisation, options, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
@@ -356,7 +358,7 @@ contains
 
    !> Describes all waiting points, and finds the least accurate one.
    subroutine describe_all(self, worst, estimate, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       integer, intent(out) :: worst
       real(wp), intent(out) :: estimate                               !! its estimated error
       type(error_t), allocatable, intent(out) :: error
@@ -379,7 +381,7 @@ contains
 
    !> Restores a state of the curve; the work remains counted.
    subroutine restore_curve(self, here, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(curve_state_t), intent(in) :: here
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
@@ -400,7 +402,7 @@ contains
 
    !> Changes the set and the grid of the curve at its point; `is_found` is false if the motion is not found there.
    subroutine change_set(self, level, is_found, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(level_t), intent(in) :: level
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error

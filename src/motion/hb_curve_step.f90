@@ -2,9 +2,12 @@
 !> located.
 module hb_curve_step
    use hb_curve, only: curve_t, event_t
+   use hb_curve_events, only: event_values_t
+   use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_location, only: find_events, retained_doubling
-   use hb_followed_motion, only: add_waiting, event_values_t, followed_motion_t, max_tolerance_factor, waiting_t
+   use hb_followed_motion, only: max_tolerance_factor
    use hb_kinds, only: wp
+   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind
    use hb_thresholds, only: agreement, faint, next_to_none
@@ -30,7 +33,7 @@ contains
 
    !> Performs one step, and appends the events on it and its end to the waiting points.
    subroutine step(self)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(event_values_t) :: known
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
@@ -85,7 +88,7 @@ contains
 
    !> Steps to an end of the range that is too close for another step: beyond it there may be no motions.
    subroutine try_end(self)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp) :: ends(2), gap, x(size(self%curve%x))
       integer :: i, n
       logical :: is_there
@@ -118,7 +121,7 @@ contains
    !> near the chord. The gap between two parts may be far shorter than the step, so the zero itself is located as well:
    !> between two parts there is none.
    logical function has_switched_branch(self)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(coefficient_event_t) :: event
       complex(wp) :: before, behind
       real(wp), allocatable :: middles(:)

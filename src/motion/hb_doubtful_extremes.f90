@@ -2,10 +2,11 @@
 !> reported.
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
+   use hb_curve_points, only: waiting_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
+   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_stability, only: stability_method, stability_t
@@ -33,7 +34,7 @@ contains
    !> either side by more than the estimated errors of both ends of the fall, before it has risen by as much. Of
    !> several maxima on the same peak the first is reported. A minimum is the maximum of the negative function.
    subroutine remove_doubtful_extremes(self, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(extreme_t) :: extreme
       logical :: is_retained(size(self%waiting))
@@ -62,7 +63,7 @@ contains
 
    !> The function at a point of the curve: the moving value, or the square of a response.
    real(wp) function function_at(self, response, x) result(value)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       integer, intent(in) :: response
       real(wp), intent(in) :: x(:)
 
@@ -72,7 +73,7 @@ contains
 
    !> Includes the error of the function at a point near the extremum.
    subroutine raise_error(self, extreme, x, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(extreme_t), intent(inout) :: extreme
       real(wp), intent(in) :: x(:)
       type(error_t), allocatable, intent(out) :: error
@@ -100,7 +101,7 @@ contains
    !> Whether the function falls on one side of the extremum by more than the error of its values, before it rises by
    !> as much and, backward, before another extremum that was reported.
    subroutine find_fall(self, extreme, position, side, is_clear, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(extreme_t), intent(inout) :: extreme
       real(wp), intent(in) :: position                                ! on the step
       integer, intent(in) :: side                                     ! 1: forward, -1: backward
@@ -150,7 +151,7 @@ contains
 
    !> As `find_fall`, on the step itself, for an extremum that is followed or preceded by another one there.
    subroutine fall_on_step(self, extreme, position, side, is_clear)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(extreme_t), intent(in) :: extreme
       real(wp), intent(in) :: position
       integer, intent(in) :: side

@@ -4,14 +4,15 @@ module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_bifurcation_location, only: find_bifurcations, sharpen
    use hb_curve, only: curve_t, event_t
-   use hb_curve_events, only: branch_event_t, find_extremes, fold_event_t, grazing_event_t, value_event_t
+   use hb_curve_events, only: branch_event_t, event_values_t, find_extremes, fold_event_t, grazing_event_t, value_event_t
+   use hb_curve_points, only: waiting_t
    use hb_curve_return, only: has_images, image_of, nearest_phases
    use hb_event_pairs, only: cubic_between, may_change_sign, parabola_between, place_of_end, point_between, quadratic_between
    use hb_event_search, only: add_point, find_all, find_zero, is_at_origin, rounding_of, search_t, sort_by_position
-   use hb_followed_motion, only: event_values_t, followed_motion_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: transferred
    use hb_located_response, only: located_response_t
+   use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_stability, only: bifurcation
    use hb_thresholds, only: agreement, faint, minor, rounding
@@ -23,7 +24,7 @@ module hb_event_location
 
    !> A zero of the function of a response.
    type, extends(event_t) :: response_event_t
-      class(followed_motion_t), pointer :: motion => null()
+      class(observed_motion_t), pointer :: motion => null()
       type(located_response_t) :: response
       real(wp) :: unit = 1.0_wp                                       ! of the function
    contains
@@ -32,7 +33,7 @@ module hb_event_location
 
    !> A change of the number of impacts in a period at any wall: 1 while they are the given ones, otherwise -1.
    type, extends(event_t) :: impact_event_t
-      class(followed_motion_t), pointer :: motion => null()
+      class(observed_motion_t), pointer :: motion => null()
       integer, allocatable :: impacts(:)
    contains
       procedure :: value => impact_event_value
@@ -42,7 +43,7 @@ contains
 
    !> Finds folds, peaks, bifurcations, wanted values and ends on the completed step, and lists them in their order.
    subroutine find_events(self, known, has_branched, is_lost)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(event_values_t), intent(in) :: known                              !! at the end of the step
       logical, intent(in) :: has_branched                             !! a branch point was passed
       logical, intent(out) :: is_lost                                 !! an event was not located because the step is too long
@@ -77,7 +78,7 @@ contains
    !> Finds where the value reverses: at a sharp kink the curve has reversed before its step, so the direction at the
    !> last point is used.
    subroutine find_folds(self, search)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       real(wp), allocatable :: between(:)
       integer :: i
@@ -99,7 +100,7 @@ contains
 
    !> Finds the intersection with another curve of the equations.
    subroutine find_branch(self, search)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       logical :: is_found, is_there
 
@@ -111,7 +112,7 @@ contains
    !> Finds where a response is extremal, including corners, equals a given amplitude, or is in quadrature with its
    !> load.
    subroutine find_responses(self, search)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       integer :: i
       real(wp) :: unit
@@ -134,7 +135,7 @@ contains
 
    !> The function of a response on the step as far as both ends show it; none if it cannot be close to zero.
    subroutine expect_function(self, search, i, between)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(in) :: search
       integer, intent(in) :: i                                        ! number of the response
       real(wp), allocatable, intent(out) :: between(:)
@@ -157,7 +158,7 @@ contains
 
    !> Finds where a contact begins, or becomes permanent.
    subroutine find_grazes(self, search)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       integer :: i, k
       logical :: is_found
@@ -209,7 +210,7 @@ contains
    !> Finds where the branch ends because it returns to the curve that it has left: at another intersection by symmetry,
    !> or where its period halves again. Beyond it the same motions follow, as their mirror images or shifted by a period.
    subroutine find_junction(self)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp) :: position, x(size(self%curve%x))
       integer :: i
       logical :: is_there
@@ -244,7 +245,7 @@ contains
    !> Finds where the doubled period halves again: the value has an extremum there, and the part of the motion that repeats
    !> after two periods alone passes through zero, or has become zero within the shortest step.
    subroutine find_halving(self, x, position, is_there)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp), intent(out) :: x(:), position
       logical, intent(out) :: is_there
       real(wp) :: share
@@ -265,7 +266,7 @@ contains
    !> Share of the part of a motion of doubled period that repeats after two periods alone, of its size at the start of the
    !> step, that is left at the end of the step; 1 for other motions.
    real(wp) function retained_doubling(self) result(share)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
       real(wp) :: before, behind
       integer :: d, h
 
@@ -291,7 +292,7 @@ contains
 
    !> Finds another origin of branches on the step, at which the value has an extremum.
    subroutine find_intersection(self, x, position, is_there)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp), intent(out) :: x(:), position
       logical, intent(out) :: is_there
       integer :: i, k
@@ -315,7 +316,7 @@ contains
 
    !> Finds wanted values and ends of the range; folds divide the step.
    subroutine find_values(self, search)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(value_event_t) :: event
       real(wp), allocatable :: wanted(:)
@@ -358,7 +359,7 @@ contains
 
    !> Whether the curve has returned to its start, after steps that led away from it. Its phases may differ.
    logical function is_back(self)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
       real(wp) :: along, phases(self%model%system%tones%n_tones)
       real(wp), dimension(size(self%start%x)) :: direction_there, there
 

@@ -2,9 +2,11 @@
 !> of an event, or two of them, become points of the curve.
 module hb_event_search
    use hb_curve, only: event_t
+   use hb_curve_events, only: event_values_t
+   use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign
-   use hb_followed_motion, only: add_waiting, event_values_t, followed_motion_t, waiting_t
    use hb_kinds, only: wp
+   use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_thresholds, only: next_to_none, sharp
    implicit none
@@ -26,7 +28,7 @@ contains
 
    !> Locates the zero of an event whose function has changed its sign on the step, or the two zeros if it changes it twice.
    subroutine find_all(self, search, event, at_ends, between, response)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       class(event_t), intent(in) :: event
       real(wp), intent(in) :: at_ends(2)
@@ -58,7 +60,7 @@ contains
 
    !> Locates an event on the step or a part of it, and adds its point.
    subroutine find_zero(self, search, event, at_ends, is_found, part)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       class(event_t), intent(in) :: event
       real(wp), intent(in) :: at_ends(2)
@@ -80,7 +82,7 @@ contains
 
    !> Adds a point of a kind to the waiting ones.
    subroutine add_point(self, kind, position, x)
-      class(followed_motion_t), intent(inout) :: self
+      class(observed_motion_t), intent(inout) :: self
       integer, intent(in) :: kind
       real(wp), intent(in) :: position, x(:)
 
@@ -89,14 +91,14 @@ contains
 
    !> Bound of a function at its zero, from rounding or from the roughness of the residual.
    pure real(wp) function rounding_of(self)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
 
       rounding_of = max(sharp, 10.0_wp*self%curve%corrector%tolerance)
    end function rounding_of
 
    !> Whether the step begins at the origin of this branch, a branch point or a separate motion.
    pure logical function is_at_origin(self)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
 
       is_at_origin = self%branch > 0 .and. self%length <= 0.0_wp
    end function is_at_origin

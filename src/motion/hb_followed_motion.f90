@@ -1,16 +1,16 @@
-!> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, and the
-!> results at the point.
+!> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, its corrections,
+!> and the results at the point. What events compare there is in hb_observed_motion.
 !> The unknowns of the curve are those of the balance, the unknown frequencies, the artificial damping of a normal
 !> mode, and the moving value. The units of length are the range of the value and the largest motion so far.
 module hb_followed_motion
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_autonomous, only: find_energy
    use hb_basis, only: basis_t, whole_basis
    use hb_bifurcation_error, only: add_error_of_bifurcation
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_course, only: curve_course_t
-   use hb_curve_events, only: find_extremes, find_motion, find_stability
+   use hb_curve_events, only: event_values_t
+   use hb_curve_points, only: origin_t, reported_extreme_t, waiting_t
    use hb_curve_request, only: curve_request_t
    use hb_discretisation, only: discretisation_t
    use hb_energy, only: energy_t
@@ -19,7 +19,6 @@ module hb_followed_motion
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_level, only: apply_safety_factor, estimate_of, level_t, set_to_level, transferred
-   use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
@@ -30,56 +29,16 @@ module hb_followed_motion
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
-   use hb_point_kinds, only: curve_kind, curve_kinds
-   use hb_response_slope, only: find_series_slope
+   use hb_point_kinds, only: curve_kind
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_stability, only: stability_t
    use hb_system, only: system_t
    use hb_thresholds, only: agreement, faint, minor, rounding
    implicit none
    private
-   public :: add_origin, add_waiting, curve_state_t, event_values_t, followed_motion_t, max_tolerance_factor, n_further, &
-      origin_t, reported_extreme_t, waiting_t
+   public :: curve_state_t, followed_motion_t, max_tolerance_factor, n_further
 
    integer, parameter :: max_corrections = 10
    real(wp), parameter :: max_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
-
-   !> A motion with the direction of a curve there.
-   type :: origin_t
-      logical :: is_apart = .false. !! separate from the previous curves; otherwise an intersection with another curve
-      logical :: is_traced = .false.                                  !! another branch has come here: this one is the same
-      real(wp), allocatable :: x(:), direction(:)
-      type(level_t) :: level                                          !! set and grid of both
-   end type origin_t
-
-   !> A point that was found and is not yet reported.
-   type :: waiting_t
-      integer :: kind = curve_kind%none
-      real(wp) :: position = 0.0_wp                                   !! position on the step
-      real(wp), allocatable :: x(:)
-      type(stability_t), allocatable :: stability                     !! if known
-      type(motion_result_t), allocatable :: result                    !! its results, if already computed
-      integer :: response = 0                                         !! number in the request of the response that is located there
-      logical :: is_crossing = .false.                                !! an end at which the branch meets another curve
-      integer :: bifurcation = 0                                      !! of hb_stability, if it was found from multipliers
-      real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the bifurcation's function
-   end type waiting_t
-
-   !> A fold, peak or minimum that was reported.
-   type :: reported_extreme_t
-      integer :: response = 0                                         !! of the request; 0: a fold
-      real(wp) :: length = 0.0_wp                                     !! arc length of this branch at the point
-   end type reported_extreme_t
-
-   !> Quantities at the point of the curve that events compare with those at the end of the next step.
-   type :: event_values_t
-      real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
-      real(wp), allocatable :: functions(:)                           !! of the responses, hb_curve_events
-      real(wp), allocatable :: squares(:)                             !! of the responses
-      real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
-      integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_impact_curve)
-      type(stability_t) :: stability                                  !! without multipliers if none are searched for
-   end type event_values_t
 
    !> A curve at one of its points, to which it can go back.
    type :: curve_state_t
@@ -129,14 +88,6 @@ module hb_followed_motion
       procedure :: tone_vanishes => followed_motion_tone_vanishes
       procedure :: units_at => followed_motion_units_at
       procedure :: renew => followed_motion_renew
-      procedure :: evaluate_here => followed_motion_evaluate_here
-      procedure :: function_at => followed_motion_function_at
-      procedure :: square_at => followed_motion_square_at
-      procedure :: unit_of_function => followed_motion_unit_of_function
-      procedure :: slope_at => followed_motion_slope_at
-      procedure :: find_series => followed_motion_find_series
-      procedure :: find_stability => followed_motion_find_stability
-      procedure :: find_contact => followed_motion_find_contact
       procedure :: prepare_step => followed_motion_prepare_step
       procedure :: transfer_start => followed_motion_transfer_start
       procedure :: describe => followed_motion_describe
@@ -147,38 +98,6 @@ module hb_followed_motion
    end type followed_motion_t
 
 contains
-
-   !> Adds a point to those that are not yet reported. (gfortran 12 leaks the components of a structure constructor within an array
-   !> constructor, here and below.)
-   subroutine add_waiting(list, kind, position, x, response)
-      type(waiting_t), allocatable, intent(inout) :: list(:)
-      integer, intent(in) :: kind
-      real(wp), intent(in) :: position, x(:)
-      integer, intent(in), optional :: response
-      type(waiting_t) :: point
-
-      point%kind = kind
-      point%position = position
-      point%x = x
-      if (present(response)) point%response = response
-      if (.not. allocated(list)) allocate (list(0))
-      list = [list, point]
-   end subroutine add_waiting
-
-   !> Adds an origin of a branch.
-   subroutine add_origin(list, is_apart, x, direction, level)
-      type(origin_t), allocatable, intent(inout) :: list(:)
-      logical, intent(in) :: is_apart
-      real(wp), intent(in) :: x(:), direction(:)
-      type(level_t), intent(in) :: level
-      type(origin_t) :: origin
-
-      origin%is_apart = is_apart
-      origin%x = x
-      origin%direction = direction
-      origin%level = level
-      list = [list, origin]
-   end subroutine add_origin
 
    !> Number of unknowns in addition to those of the balance: frequencies, artificial damping, and the moving value.
    pure integer function n_further(system)
@@ -492,142 +411,6 @@ contains
                                          10.0_wp*self%tolerance_factor*self%roughness)
       end associate
    end subroutine followed_motion_renew
-
-   !> Computes the quantities at the point of the curve that events compare.
-   subroutine followed_motion_evaluate_here(self, known)
-      class(followed_motion_t), intent(inout), target :: self
-      type(event_values_t), intent(out) :: known
-      integer :: i
-
-      associate (x => self%curve%x, responses => self%request%responses)
-         known%rise = self%curve%direction(size(x))
-         known%functions = [(self%function_at(responses(i), x, self%curve%direction), i=1, size(responses))]
-         known%squares = [(self%square_at(responses(i), x), i=1, size(responses))]
-         call self%find_stability(x, self%model%options%stability%tolerance, known%stability)
-         call self%find_contact(x, known)
-      end associate
-   end subroutine followed_motion_evaluate_here
-
-   !> The function whose zeros are located.
-   real(wp) function followed_motion_function_at(self, response, x, direction) result(value)
-      class(followed_motion_t), intent(inout), target :: self
-      type(located_response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:), direction(:)
-      type(response_series_t) :: series
-
-      if (curve_kinds(response%kind)%is_extreme) then
-         value = self%slope_at(response, x, direction)
-         return
-      end if
-      call self%find_series(response, x, series)
-      value = response%departure(series)
-   end function followed_motion_function_at
-
-   !> A unit for the values of that function near x.
-   real(wp) function followed_motion_unit_of_function(self, response, x) result(unit)
-      class(followed_motion_t), intent(inout), target :: self
-      type(located_response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:)
-      type(response_series_t) :: series
-
-      call self%find_series(response, x, series)
-      unit = response%unit(series)
-   end function followed_motion_unit_of_function
-
-   !> Square of a response.
-   real(wp) function followed_motion_square_at(self, response, x) result(square)
-      class(followed_motion_t), intent(inout), target :: self
-      type(located_response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:)
-      type(response_series_t) :: series
-
-      call self%find_series(response, x, series)
-      square = response%square(series)
-   end function followed_motion_square_at
-
-   !> Derivative of the square of a response along a direction; NaN if the parameters are rejected.
-   real(wp) function followed_motion_slope_at(self, response, x, direction) result(slope)
-      class(followed_motion_t), intent(inout), target :: self
-      type(located_response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:), direction(:)
-      type(response_series_t) :: series, slopes
-
-      slope = ieee_value(slope, ieee_quiet_nan)
-      call self%find_series(response, x, series)
-      if (size(series%c) == 0) return
-      call find_series_slopes(self, response, x, direction, slopes)
-      if (allocated(slopes%c)) slope = response%slope(series, slopes)
-   end function followed_motion_slope_at
-
-   !> Derivatives of the motion of a degree of freedom along a direction, of the harmonics of its response; the others are zero.
-   !> None if the structure is singular there.
-   subroutine find_series_slopes(self, response, x, direction, slopes)
-      class(followed_motion_t), intent(inout) :: self                 !! its problem has moved to x
-      type(located_response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:), direction(:)
-      type(response_series_t), intent(out) :: slopes
-      complex(wp), allocatable :: of_numbers(:)
-      real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
-      integer :: h
-
-      associate (set => self%problem%model%discretisation%harmonics, &
-                 numbers => response%numbers_in(self%problem%model%discretisation%harmonics))
-         if (response%column > 0) then
-            u = reshape(direction(:size(u)), shape(u))
-            of_numbers = [(set%amplitude(u(:, response%column), numbers(h)), h=1, size(numbers))]
-         else
-            call find_series_slope(self%problem, response%dof, x, direction, numbers, of_numbers)
-            if (.not. allocated(of_numbers)) return
-         end if
-         allocate (slopes%c(set%n_harmonics), source=(0.0_wp, 0.0_wp))
-         slopes%c(numbers) = of_numbers
-      end associate
-   end subroutine find_series_slopes
-
-   !> The motion of the degree of freedom of a response, to whose point the problem moves.
-   subroutine followed_motion_find_series(self, response, x, series)
-      class(followed_motion_t), intent(inout), target :: self
-      type(located_response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:)
-      type(response_series_t), intent(out) :: series
-      complex(wp), allocatable :: motion(:, :)
-      real(wp) :: u(self%problem%model%discretisation%harmonics%n_coefficients, self%problem%n_dofs)
-      integer :: h
-      logical :: is_possible
-
-      call self%problem%move_to_point(x, is_possible)
-      series%set => self%problem%model%discretisation%harmonics
-      series%omega = self%problem%omega
-      series%load = response%largest_load(self%problem%model%discretisation)
-      allocate (series%c(0))
-      if (.not. is_possible) return
-      if (response%column > 0) then
-         u = reshape(x(:size(u)), shape(u))
-         series%c = [(series%set%amplitude(u(:, response%column), h), h=1, series%set%n_harmonics)]
-      else
-         call find_motion(self%problem, x, motion)
-         if (allocated(motion)) series%c = motion(response%dof, :)
-      end if
-   end subroutine followed_motion_find_series
-
-   !> Stability of the motion at a point of the curve.
-   subroutine followed_motion_find_stability(self, x, tolerance, stability, is_integrated)
-      class(followed_motion_t), intent(inout), target :: self
-      real(wp), intent(in) :: x(:), tolerance
-      type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
-      logical, intent(in), optional :: is_integrated                  !! of the integrated periodic motion
-
-      call find_stability(self%problem, x, tolerance, stability, is_integrated)
-   end subroutine followed_motion_find_stability
-
-   !> Extremes of the switching functions at a point of the curve.
-   subroutine followed_motion_find_contact(self, x, known)
-      class(followed_motion_t), intent(inout), target :: self
-      real(wp), intent(in) :: x(:)
-      type(event_values_t), intent(inout) :: known
-
-      call find_extremes(self%problem, x, known%extremes)
-   end subroutine followed_motion_find_contact
 
    !> Prepares the problem at the present point, so that a stored curve also continues from there.
    subroutine followed_motion_prepare_step(self)

@@ -10,6 +10,7 @@ module hb_motion_curve
    use hb_clock, only: wall_clock
    use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
    use hb_curve_gradient, only: find_curve_gradient
+   use hb_curve_points, only: add_origin, add_waiting, origin_t, reported_extreme_t, waiting_t
    use hb_curve_request, only: curve_request_t, find_direction, find_null_vector
    use hb_curve_return, only: note_course, restore_course
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
@@ -17,13 +18,14 @@ module hb_motion_curve
    use hb_discretisation, only: discretisation_t
    use hb_doubtful_extremes, only: remove_doubtful_extremes
    use hb_error, only: error_t
-   use hb_followed_motion, only: add_origin, add_waiting, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
+   use hb_followed_motion, only: n_further
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, join, level_of, level_t, margin
    use hb_level_stability, only: allow_for_departure
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
+   use hb_observed_motion, only: observed_motion_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
@@ -42,7 +44,7 @@ module hb_motion_curve
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
-   type, extends(followed_motion_t) :: motion_curve_t
+   type, extends(observed_motion_t) :: motion_curve_t
       logical :: is_done = .false.                                    !! there is no further point
       type(origin_t) :: first                                         ! the start itself; a direction if it leaves another curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch

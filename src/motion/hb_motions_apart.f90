@@ -5,14 +5,15 @@ module hb_motions_apart
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_census_starts, only: new_starts, starts_t
+   use hb_curve_points, only: origin_t
    use hb_curve_sets, only: transfer_motion
    use hb_deflation, only: follow_deflated, is_apart, is_other, scale_of, shifted
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, origin_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
    use hb_level, only: join, level_t, transferred
    use hb_newton, only: solve_newton
+   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
@@ -30,7 +31,7 @@ contains
 
    !> Searches for a separate motion at the requested values, and returns the first one.
    subroutine search_separate(self, met, x, is_found, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(origin_t), intent(in) :: met(:)                            !! motions at these values
       real(wp), allocatable, intent(out) :: x(:)                      !! on the present set
       logical, intent(out) :: is_found
@@ -57,7 +58,7 @@ contains
 
    !> Searches for a motion at a value other than the known ones, on a set that has the tuples of all of them.
    subroutine search_at(self, value, known, x, is_found, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: value
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable, intent(out) :: x(:)
@@ -107,7 +108,7 @@ contains
 
    !> Refines a motion to the tolerance; it is not accepted if it is then a known one.
    subroutine accept(self, known, x, is_accepted, error)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable, intent(inout) :: x(:)
       logical, intent(out) :: is_accepted
@@ -129,7 +130,7 @@ contains
 
    !> Motions on the present set, and their shifts by periods of the loads.
    function motions_of(self, known) result(motions)
-      class(followed_motion_t), intent(in) :: self
+      class(observed_motion_t), intent(in) :: self
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable :: motions(:, :)
       real(wp), allocatable :: phases(:)

@@ -5,9 +5,11 @@
 !> signs of the previous set.
 module hb_passed_events
    use hb_bifurcation_location, only: n_outside
+   use hb_curve_points, only: waiting_t
    use hb_event_location, only: find_events
-   use hb_followed_motion, only: curve_state_t, event_values_t, followed_motion_t, waiting_t
+   use hb_followed_motion, only: curve_state_t
    use hb_kinds, only: wp
+   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kinds, located_by
    implicit none
@@ -80,7 +82,7 @@ contains
 
    !> Adds the events behind the start of the last step to the waiting points, at negative positions.
    subroutine find_passed_events(self, before, here)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       type(curve_state_t), intent(in) :: before                       !! at the start of the step, on the previous set
       type(curve_state_t), intent(in) :: here                         !! likewise, on the present set
       type(curve_state_t) :: after
@@ -116,7 +118,7 @@ contains
 
    !> Follows the curve backward by one step, and adds the events on it. The curve is then at the other end of the step.
    subroutine find_on_step_before(self, position, differences, passed, is_on_curve)
-      class(followed_motion_t), intent(inout), target :: self
+      class(observed_motion_t), intent(inout), target :: self
       real(wp), intent(inout) :: position                             !! of the end of the step, behind the start of the search
       type(set_differences_t), intent(in) :: differences
       type(waiting_t), allocatable, intent(inout) :: passed(:)        !! from the first to the last along the curve

@@ -10,11 +10,12 @@ module hb_impact_curve
    use hb_cancellation, only: verdict, verdict_on_work
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
+   use hb_curve_events, only: event_values_t
+   use hb_curve_points, only: add_waiting, origin_t, waiting_t
    use hb_curve_request, only: curve_request_t, find_null_vector
    use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: add_waiting, event_values_t, origin_t, waiting_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_gradient, only: store_slopes
    use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit

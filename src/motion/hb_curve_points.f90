@@ -1,0 +1,72 @@
+!> The points that a curve notes: those that are found and not yet reported, origins of branches, reported extremes.
+module hb_curve_points
+   use hb_kinds, only: wp
+   use hb_level, only: level_t
+   use hb_motion_result, only: motion_result_t
+   use hb_point_kinds, only: curve_kind
+   use hb_stability, only: stability_t
+   implicit none
+   private
+   public :: add_origin, add_waiting, origin_t, reported_extreme_t, waiting_t
+
+   !> A motion with the direction of a curve there.
+   type :: origin_t
+      logical :: is_apart = .false. !! separate from the previous curves; otherwise an intersection with another curve
+      logical :: is_traced = .false.                                  !! another branch has come here: this one is the same
+      real(wp), allocatable :: x(:), direction(:)
+      type(level_t) :: level                                          !! set and grid of both
+   end type origin_t
+
+   !> A point that was found and is not yet reported.
+   type :: waiting_t
+      integer :: kind = curve_kind%none
+      real(wp) :: position = 0.0_wp                                   !! position on the step
+      real(wp), allocatable :: x(:)
+      type(stability_t), allocatable :: stability                     !! if known
+      type(motion_result_t), allocatable :: result                    !! its results, if already computed
+      integer :: response = 0                                         !! number in the request of the response that is located there
+      logical :: is_crossing = .false.                                !! an end at which the branch meets another curve
+      integer :: bifurcation = 0                                      !! of hb_stability, if it was found from multipliers
+      real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the bifurcation's function
+   end type waiting_t
+
+   !> A fold, peak or minimum that was reported.
+   type :: reported_extreme_t
+      integer :: response = 0                                         !! of the request; 0: a fold
+      real(wp) :: length = 0.0_wp                                     !! arc length of this branch at the point
+   end type reported_extreme_t
+
+contains
+
+   !> Adds a point to those that are not yet reported. (gfortran 12 leaks the components of a structure constructor within an array
+   !> constructor, here and below.)
+   subroutine add_waiting(list, kind, position, x, response)
+      type(waiting_t), allocatable, intent(inout) :: list(:)
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: position, x(:)
+      integer, intent(in), optional :: response
+      type(waiting_t) :: point
+
+      point%kind = kind
+      point%position = position
+      point%x = x
+      if (present(response)) point%response = response
+      if (.not. allocated(list)) allocate (list(0))
+      list = [list, point]
+   end subroutine add_waiting
+
+   !> Adds an origin of a branch.
+   subroutine add_origin(list, is_apart, x, direction, level)
+      type(origin_t), allocatable, intent(inout) :: list(:)
+      logical, intent(in) :: is_apart
+      real(wp), intent(in) :: x(:), direction(:)
+      type(level_t), intent(in) :: level
+      type(origin_t) :: origin
+
+      origin%is_apart = is_apart
+      origin%x = x
+      origin%direction = direction
+      origin%level = level
+      list = [list, origin]
+   end subroutine add_origin
+end module hb_curve_points
