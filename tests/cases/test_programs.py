@@ -72,12 +72,13 @@ def test_programs_in_c_and_fortran_have_the_same_numbers(tmp_path):
 
 
 def test_the_header_declares_what_the_library_exports():
-    """And tests/api/misuse_steps.c misuses each function, except those that have no wrong arguments and return no status."""
+    """And tests/api/misuse_*.c misuse each function, except those that have no wrong arguments and return no status."""
     header = (ROOT / "src" / "api" / "nhbm.h").read_text()
     declared = set(re.findall(r"^NHBM_EXPORT [^;(]*?(\w+)\(", header, re.MULTILINE))
     symbols = subprocess.run(["nm", "-D", "--defined-only", LIBRARY], capture_output=True, text=True, check=True).stdout
     assert declared == {line.split()[-1] for line in symbols.splitlines() if " T " in line}
-    misused = set(re.findall(r"\b(nhbm_\w+)\(", (ROOT / "tests" / "api" / "misuse_steps.c").read_text()))
+    steps = "".join(path.read_text() for path in (ROOT / "tests" / "api").glob("misuse_*.c"))
+    misused = set(re.findall(r"\b(nhbm_\w+)\(", steps))
     assert declared - misused == {"nhbm_get_api_version", "nhbm_get_commit", "nhbm_get_version", "nhbm_get_version_number"}
 
 
