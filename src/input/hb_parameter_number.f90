@@ -2,11 +2,14 @@
 module hb_parameter_number
    use hb_document, only: document_t, parameter_t
    use hb_kinds, only: wp
-   use hb_model_number, only: has_number, model_number_t, numbered_groups
+   use hb_model_number, only: has_number, model_number_t, moving_groups, numbered_groups
    use hb_text, only: to_text
    implicit none
    private
-   public :: find_number, list_groups, locate_number
+   public :: find_number, followed_groups, list_groups, locate_number
+
+   !> Groups whose numbers a curve may follow.
+   character(*), parameter :: followed_groups(*) = [character(len(moving_groups)) :: moving_groups, "normal_mode"]
 
 contains
 

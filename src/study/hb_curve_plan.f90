@@ -13,7 +13,7 @@ module hb_curve_plan
    use hb_movement, only: movement_t, new_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome
-   use hb_parameter_number, only: find_number, list_groups
+   use hb_parameter_number, only: find_number, followed_groups, list_groups
    use hb_point_kinds, only: curve_kind_names, curve_kinds, located_by, response_keys, response_kinds, target_keys
    use hb_properties, only: properties_t
    use hb_response, only: new_response
@@ -193,7 +193,7 @@ contains
          end if
       end if
       associate (name => document%groups%holders(self%parameter%i_group)%group%name)
-         if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
+         if (.not. any(followed_groups == name)) &
             call fail(error, self%location//": parameter '"//shown(self%path)// &
                       "': a curve follows a number of "//trim(list_groups(numbered_groups%may_move, "or"))// &
                       ", or of &normal_mode; give others to &sweep")

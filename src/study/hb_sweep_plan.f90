@@ -9,7 +9,7 @@ module hb_sweep_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
-   use hb_model_number, only: moving_groups
+   use hb_parameter_number, only: followed_groups
    use hb_properties, only: properties_t
    use hb_text, only: lower, number_of, quote, rounded_to, shown, string_t, to_text
    implicit none
@@ -456,8 +456,7 @@ contains
       sweep_plan_can_be_chained = self%is_ordered()
       do i = 1, size(self%parameters)
          if (self%parameters(i)%axis == size(self%length)) sweep_plan_can_be_chained = sweep_plan_can_be_chained .and. &
-            self%parameters(i)%is_real .and. &
-            any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == self%parameters(i)%group)
+            self%parameters(i)%is_real .and. any(followed_groups == self%parameters(i)%group)
       end do
    end function sweep_plan_can_be_chained
 
