@@ -3,9 +3,9 @@
 module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
-   use hb_event_search, only: add_point, search_t, sort_by_position
+   use hb_event_search, only: search_t, sort_by_position
    use hb_kinds, only: wp
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
@@ -57,7 +57,7 @@ contains
       grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%grazing)
       do i = 0, size(grazes)
          piece%ends = [0.0_wp, self%curve%last_step]
-         piece%stability = [self%known%stability, search%known%stability]
+         piece%stability = [self%at_point%stability, search%at_end%stability]
          associate (tolerance => self%model%options%stability%tolerance, length => self%curve%last_step)
             if (i > 0) call evaluate_stability_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
             if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
@@ -252,7 +252,7 @@ contains
       real(wp), intent(in) :: position, x(:)
       logical :: is_there
 
-      call add_point(self, kind_of(kind), position, x)
+      call add_waiting(self%waiting, kind_of(kind), position, x)
       call sharpen(self, kind, piece%ends, is_there)
       if (.not. is_there) then
          self%waiting = self%waiting(:size(self%waiting) - 1)
@@ -299,7 +299,7 @@ contains
 
       associate (model => self%model, curve => self%curve, found => self%waiting(size(self%waiting)))
          is_there = model%options%stability%method /= stability_method%integration .or. model%system%tones%n_tones > 1 .or. &
-                    allocated(self%known%impacts)
+                    allocated(self%at_point%impacts)
          if (.not. is_there) is_there = all([(model%system%laws(i)%law%n_switches + model%system%laws(i)%law%n_states == 0, &
                                               i=1, size(model%system%laws))])
          if (is_there) return
@@ -341,7 +341,7 @@ contains
       class(observed_motion_t), intent(in) :: self
 
       finds_all_intersections = abs(self%curve%orientation) > 0.0_wp
-      if (allocated(self%known%impacts)) return
+      if (allocated(self%at_point%impacts)) return
       associate (set => self%problem%model%discretisation%harmonics)
          finds_all_intersections = finds_all_intersections .and. set%n_harmonics == set%highest(1) + 1
       end associate

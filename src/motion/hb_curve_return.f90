@@ -117,7 +117,7 @@ contains
    logical function has_images(self)
       class(followed_motion_t), intent(in) :: self
 
-      has_images = .not. allocated(self%known%impacts)                ! otherwise the unknowns are a state
+      has_images = .not. allocated(self%at_point%impacts)             ! otherwise the unknowns are a state
       if (has_images) has_images = size(self%free_phases()) > 0 .or. any(copies_of(self) > 1)
    end function has_images
 

@@ -396,7 +396,7 @@ contains
       call self%restrict_to_symmetry()
       self%first_waiting = size(self%waiting) + 1
       self%largest = here%largest
-      self%known = here%known
+      self%at_point = here%at_point
       call self%renew()
    end subroutine restore_curve
 
@@ -437,6 +437,6 @@ contains
       self%curve%report = report
       call self%transfer_start()
       call self%renew()
-      call self%evaluate_here(self%known)
+      call self%evaluate_here(self%at_point)
    end subroutine change_set
 end module hb_curve_sets

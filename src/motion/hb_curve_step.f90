@@ -34,14 +34,14 @@ contains
    !> Performs one step, and appends the events on it and its end to the waiting points.
    subroutine step(self)
       class(observed_motion_t), intent(inout), target :: self
-      type(event_values_t) :: known
+      type(event_values_t) :: at_end
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
       logical :: is_balance, is_lost, is_near, is_short, is_taken
 
       call self%problem%refusal%forget()
       call self%prepare_step()
-      is_balance = .not. allocated(self%known%impacts)
+      is_balance = .not. allocated(self%at_point%impacts)
       associate (curve => self%curve)
          do
             largest = self%largest
@@ -71,8 +71,8 @@ contains
                end if
                self%waiting = [waiting_t ::]
                self%first_waiting = 1
-               call self%evaluate_here(known)
-               call find_events(self, known, curve%n_branch_points > n_branch_points, is_lost)
+               call self%evaluate_here(at_end)
+               call find_events(self, at_end, curve%n_branch_points > n_branch_points, is_lost)
                if (is_short .or. self%is_rough .or. .not. is_lost) exit
                self%waiting = [waiting_t ::]
             end if
@@ -83,7 +83,7 @@ contains
             curve%units = units
          end do
       end associate
-      self%known = known
+      self%at_point = at_end
    end subroutine step
 
    !> Steps to an end of the range that is too close for another step: beyond it there may be no motions.

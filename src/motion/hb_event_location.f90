@@ -5,10 +5,10 @@ module hb_event_location
    use hb_bifurcation_location, only: find_bifurcations, sharpen
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t, event_values_t, find_extremes, fold_event_t, grazing_event_t, value_event_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: add_waiting, waiting_t
    use hb_curve_return, only: has_images, image_of, nearest_phases
    use hb_event_pairs, only: cubic_between, may_change_sign, parabola_between, place_of_end, point_between, quadratic_between
-   use hb_event_search, only: add_point, find_all, find_zero, is_at_origin, rounding_of, search_t, sort_by_position
+   use hb_event_search, only: find_all, find_zero, is_at_origin, rounding_of, search_t, sort_by_position
    use hb_kinds, only: wp
    use hb_level, only: transferred
    use hb_located_response, only: located_response_t
@@ -42,14 +42,14 @@ module hb_event_location
 contains
 
    !> Finds folds, peaks, bifurcations, wanted values and ends on the completed step, and lists them in their order.
-   subroutine find_events(self, known, has_branched, is_lost)
+   subroutine find_events(self, at_end, has_branched, is_lost)
       class(observed_motion_t), intent(inout), target :: self
-      type(event_values_t), intent(in) :: known                              !! at the end of the step
+      type(event_values_t), intent(in) :: at_end                      !! of the step
       logical, intent(in) :: has_branched                             !! a branch point was passed
       logical, intent(out) :: is_lost                                 !! an event was not located because the step is too long
       type(search_t) :: search
 
-      search%known = known
+      search%at_end = at_end
       search%has_branched = has_branched
       associate (curve => self%curve)
          if (self%is_rough) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance    ! of many points
@@ -62,13 +62,13 @@ contains
          call find_values(self, search)
          self%is_closed = is_back(self)
          if (self%is_closed) then
-            call add_point(self, curve_kind%end, curve%last_step, self%start%x)
+            call add_waiting(self%waiting, curve_kind%end, curve%last_step, self%start%x)
             self%waiting(size(self%waiting))%is_crossing = self%has_left_branch()
          else
             call find_junction(self)
          end if
-         call add_point(self, curve_kind%regular, curve%last_step, curve%x)
-         self%waiting(size(self%waiting))%stability = known%stability
+         call add_waiting(self%waiting, curve_kind%regular, curve%last_step, curve%x)
+         self%waiting(size(self%waiting))%stability = at_end%stability
       end associate
       call sort_by_position(self%waiting)
       call self%renew()                                               ! the tolerance was different: a stored curve has this one
@@ -86,7 +86,7 @@ contains
       allocate (search%folds(2, 0), between(0))
       if (is_at_origin(self)) return
       associate (curve => self%curve, n => size(self%curve%x))
-         associate (at_ends => [self%known%rise, search%known%rise]/curve%units(n))
+         associate (at_ends => [self%at_point%rise, search%at_end%rise]/curve%units(n))
             if (search%is_smooth) between = quadratic_between(at_ends/[1.0_wp, search%along], &
                                                               (curve%x(n) - curve%last_x(n))/(curve%units(n)*search%length))
             call find_all(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), at_ends, between)  ! also a corner
@@ -119,7 +119,7 @@ contains
       real(wp), allocatable :: between(:)
 
       do i = 1, size(self%request%responses)
-         associate (response => self%request%responses(i), values => [self%known%functions(i), search%known%functions(i)])
+         associate (response => self%request%responses(i), values => [self%at_point%functions(i), search%at_end%functions(i)])
             call expect_function(self, search, i, between)
             if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp) &
                        .or. may_change_sign(values, between))) cycle
@@ -144,11 +144,11 @@ contains
       between = [real(wp) ::]
       if (.not. search%is_smooth) return
       associate (response => self%request%responses(i), curve => self%curve, &
-                 values => [self%known%functions(i), search%known%functions(i)])
+                 values => [self%at_point%functions(i), search%at_end%functions(i)])
          if (curve_kinds(response%kind)%is_extreme) then
             between = quadratic_between(values/[1.0_wp, search%along], &
-                                        (search%known%squares(i) - self%known%squares(i))/search%length)
-         else if (response%kind == curve_kind%amplitude .and. minval(abs(values)) < nearby*search%known%squares(i)) then
+                                        (search%at_end%squares(i) - self%at_point%squares(i))/search%length)
+         else if (response%kind == curve_kind%amplitude .and. minval(abs(values)) < nearby*search%at_end%squares(i)) then
             slopes(1) = self%slope_at(response, curve%last_x, curve%last_direction)
             slopes(2) = self%slope_at(response, curve%x, curve%direction)/search%along
             between = cubic_between(values, slopes, search%length)
@@ -165,16 +165,16 @@ contains
       real(wp) :: unit
       real(wp), allocatable :: between(:), middle(:, :)
 
-      if (allocated(self%known%impacts)) then
-         if (any(self%known%impacts /= search%known%impacts)) &
-            call find_zero(self, search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, self, self%known%impacts), &
+      if (allocated(self%at_point%impacts)) then
+         if (any(self%at_point%impacts /= search%at_end%impacts)) &
+            call find_zero(self, search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, self, self%at_point%impacts), &
                       [1.0_wp, -1.0_wp], is_found)
          return
       end if
-      if (size(self%known%extremes, 2) /= size(search%known%extremes, 2)) return
+      if (size(self%at_point%extremes, 2) /= size(search%at_end%extremes, 2)) return
       call find_middle()
-      do k = 1, size(search%known%extremes, 2)
-         associate (before => self%known%extremes(:, k), behind => search%known%extremes(:, k))
+      do k = 1, size(search%at_end%extremes, 2)
+         associate (before => self%at_point%extremes(:, k), behind => search%at_end%extremes(:, k))
             unit = max(maxval(abs(behind)), tiny(1.0_wp))
             do i = 1, 2
                if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
@@ -195,7 +195,7 @@ contains
 
          allocate (middle(2, 0))
          if (.not. search%is_smooth .or. is_at_origin(self)) return
-         associate (before => self%known%extremes, behind => search%known%extremes, n => self%problem%n_unknowns, &
+         associate (before => self%at_point%extremes, behind => search%at_end%extremes, n => self%problem%n_unknowns, &
                     curve => self%curve)
             change = norm2((curve%x(:n) - curve%last_x(:n))/curve%units(:n))
             if (.not. any(before*behind > 0.0_wp .and. min(abs(before), abs(behind)) < &
@@ -227,7 +227,7 @@ contains
       if (.not. is_there) return
       self%is_closed = .true.
       self%waiting = pack(self%waiting, [(.not. belongs_to_junction(self%waiting(i)), i=1, size(self%waiting))])
-      call add_point(self, curve_kind%end, position, x)
+      call add_waiting(self%waiting, curve_kind%end, position, x)
       self%waiting(size(self%waiting))%is_crossing = .true.
 
    contains
@@ -343,7 +343,7 @@ contains
                if (.not. is_found) cycle
                x(n) = wanted(i)
                call self%correct_at_value(x, is_there)
-               call add_point(self, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
+               call add_waiting(self%waiting, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
             end do
          end do
       end associate

@@ -11,11 +11,11 @@ module hb_event_search
    use hb_thresholds, only: next_to_none, sharp
    implicit none
    private
-   public :: add_point, find_all, find_zero, is_at_origin, rounding_of, search_t, sort_by_position
+   public :: find_all, find_zero, is_at_origin, rounding_of, search_t, sort_by_position
 
    !> The step, and the state of the search.
    type :: search_t
-      type(event_values_t) :: known                                          !! at the end of the step
+      type(event_values_t) :: at_end                                  !! of the step
       logical :: has_branched = .false.                               !! a branch point was passed
       logical :: is_lost = .false.                                    !! an event was not located
       logical :: is_smooth = .false.                                  !! the directions at both ends differ little
@@ -77,17 +77,8 @@ contains
       call self%curve%find_zero(sought, ends, at_ends, x, position, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
       if (is_at_origin(self)) is_found = is_found .and. position > next_to_none*self%curve%last_step
-      if (is_found) call add_point(self, event%kind, position, x)
+      if (is_found) call add_waiting(self%waiting, event%kind, position, x)
    end subroutine find_zero
-
-   !> Adds a point of a kind to the waiting ones.
-   subroutine add_point(self, kind, position, x)
-      class(observed_motion_t), intent(inout) :: self
-      integer, intent(in) :: kind
-      real(wp), intent(in) :: position, x(:)
-
-      call add_waiting(self%waiting, kind, position, x)
-   end subroutine add_point
 
    !> Bound of a function at its zero, from rounding or from the roughness of the residual.
    pure real(wp) function rounding_of(self)

@@ -44,7 +44,7 @@ module hb_followed_motion
    type :: curve_state_t
       type(level_t) :: level                                          !! present set and grid
       type(curve_t) :: curve
-      type(event_values_t) :: known                                          !! at its point
+      type(event_values_t) :: at_point                                !! what events compare
       real(wp) :: largest = faint                                     !! motion so far, in units of typical ones
    end type curve_state_t
 

@@ -298,7 +298,7 @@ contains
          self%course%n_exhausted = last%n_exhausted
       end associate
       call self%renew()
-      call self%evaluate_here(self%known)
+      call self%evaluate_here(self%at_point)
       associate (last => stored(size(stored)))
          if (model%options%accuracy%is_on .and. last%kind == curve_kind%regular) then
             call self%describe(waiting_t(last%kind, x=self%curve%x), result, error)
@@ -387,7 +387,7 @@ contains
       self%branch_start%direction = self%curve%direction
       self%start = self%branch_start
       call self%renew()
-      call self%evaluate_here(self%known)
+      call self%evaluate_here(self%at_point)
    end subroutine motion_curve_start_branch
 
    !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve
@@ -592,7 +592,7 @@ contains
       type(motion_result_t) :: compared
 
       associate (accuracy => self%model%options%accuracy, kind => curve_kinds(point%kind))
-         if (.not. accuracy%is_on .or. result%status /= outcome%converged .or. allocated(self%known%impacts)) return
+         if (.not. accuracy%is_on .or. result%status /= outcome%converged .or. allocated(self%at_point%impacts)) return
          if (kind%is_bifurcation .or. point%kind == curve_kind%fold .or. point%is_crossing) return
          if (estimate_of(result) <= margin*accuracy%tolerance .or. .not. self%model%system%may_jump_within_period()) return
          self%problem%model%options%compares_in_time = .true.

@@ -38,7 +38,7 @@ contains
       type(set_differences_t), intent(out) :: differences
       integer :: i
 
-      associate (a => before%known, b => after%known)
+      associate (a => before%at_point, b => after%at_point)
          differences%in_fold = a%rise*b%rise < 0.0_wp
          differences%in_branch = before%curve%orientation*after%curve%orientation < 0.0_wp
          if (allocated(a%extremes) .and. allocated(b%extremes)) then
@@ -140,7 +140,7 @@ contains
          has_branched = curve%n_branch_points > n_branch_points
          curve%direction = -curve%direction
          curve%orientation = -curve%orientation
-         call self%evaluate_here(self%known)
+         call self%evaluate_here(self%at_point)
          start = self%curve_state_t
          curve%last_x = start%curve%x
          curve%last_direction = start%curve%direction
@@ -149,7 +149,7 @@ contains
          curve%direction = ending%curve%direction
          curve%orientation = ending%curve%orientation
          self%waiting = [waiting_t ::]
-         call find_events(self, ending%known, has_branched, is_lost)
+         call find_events(self, ending%at_point, has_branched, is_lost)
          position = position + curve%last_step
       end associate
       found = pack(self%waiting, [(differences%include(self%waiting(i)), i=1, size(self%waiting))])

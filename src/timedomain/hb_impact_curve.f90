@@ -254,7 +254,7 @@ contains
          if (allocated(error)) return
          call self%orbit%set_section(last(2*n + 1))
       end associate
-      call self%evaluate_here(self%known)
+      call self%evaluate_here(self%at_point)
    end subroutine impact_curve_continue_from
 
    !> The system at a point that was reported, to which the orbit moves its own.
@@ -370,14 +370,15 @@ contains
       integer, allocatable :: before(:)
       logical :: is_passed
 
-      allocate (before, source=self%known%impacts)
+      allocate (before, source=self%at_point%impacts)
       call self%orbit%refusal%forget()
       call pass_grazing(self, .false., is_passed)
       if (.not. is_passed) call step(self)
-      if (self%curve%status == outcome%stalled .and. self%known%stability%n_unstable > 0) call pass_grazing(self, .true., is_passed)
+      if (self%curve%status == outcome%stalled .and. self%at_point%stability%n_unstable > 0) &
+         call pass_grazing(self, .true., is_passed)
       if (verdict_on_work() == verdict%timed_out) self%curve%status = outcome%timed_out   ! integrations then miss impacts
       if (is_passed) return
-      if (self%curve%status == outcome%pending .and. any(before /= self%known%impacts) .and. &
+      if (self%curve%status == outcome%pending .and. any(before /= self%at_point%impacts) .and. &
           all(self%waiting%kind /= curve_kind%grazing)) then
          allocate (first(0))
          call add_waiting(first, curve_kind%grazing, 0.0_wp, self%curve%last_x)

@@ -26,7 +26,7 @@ contains
       call self%prepare_step()
       if (is_stalled) self%curve%step = self%curve%config%longest_step
       here = self%curve
-      known = self%known
+      known = self%at_point
       ahead = here%x + here%step*here%direction
       if (is_stalled) call leave_impact(self, ahead)
       beyond = self%impacts_at(ahead)
@@ -55,7 +55,7 @@ contains
       self%curve%orientation = 0.0_wp
       self%curve%step = here%config%first_step
       call self%renew()
-      call self%evaluate_here(self%known)
+      call self%evaluate_here(self%at_point)
       associate (units => here%units)
          along = norm2((corner - here%x)/units)
          self%waiting = [waiting_t ::]
@@ -73,11 +73,11 @@ contains
       real(wp), intent(in) :: position, x(:)
       integer :: i, sense
 
-      if (before%rise*self%known%rise < 0.0_wp) call add_waiting(self%waiting, curve_kind%fold, position, x)
+      if (before%rise*self%at_point%rise < 0.0_wp) call add_waiting(self%waiting, curve_kind%fold, position, x)
       do i = 1, size(self%request%responses)
          associate (kind => self%request%responses(i)%kind)
             sense = curve_kinds(kind)%sense
-            if (sense*before%functions(i) > 0.0_wp .and. sense*self%known%functions(i) < 0.0_wp) &
+            if (sense*before%functions(i) > 0.0_wp .and. sense*self%at_point%functions(i) < 0.0_wp) &
                call add_waiting(self%waiting, kind, position, x, response=i)
          end associate
       end do
@@ -134,7 +134,7 @@ contains
             call correct(self, along, found, is_found)
             if (is_found) is_found = norm2((found - corner)/curve%units) <= longest_chord*step .and. &
                                      .not. has_wanted(self, corner, found)
-            if (is_found) is_found = sum(self%impacts_at(found)) > sum(self%known%impacts)
+            if (is_found) is_found = sum(self%impacts_at(found)) > sum(self%at_point%impacts)
             if (.not. is_found) cycle
             curve%direction = along
             call curve%tangent_at(found, tangent, sign_there, is_singular)
@@ -193,7 +193,7 @@ contains
       across = [self%defect(ahead), 0.0_wp]
       do i = 0, merge(2*max_halvings + 1, -1, all(ieee_is_finite(across)))   ! to both sides, the nearest first
          x = ahead + (-1)**i*0.5_wp**(max_halvings - i/2)*across
-         if (sum(self%impacts_at(x)) < sum(self%known%impacts)) exit
+         if (sum(self%impacts_at(x)) < sum(self%at_point%impacts)) exit
       end do
    end subroutine leave_impact
 
@@ -312,7 +312,8 @@ contains
       real(wp) :: found(size(self%curve%x)), position
 
       self%curve%status = outcome%pending
-      call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%known%impacts, found, position)
+      call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%at_point%impacts, found, &
+                     position)
       self%waiting = [waiting_t ::]
       call add_waiting(self%waiting, curve_kind%grazing, position, found)
       self%first_waiting = 1
@@ -325,7 +326,7 @@ contains
 
       grazes = .false.
       do i = 1, 4
-         grazes = grazes .or. any(self%known%impacts /= &
+         grazes = grazes .or. any(self%at_point%impacts /= &
             self%impacts_at(self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction))
       end do
    end procedure grazes_ahead
