@@ -144,9 +144,17 @@ contains
       type(stability_config_t) :: config
       type(stability_t) :: compared, refined
 
-      if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
+      if (.not. allocated(found%refined)) return
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
       config = options%stability
+      if (allocated(stability%along_series)) then                     ! a second one has to be as unstable
+         call stability_of_refined(system, discretisation, options, tones, found, config, refined)
+         compared = stability%unstable_along_series(tones%omega(1))
+         call compared%compare_with(refined%unstable_along_series(tones%omega(1)))
+         if (compared%verdict == stability_verdict%unstable) stability = compared
+         return
+      end if
+      if (stability%verdict == stability_verdict%unknown) return
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%max_periods = stability%n_periods
       do

@@ -123,7 +123,7 @@ contains
       if (motion%tones%n_tones == 1 .and. .not. any(motion%tones%is_unknown)) is_orbit_sought = has_piecewise_orbit(variation)
       if (is_orbit_sought) is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, max_work_of_orbit)
       if (is_orbit_sought) then
-         call assess_orbit(stability, variation, structure, motion, excitation, free_motions(structure, laws))
+         call assess_orbit(stability, config, variation, structure, motion, excitation, free_motions(structure, laws))
          return
       end if
       if (motion%tones%n_tones == 1) then
@@ -293,21 +293,27 @@ contains
       end if
    end subroutine assess_exponents
 
-   !> Multipliers of the periodic motion next to the given one under laws of piecewise constant slope; none if there
-   !> is none. Those of a truncated motion may be inaccurate although the motion is not, because they depend on the
-   !> times at which contact begins and ends.
-   subroutine assess_orbit(self, variation, structure, motion, excitation, free)
+   !> Multipliers of the periodic motion next to the given one under laws of piecewise constant slope; none but those along the
+   !> series if there is none. Those of a truncated motion may be inaccurate although the motion is not, because they depend on
+   !> the times at which contact begins and ends.
+   subroutine assess_orbit(self, config, variation, structure, motion, excitation, free)
       type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
       type(structure_t), intent(in) :: structure
       type(harmonic_motion_t), intent(in) :: motion
       type(excitation_t), intent(in) :: excitation
       real(wp), intent(in) :: free(:, :)                              !! motions that do not count, (n_dofs, any)
       type(piecewise_orbit_t) :: orbit
+      type(stability_t) :: along_series
 
       call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation, free)
       self%estimate = 1.0_wp                                          ! the series is too far from any periodic motion
-      if (.not. orbit%is_found) return
+      if (.not. orbit%is_found) then
+         call assess_period(along_series, config, variation, motion%amplitudes, .false., free)
+         if (along_series%verdict == verdict%unstable) call move_alloc(along_series%multipliers, self%along_series)
+         return
+      end if
       self%is_integrated = .true.
       self%estimate = orbit%estimate
       call deflate_all(orbit%matrix, states_of(free, size(orbit%matrix, 1)))

@@ -16,7 +16,7 @@
 !> Theory, 3rd edition, Springer 2004, section 10.2 (for the matrix itself).
 module hb_stability
    use hb_amplitudes, only: amplitudes_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
    use hb_thresholds, only: clearly, minor
@@ -79,9 +79,12 @@ module hb_stability
       real(wp) :: growth = 1.0_wp                                     !! of disturbances that decay on average, within a period
                                                                       !! of the slowest tone, if that prevents a verdict
       complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
+      complex(wp), allocatable :: along_series(:)                     !! likewise, one of them outside the unit circle: along the
+                                                                      !! series, where no periodic motion was found near it
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
    contains
       procedure :: compare_with => stability_compare_with
+      procedure :: unstable_along_series => stability_unstable_along_series
       procedure :: resolves_circle => stability_resolves_circle
    end type stability_t
 
@@ -163,6 +166,20 @@ contains
       end associate
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
    end subroutine stability_compare_with
+
+   !> The verdict along the series itself: of a motion so unstable that small errors lead away from the periodic motion next to it.
+   !> It holds if that of a more accurate series is the same; a motion without such multipliers is returned unchanged.
+   pure type(stability_t) function stability_unstable_along_series(self, omega) result(stability)
+      class(stability_t), intent(in) :: self
+      real(wp), intent(in) :: omega                                   !! [rad/s]
+
+      stability = self
+      if (.not. allocated(self%along_series)) return
+      call move_alloc(stability%along_series, stability%multipliers)
+      stability%n_unstable = count(abs(stability%multipliers) > 1.0_wp)
+      stability%exponents = log(max(abs(stability%multipliers), tiny(1.0_wp)))*omega/two_pi
+      stability%verdict = verdict%unstable
+   end function stability_unstable_along_series
 
    !> Whether multipliers on the unit circle have digits beside the rounding errors of the largest one.
    pure logical function stability_resolves_circle(self) result(resolves)
