@@ -29,6 +29,20 @@ def test_verify_agrees_with_a_converged_motion(tmp_path):
     assert found["integration_difference"][0] < 1e-9
 
 
+def test_a_motion_that_verify_finds_unstable_has_a_verdict(tmp_path):
+    """Two modes against a stop that grow 3700 times within a period: shooting from a motion that is accurate to 1e-3 is lost."""
+    text = "&structure type='modal_beam', length=1.0, bending_stiffness=0.010265982254684338, mass_per_length=1.0, n_modes=2,\n"
+    text += "damping_mass=0.06792138905272184 /\n&tones frequency=1.247834592504061 /\n&accuracy tolerance=0.01 /\n"
+    text += "&law type='elastic_stop', dofs='q1','q2', weights=0.9445130839479713,-0.6204955949402001,\n"
+    text += "stiffness=101.86792560989628, gap=0.01582907678200261, two_sided=.true. /\n"
+    text += "&load dof='q2', tuple=1, cos=-0.9859130164252845, sin=-0.05491702660334894 /\n"
+    result = solve(text, tmp_path, "--set", "stability%method='integration'")
+    stable, n_unstable, growth = read(result, "is_stable", "n_unstable", "exponent")
+    assert (stable, n_unstable) == ([-1], [2])
+    assert growth[0, 0] > 0.5 and growth[0, 1] == pytest.approx(np.log(2.186) * 1.2478 / (2 * np.pi), rel=0.3)
+    assert verified(result, status=NOT_ALL_CONVERGED)["integration_verdict"] == [UNSTABLE]
+
+
 def test_verify_integrates_again_what_was_integrated_with_a_set_of_its_own(tmp_path):
     """Ueda's oscillator without a balance: the file has as many elements as its largest set, the first point uses six of ten."""
     text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=0 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
@@ -197,7 +211,8 @@ def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, meth
         text[: text.index("&sweep")], tmp_path, "--set", "harmonics%order=5", "--set", "sampling%samples=32", "--set",
         f"integration%method='{method}'", status=None,
     )  # fmt: skip
-    found = verified(result, "--points", 0, "--periods", 3)
+    found = verified(result, "--points", 0, "--periods", 7)  # a whole beat of both tones: a shorter time decides nothing
+    assert found["integration_verdict"] == [AGREES]
     assert 2e-2 < found["integration_first_difference"][0] < 6e-2  # of the motion of the wall's coordinate
 
 
