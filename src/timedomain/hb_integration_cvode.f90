@@ -128,8 +128,38 @@ contains
       call self%system%accelerations%begin(time, 0.0_wp)
       call act_from(self, time)
       call choose_branches(self, 0.0_wp)                              ! may change velocities, therefore first
+      call leave_touched_walls(self)
       call begin_at(self, time, error)
    end subroutine begin_here
+
+   !> Coordinates that touch an open wall move away from it, the slowest for so short a time that the distance is never seen: these
+   !> leave until their rate turns.
+   subroutine leave_touched_walls(self)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp) :: rate, z
+      integer :: i, side
+
+      associate (equations => self%equations, y => self%cvode%values, n => self%system%n_dofs)
+         do i = 1, size(equations%rigid)
+            associate (rigid => equations%rigid(i), shape => self%system%laws%shape(:, equations%rigid(i)%coordinate))
+               if (.not. rigid%is_wall .or. equations%mode(i) /= 0) cycle
+               z = dot_product(shape, y(:n))
+               rate = dot_product(shape, y(n + 1:))
+               side = merge(1, merge(-1, 0, rigid%two_sided), rate < 0.0_wp)
+               if (side*z > rigid%gap - touching(self, i) .and. abs(rate) > 0.0_wp) equations%leaving(i) = side
+            end associate
+         end do
+      end associate
+   end subroutine leave_touched_walls
+
+   !> Distance from a wall within which a coordinate touches it [m].
+   pure real(wp) function touching(self, i)
+      class(integration_cvode_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      touching = 64.0_wp*epsilon(1.0_wp)*max(abs(self%equations%rigid(i)%gap), &
+                                             maxval(self%equations%scale(:self%system%n_dofs)))
+   end function touching
 
    !> Sets the origin of time.
    subroutine begin_at(self, time, error)
@@ -518,7 +548,7 @@ contains
       class(integration_cvode_t), intent(in) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: dydt(:)
-      real(wp) :: acceleration, rate, z, zero
+      real(wp) :: acceleration, rate, z
 
       associate (n => self%system%n_dofs, y => self%cvode%values, rigid => self%equations%rigid(i))
          associate (shape => self%system%laws%shape(:, rigid%coordinate))
@@ -527,8 +557,7 @@ contains
             acceleration = dot_product(shape, dydt(n + 1:))
          end associate
          side = merge(1, merge(-1, 0, rigid%two_sided), acceleration > 0.0_wp)
-         zero = 64.0_wp*epsilon(1.0_wp)*max(abs(rigid%gap), maxval(self%equations%scale(:n)))
-         if (rigid%gap - side*z > zero) side = 0
+         if (rigid%gap - side*z > touching(self, i)) side = 0
          if (abs(rate) > epsilon(1.0_wp)*maxval(self%equations%scale(n + 1:))) side = 0
          if (abs(acceleration)*self%time_scale <= epsilon(1.0_wp)*maxval(self%equations%scale(n + 1:))) side = 0
       end associate
@@ -552,7 +581,7 @@ contains
          do i = 1, size(equations%rigid)
             associate (rigid => equations%rigid(i), z => laws%z(equations%rigid(i)%coordinate))
                rate = laws%z_rate(rigid%coordinate)
-               zero = 64.0_wp*epsilon(1.0_wp)*max(abs(rigid%gap), maxval(equations%scale(:self%system%n_dofs)))
+               zero = touching(self, i)
                if (.not. rigid%is_wall) then
                   slips(i) = merge(0, merge(1, -1, rate > 0.0_wp), abs(rate) <= crawling)
                else if (equations%mode(i) == 0) then
