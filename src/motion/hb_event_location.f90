@@ -139,7 +139,8 @@ contains
       type(search_t), intent(in) :: search
       integer, intent(in) :: i                                        ! number of the response
       real(wp), allocatable, intent(out) :: between(:)
-      real(wp) :: slopes(2)
+      real(wp) :: middle(size(self%curve%x)), slopes(2)
+      logical :: is_there
 
       between = [real(wp) ::]
       if (.not. search%is_smooth) return
@@ -152,6 +153,9 @@ contains
             slopes(1) = self%slope_at(response, curve%last_x, curve%last_direction)
             slopes(2) = self%slope_at(response, curve%x, curve%direction)/search%along
             between = cubic_between(values, slopes, search%length)
+         else if (curve_kinds(response%kind)%needs_load .and. minval(abs(values)) < nearby*sqrt(search%at_end%squares(i))) then
+            call point_between(curve, 0.5_wp, middle, is_there)
+            if (is_there) between = parabola_between(values, self%function_at(response, middle, curve%direction))
          end if
       end associate
    end subroutine expect_function
