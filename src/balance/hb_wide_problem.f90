@@ -12,6 +12,7 @@ module hb_wide_problem
    use hb_cancellation, only: work_is_over
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: two_pi, wp
+   use hb_law, only: law_t
    use hb_phase, only: peak_functional, peak_rate_functional, phase_problem_t
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_krylov, tangent_krylov_t, tangent_solver_t
@@ -39,6 +40,7 @@ module hb_wide_problem
    end type wide_problem_t
 
    real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step, and of the one after it in units of that
+   real(wp), parameter :: nothing = 1.0e-10_wp                        ! of a residual, relative to its largest component: rounding
    real(wp), parameter :: nearer = 0.5_wp                             !! a second step, relative to the first
    ! products for one step: with 16 and 30, points of stops under two tones were more expensive and their sets no
    ! smaller
@@ -122,8 +124,8 @@ contains
       end subroutine add_peaks
    end subroutine new_wide_problem
 
-   !> The motion a small part of a sample later, at which tangents are computed: slopes of laws jump at their switches, and rounding
-   !> would decide on which side a sample on a switch is. Of a contact that begins and ends on samples one of both belongs to
+   !> The motion a small part of a sample later, at which tangents are computed: slopes of laws jump at their kinks, and rounding
+   !> would decide on which side a sample on a kink is. Of a contact that begins and ends on samples one of both belongs to
    !> it. Without switches the motion itself: with sliders alone, whose states would be integrated again, and smooth laws.
    pure function slightly_later(balance, motion) result(later)
       class(balance_t), intent(in) :: balance
@@ -135,7 +137,7 @@ contains
       integer :: i, m
 
       later = motion
-      if (.not. any([(balance%law_set%laws(i)%law%n_switches > 0, i=1, size(balance%law_set%laws))])) return
+      if (.not. any([(has_kinks(balance%law_set%laws(i)%law), i=1, size(balance%law_set%laws))])) return
       associate (set => balance%harmonics, torus => balance%law_set%transform%torus)
          angle = 0.0_wp
          do m = 1, set%n_tones
@@ -143,6 +145,15 @@ contains
          end do
          later = set%times(cmplx(cos(angle), sin(angle), wp), motion)
       end associate
+
+   contains
+
+      !> Rigid laws have kinks too, where contact and sticking begin and end, and corners of several contacts.
+      pure logical function has_kinks(law)
+         class(law_t), intent(in) :: law
+
+         has_kinks = law%n_switches > 0 .or. law%is_multiplier
+      end function has_kinks
    end function slightly_later
 
    !> Two steps of Newton's method from a motion, by the preconditioner of the wider balance if that is used, otherwise as
@@ -371,17 +382,22 @@ contains
       step = r(:self%n_unknowns)
    end subroutine wide_problem_precondition
 
-   !> M**-1 r: the step of the retained unknowns and parameters alone, and of each added harmonic alone.
+   !> M**-1 r: the step of the retained unknowns and parameters alone, and of each added harmonic alone. Equations that have nothing
+   !> but rounding are left out: harmonics that a symmetry of the motion excludes would be amplified from product to product.
    subroutine wide_problem_step_in_blocks(self, r, step)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: r(:)
       real(wp), intent(out) :: step(:)
-      real(wp) :: retained(size(self%positions) + size(self%which))
+      real(wp) :: clean(self%wide%n_unknowns), retained(size(self%positions) + size(self%which))
       logical :: is_lost
 
       associate (n => self%wide%n_unknowns, n_retained => size(self%positions))
-         call self%wide%solve_mean_tangent(r(:n), step(:n))
-         retained(:n_retained) = r(self%positions)
+         clean = r(:n)
+         associate (in_units => abs(clean)/self%wide%r_scale)
+            where (in_units <= nothing*maxval(in_units)) clean = 0.0_wp
+         end associate
+         call self%wide%solve_mean_tangent(clean, step(:n))
+         retained(:n_retained) = clean(self%positions)
          retained(n_retained + 1:) = r(n + 1:)
          call self%solver%solve(self%narrow, retained, is_lost)
          self%is_lost = self%is_lost .or. is_lost
