@@ -25,6 +25,7 @@ module hb_integration_cvode
    integer, parameter :: steps_from_base = 1000
    integer, parameter :: max_events = 100000                          ! from one sample to the next
    real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
+   real(wp), parameter :: part_of_fastest = 1.0e-5_wp                 ! of the time of the fastest motion: slightly later
    real(wp), parameter :: short_flight = 0.1_wp                       ! relative speed: slower, a step may pass over a flight
    integer, parameter :: no_longer_counted = -1
    integer, parameter :: max_collisions = 1000000                     ! at one time; then the remaining speeds are lost
@@ -104,7 +105,7 @@ contains
             if (self%system%structure%mass(i, i) > 0.0_wp) fastest = max(fastest, &
                sqrt(abs(self%system%structure%stiffness(i, i))/self%system%structure%mass(i, i)))
          end do
-         self%time_scale = 1.0e-5_wp/fastest
+         self%time_scale = part_of_fastest/fastest
          equations%scale = abs(y)
          length = max(self%system%length, maxval(abs(state%q)))
          if (length <= 0.0_wp) length = 1.0_wp
@@ -151,6 +152,14 @@ contains
          end do
       end associate
    end subroutine leave_touched_walls
+
+   !> Largest speed so far or, where bodies have hardly moved, that of their acceleration in the time of the fastest motion [m/s].
+   pure real(wp) function usual_speed(self)
+      class(integration_cvode_t), intent(in) :: self
+
+      usual_speed = max(maxval(self%equations%scale(self%system%n_dofs + 1:)), &
+                        maxval(abs(self%equations%a))*self%time_scale/part_of_fastest)
+   end function usual_speed
 
    !> Distance from a wall within which a coordinate touches it [m].
    pure real(wp) function touching(self, i)
@@ -411,7 +420,7 @@ contains
             if (touched(i) == 0) cycle
             equations%mode(i) = merge(0, touched(i), touched(i)*rates(i) < -crawling)
             if (equations%mode(i) == 0) then
-               if (abs(rates(i)) <= short_flight*maxval(equations%scale(n_dofs + 1:))) equations%leaving(i) = touched(i)
+               if (abs(rates(i)) <= short_flight*usual_speed(self)) equations%leaving(i) = touched(i)
             else if (is_struck(i)) then
                self%impacts(2*i - merge(1, 0, touched(i) == 1)) = no_longer_counted
             end if
@@ -483,7 +492,7 @@ contains
          call stop_active(self, merge(back, 0.0_wp, equations%active == i))
          if (abs(back) > 0.0_wp) equations%mode(i) = 0
          equations%leaving = 0                                        ! the impulse may have turned other coordinates
-         if (abs(back) > 0.0_wp .and. abs(back) <= short_flight*maxval(equations%scale(self%system%n_dofs + 1:))) &
+         if (abs(back) > 0.0_wp .and. abs(back) <= short_flight*usual_speed(self)) &
             equations%leaving(i) = side
       end associate
    end subroutine hit_wall
