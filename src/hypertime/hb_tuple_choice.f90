@@ -21,6 +21,7 @@ module hb_tuple_choice
       procedure :: add => tuple_union_add
       procedure :: add_one => tuple_union_add_one
       procedure :: list => tuple_union_list
+      procedure :: reserve => tuple_union_reserve
    end type tuple_union_t
 
    real(wp), parameter :: retention = 300.0_wp                        ! weight of the amplitude of a retained tuple
@@ -107,11 +108,13 @@ contains
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
       integer, intent(in), optional :: others(:, :)                   !! tuples to be included, (n_tones, any)
       integer, parameter :: steps_of_one_tone = 5
+      integer, parameter :: usual = 5                                 ! times as many tuples as the set
       integer, parameter :: max_in_gaps = 8                          ! order, times the tuples of the set: with a single distant
                                                                       ! one those up to it would cost more than the motion
       type(tuple_union_t) :: union
       integer :: farthest(set%n_tones), h, j(set%n_tones), k, m, s
 
+      call union%reserve(set%n_tones, usual*set%n_harmonics + 4*steps_of_one_tone)
       call union%add(set%tuples)
       if (present(carried)) call add_answers(union, set, carried)
       if (present(others)) call union%add(others)
@@ -266,6 +269,17 @@ contains
       end do
    end subroutine tuple_union_add
 
+   !> Allocates memory for some tuples, so that adding them does not move what is there.
+   pure subroutine tuple_union_reserve(self, n_tones, n_tuples)
+      class(tuple_union_t), intent(inout) :: self
+      integer, intent(in) :: n_tones, n_tuples
+
+      if (allocated(self%entries)) then
+         if (size(self%entries, 2) >= n_tuples) return
+      end if
+      call enlarge(self, n_tones, n_tuples)
+   end subroutine tuple_union_reserve
+
    !> Adds a tuple unless it is in the union.
    pure subroutine tuple_union_add_one(self, tuple)
       class(tuple_union_t), intent(inout) :: self
@@ -307,7 +321,7 @@ contains
       if (self%n > 0) larger(:, :self%n) = self%entries(:, :self%n)
       call move_alloc(larger, self%entries)
       if (allocated(self%slots)) deallocate (self%slots)
-      allocate (self%slots(2*n + 1), source=0)
+      allocate (self%slots(2**(bit_size(n) - leadz(2*n))), source=0)   ! a power of two above 2 n
       do h = 1, self%n
          self%slots(slot_of(self, self%entries(:, h))) = h
       end do
@@ -326,7 +340,7 @@ contains
          hash = iand(ieor(hash, iand(int(tuple(m), int64), mask))*prime, mask)
          hash = ieor(hash, ishft(hash, -15)) ! mix high bits into the low ones, in which small entries differ
       end do
-      slot = 1 + int(modulo(hash, int(size(self%slots), int64)))
+      slot = 1 + int(iand(hash, int(size(self%slots) - 1, int64)))      ! a division would take longer than all the rest
       do while (self%slots(slot) > 0)
          if (all(self%entries(:, self%slots(slot)) == tuple)) return
          slot = merge(1, slot + 1, slot == size(self%slots))
