@@ -9,7 +9,7 @@ cd "${3:-.}"
 bar=(--length 0.12 --width 0.03 --height 0.01 --n-x "$n_x" --n-y "$n_y" --n-z 1 --overwrite)
 nhbm-model solid "${bar[@]}" --clamped left --node-set 'bolt=0.1,0.015,0' --output lower.h5
 nhbm-model solid "${bar[@]}" --clamped right --node-set 'bolt=0.02,0.015,0.01' --node-set 'shaker=0,0.015,0.01' --output upper.h5
-nhbm-model assemble lower=lower.h5 upper=upper.h5 --at upper=0.08,0,0.01 --pair joint=lower_top,upper_bottom \
+nhbm-model assemble lower=lower.h5 upper=upper.h5 --at upper=0.08,0,0.01 --pair joint=lower_top,upper_bottom --partial \
    --load bolt=lower_bolt.z:1,upper_bolt.z:-1 --output parts.h5 --overwrite
 nhbm-model reduce parts.h5 --keep $kept --modes 30 --up-to 40000 --output large_joint.h5 --overwrite
 cat >joint.nml <<'END_OF_INPUT'

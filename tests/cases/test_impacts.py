@@ -362,7 +362,7 @@ def test_a_curve_moves_what_is_no_frequency(parameter, tmp_path):
 def test_an_interrupted_curve_goes_on_where_it_was(tmp_path):
     more = "&curve parameter='tones%frequency', from=1.15, to=1.3, points=40 /\n&accuracy tolerance=1e-2 /\n"
     whole = points_of(curve(tmp_path, more, GAP, FOLDING))
-    result = curve(tmp_path, more, GAP, FOLDING, ("--time-limit", "1"))
+    result = curve(tmp_path, more, GAP, FOLDING, ("--time-limit", "0.4"))
     assert len(points_of(result)) < len(whole)
     assert run("resume", result, "--quiet", cwd=tmp_path).status == 0
     for one, other in zip(points_of(result), whole, strict=True):
