@@ -107,6 +107,7 @@ class TestFile:
         self.lines = []  # the module, directives rewritten
         self.module = None
         self.base = None  # funit or pfunit
+        self.places = {}  # of 'module', 'use' and 'end': (index in `lines`, line number)
         self.pending = None
         self.in_declarations = True  # of the module, until its 'contains'
         self.in_block = False
@@ -151,11 +152,16 @@ class TestFile:
             self.read_module_line(line)
         elif re.match(r"use\b.*\bp?funit\b", code, re.I):
             self.read_use_line(code)
+        elif re.match(r"end\s*module\b", code, re.I):
+            self.note_place("end")
         elif self.in_declarations:
             self.read_declaration(code)
         procedure = PROCEDURE.match(code)
         if procedure:
             self.check_name(procedure[1])
+
+    def note_place(self, name):
+        self.places[name] = (len(self.lines) - 1, self.line_number)
 
     def read_module_line(self, line):
         match = re.fullmatch(r"\s*module\s+(\w+)\s*", line, re.I)
@@ -164,6 +170,7 @@ class TestFile:
         if self.module:
             self.refuse("one module in a test file")
         self.module = match[1]
+        self.note_place("module")
         if self.module != self.path.stem:
             self.refuse(f"module '{self.module}' must be named like its file, '{self.path.stem}'")
 
@@ -172,6 +179,7 @@ class TestFile:
         if not match:
             self.refuse("write 'use funit' or 'use pfunit', without 'only' or renaming")
         self.base = match[1].lower()
+        self.note_place("use")
 
     def read_declaration(self, code):
         """A line between `module` and its `contains`; inside of types and interfaces nothing matters."""
@@ -321,6 +329,8 @@ class TestFile:
     def check_file(self):
         if not self.module:
             self.refuse("tests live in a module named like the file")
+        if "end" not in self.places:
+            self.refuse(f"the module ends with 'end module {self.module}'")
         if not self.base:
             self.refuse("'use funit' (serial) or 'use pfunit' (MPI) is missing")
         if not self.tests:

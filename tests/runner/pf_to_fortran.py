@@ -3,10 +3,12 @@
 
     pf_to_fortran.py test_thing.pf test_thing.F90 [--main RUNNER SUITE...]
 
-The output is the module with its directives rewritten, followed by one external subroutine `test_thing_suite`
-that runs the tests in the order of the file and, with --main, by the main program that runs these suites by the
-module RUNNER. It has to be compiled with the C preprocessor, because `#line` keeps compiler messages and debuggers
-at the .pf file.
+The output is the module with its directives rewritten and one more subroutine, `test_thing_suite`, that runs the
+tests in the order of the file. With --main, the main program that runs these suites by the module RUNNER follows. It
+has to be compiled with the C preprocessor, because `#line` keeps compiler messages and debuggers at the .pf file.
+
+The suite stands in the module, and the main program finds it by its name for the linker, so that nobody has to read
+the module file of a test, which holds every type that the test can reach.
 """
 
 import sys
@@ -70,10 +72,14 @@ ALL_CASES = """\
    end subroutine runner_cases"""
 
 
+def suite_head(module):
+    """The first line of the subroutine `<module>_suite`, with the name that it has for the linker."""
+    return f'subroutine {module}_suite() bind(c, name="{module}_suite")'
+
+
 def suite_lines(file):
     """The subroutine `<module>_suite`."""
-    head = [f"subroutine {file.module}_suite()",
-            f"   use {file.module}",
+    head = [suite_head(file.module),
             "   use runner_session, only: runner_finish, runner_run, runner_skip, runner_wants"]
     if file.base == "pfunit":
         head += ["   use runner_mpi, only: runner_any_failed, runner_enter, runner_finish_mpi, runner_run_mpi, &",
@@ -87,11 +93,27 @@ def suite_lines(file):
 
 def main_lines(runner, suites):
     """The main program that runs some suites."""
-    interfaces = [line for suite in suites for line in (f"      subroutine {suite}()", f"      end subroutine {suite}")]
+    interfaces = [line for suite in suites
+                  for line in (f"      {suite_head(suite.removesuffix('_suite'))}", f"      end subroutine {suite}")]
     calls = [f"   call {suite}()" for suite in suites]
     return ["program runner_main", f"   use {runner}, only: finish_run, start_run", "   implicit none", "   interface",
             *interfaces, "   end interface", "", "   call start_run()", *calls, "   call finish_run()",
             "end program runner_main"]
+
+
+def module_lines(file, target):
+    """The module with its suite before its end.
+
+    The framework is used first, on the line of the name: gfortran compares each name of a module that is used without
+    `only` with all it knows by then, and `pfunit` has the thousands of names of `mpi`.
+    """
+    lines = list(file.lines)
+    lines[file.places["use"][0]] = ""
+    lines[file.places["module"][0]] += f"; use {file.base}"
+    end, end_line = file.places["end"]
+    # in the suite the compiler is to speak of the generated file
+    suite = [f'#line {end + 2} "{target}"', *suite_lines(file), f'#line {end_line} "{file.path}"']
+    return lines[:end] + suite + lines[end:]
 
 
 def guarded(test, lines):
@@ -158,8 +180,7 @@ def main(arguments):
     except Refused as refused:
         # the form that editors and continuous integration recognise
         sys.exit(f"{source}:{refused.line_number}: error: {refused.reason}")
-    # from here on the compiler is to speak of the generated file
-    lines = [*file.lines, f'#line {len(file.lines) + 2} "{target}"', *suite_lines(file)]
+    lines = module_lines(file, target)
     if len(arguments) > 2:
         lines += main_lines(arguments[3], arguments[4:])
     target.parent.mkdir(parents=True, exist_ok=True)

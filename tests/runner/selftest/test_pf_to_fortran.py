@@ -65,6 +65,12 @@ class TestAccepted(unittest.TestCase):
         self.assertEqual(suite.count("call runner_run"), 2)
         self.assertLess(suite.index("test_thing.test_a"), suite.index("test_thing.test_b"))
 
+    def test_suite_stands_in_the_module(self):
+        _, _, output = translate(PLAIN)
+        self.assertTrue(output.startswith("module test_thing; use funit\n\n   implicit none"))
+        self.assertLess(output.index("subroutine test_thing_suite"), output.index('#line 9 "'))
+        self.assertTrue(output.rstrip().endswith("test_thing.pf\"\nend module test_thing"))
+
     def test_case_file_is_accepted(self):
         self.assertEqual(translate(CASE)[:2], (0, ""))
 
@@ -152,6 +158,7 @@ class TestRefused(unittest.TestCase):
         self.check_plain("@test\n", "@test\ninteger :: i\n", 5, "must be followed")
         self.check_plain("@test\n", "@test\n@test\n", 5, "must be followed")
         self.check_plain("end module", "@test\nend module", 9, "must be followed")
+        self.check_plain("end module test_thing", "end", 9, "ends with 'end module test_thing'")
         self.check_plain("end module test_thing\n", "end module test_thing\n@test\n", 10, "must be followed")
 
     def test_wrong_number_of_arguments(self):
