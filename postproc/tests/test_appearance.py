@@ -171,6 +171,18 @@ def test_slender_things_are_no_slivers():
         assert ax.get_aspect() == aspect
 
 
+def test_forces_that_are_zero_have_no_scale():
+    """Nodes that are never loaded: the colour bar names zero alone, no numbers of both signs."""
+    from types import SimpleNamespace
+
+    from nhbm_post.draw import draw_patch
+
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    patch = SimpleNamespace(label="stop", kind="elastic_stop", counted="4 nodes")
+    bar = draw_patch(patch, {"largest normal force": np.zeros(4)}, points, "").axes[0].child_axes[0]
+    assert bar.get_yticks().tolist() == [0.0]
+
+
 def test_details_of_a_heading_break_at_commas():
     line = "Two-tone beam against a rigid wall, point 3, order of the harmonics = 12, samples of a period = 64"
     assert look.rows_of(line, 96) == [line.rpartition(" samples")[0], "samples of a period = 64"]

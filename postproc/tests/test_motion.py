@@ -131,6 +131,18 @@ def test_waterfall_has_stems(tmp_path):
     assert main(["waterfall", str(path), "--dpi", "40"]) == 0 and main(["campbell", str(path), "--dpi", "40"]) == 0
 
 
+@pytest.mark.parametrize(("view", "axis"), [("waterfall", "y"), ("campbell", "x")])
+def test_small_swept_values_have_a_prefix(tmp_path, view, axis):
+    tuples = box(1, 1)
+    coefficients = np.ones((3, 1, 2, 2))
+    parameters = {"law_1_gap": ("law(1)%gap", "m", np.array([0.5e-3, 1e-3, 2e-3]))}
+    path = write_results(tmp_path / "a.h5", tuples, np.ones((3, 1)), coefficients, parameters=parameters)
+    with Results(path) as results:
+        ax = draw_waterfall(results, view=view).axes[0]
+    assert getattr(ax, f"get_{axis}label")().endswith("[mm]")
+    assert getattr(ax, f"get_{axis}lim")()[1] == pytest.approx(2.1, abs=1.5)
+
+
 def test_spectra_are_those_of_one_line_of_a_sweep(tmp_path):
     tuples, frequency = box(1, 1), np.tile([1.0, 2.0, 3.0], 2)
     coefficients = np.zeros((6, 1, 2, 2))

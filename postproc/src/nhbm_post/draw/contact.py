@@ -46,11 +46,14 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
                 ax.grid(True)
                 continue
             limits = {"vmin": 0.0, "vmax": max(float(value.max()), 0.01)} if name.endswith("share") else {}
+            is_zero = not np.nan_to_num(value).any()
+            if is_zero:
+                limits = {"vmin": 0.0, "vmax": 1.0}
             unit = np.full(2, extent.max()) if is_to_scale else extent[[first, second]]
             drawn = ax.add_collection(_squares(points[:, [first, second]], unit))
             drawn.set(array=factor * value, cmap=style.COLOUR_MAP, edgecolor=style.INK, linewidth=0.3, gid="nodes")
             drawn.set_clim(**limits)
-            fig.colorbar(drawn, cax=ax.inset_axes((1.05, 0.0, 0.06, 1.0)))
+            fig.colorbar(drawn, cax=ax.inset_axes((1.05, 0.0, 0.06, 1.0)), ticks=[0.0] if is_zero else None)
             ax.set_title(style.with_unit(name.capitalize(), units))
             ax.set(xlabel=f"{'xyz'[first]} [m]", ylabel=f"{'xyz'[second]} [m]", aspect="equal" if is_to_scale else "auto")
             for k, set_limits in ((first, ax.set_xlim), (second, ax.set_ylim)):

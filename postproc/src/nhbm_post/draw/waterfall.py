@@ -51,8 +51,10 @@ def draw_waterfall(
     with style.look():
         fig = style.figure(7.0, 5.0)
         ax = fig.add_subplot()
-        name = style.with_unit(with_symbol(words, symbol), axis.units)
         values = {point: float(axis.values[point]) for point in found}
+        scale, axis_units = style.unit_scale(max(map(abs, values.values())), axis.units)
+        values = {point: scale * value for point, value in values.items()}
+        name = style.with_unit(with_symbol(words, symbol), axis_units)
         note = ""
         if view == "campbell":
             drawn, note = _campbell(ax, found, values, by, factor, norm, results)
