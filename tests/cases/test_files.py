@@ -119,7 +119,7 @@ def test_stale_pipe_of_the_temporary_name(folder):
 
 
 def test_file_of_the_user_with_the_temporary_name_is_left_alone(folder):
-    """The remains of a killed run under this name are replaced: test_survive.py kills runs while they create it."""
+    """The remains of a killed run under this name are replaced: test_signals.py kills runs while they create it."""
     (folder / "case.h5.part").write_text("mine")
     refused(run("solve", "case.nml", cwd=folder), "'case.h5.part'", "was not written by a run")
     assert (folder / "case.h5.part").read_text() == "mine"

@@ -12,8 +12,8 @@ from pathlib import Path
 import h5py
 import pytest
 
+from ended_runs import LINE, N_SWEPT, assert_same, n_done, ranks_of, write
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, is_without_mpi, program, run
-from test_survive import LINE, N_SWEPT, assert_same, n_done, ranks_of, write
 
 without_mpi = pytest.mark.skipif(not is_without_mpi(program()), reason="the program was built with MPI")
 with_mpi = pytest.mark.skipif(is_without_mpi(program()), reason="the program was built without MPI")

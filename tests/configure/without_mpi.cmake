@@ -21,6 +21,6 @@ endif()
 set(ENV{NHBM} ${build}/bin/nhbm)
 set(ENV{NHBM_WITH_MPI} ${BUILD}/bin/nhbm)
 set(cases ${ROOT}/tests/cases)
-execute_process(COMMAND ${PYTHON} -m pytest -q -p no:cacheprovider -m "not long" ${cases}/test_workers.py ${cases}/test_survive.py
-   ${cases}/test_crash.py ${cases}/test_lost_results.py COMMAND_ERROR_IS_FATAL ANY)
+execute_process(COMMAND ${PYTHON} -m pytest -q -p no:cacheprovider -m "not long" ${cases}/test_workers.py ${cases}/test_resume.py
+   ${cases}/test_signals.py ${cases}/test_info.py ${cases}/test_crash.py ${cases}/test_lost_results.py COMMAND_ERROR_IS_FATAL ANY)
 file(REMOVE_RECURSE ${FOLDER})

@@ -1,0 +1,56 @@
+"""`nhbm info` of files that are complete, and of others."""
+
+import numpy as np
+
+from ended_runs import GAPS, QUICK, ended, write
+from program import ALL_CONVERGED, INCOMPLETE, NOT_ALL_CONVERGED, read, run
+
+
+def test_info_of_a_run_that_is_not_complete(tmp_path):
+    text = QUICK + "&output title = 'a beam' /\n&sweep parameter = 'law(wall)%gap', values = 2.0e-3, 1.0e-3 /\n"
+    result = ended(tmp_path, text)
+    done = run("info", result, cwd=tmp_path)
+    assert done.status == INCOMPLETE, done.stderr
+    for words in (
+        "title      a beam",
+        "swept      law(wall)%gap: 2 values, 1.0e-3 to 2.0e-3 m",
+        "2 not solved yet",
+        f"complete   no, 2 points left; nhbm resume {result} solves them",
+    ):
+        assert words in done.stdout, done.stdout
+    assert "worst" not in done.stdout and "times" not in done.stdout
+
+
+def test_info_of_a_complete_run(tmp_path):
+    text = QUICK.replace("augmentation = 100000.0", "augmentation = 1.0e5, two_sided = .true.")
+    source = write(tmp_path, text + "&sweep parameter = 'law(1)%gap', values = 1.5e-3, -1.0e-3, 1.0e-3 /\n")
+    assert run("solve", source, cwd=tmp_path).status == NOT_ALL_CONVERGED
+    done = run("info", "case.h5", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    truncation = read(tmp_path / "case.h5", "truncation_estimate")
+    worst = int(np.nanargmax(truncation))
+    gap = {0: "1.5e-3", 2: "1.0e-3"}[worst]
+    for words in (
+        "2 converged",
+        "1 failed: an error of this point, see its message (first: point 1)",
+        f"truncation {truncation[worst]:.2E} at point {worst} (law(1)%gap = {gap} m)",
+        "complete   yes",
+        "nhbm resume case.h5 --retry also tries 1 again",
+    ):
+        assert words in done.stdout, done.stdout
+
+
+def test_info_agrees_with_the_reader(tmp_path):
+    """The lines of the same name in `nhbm info` and `nhbm-post info`."""
+    from nhbm_post import report
+    from nhbm_post.reader import Results
+
+    result = ended(tmp_path, QUICK + GAPS)
+    for names in (("written by", "run on", "tones", "harmonics", "dofs", "swept", "complete"), ("complete",)):
+        ours = run("info", result, cwd=tmp_path).stdout.splitlines()
+        with Results(result) as results:
+            theirs = report.info(results).splitlines()
+        for name in names:
+            line = [text for text in ours if text.startswith(name + " ")]
+            assert line and line[0].rstrip() in [text.rstrip() for text in theirs], name
+        run("resume", result, cwd=tmp_path)
