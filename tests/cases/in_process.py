@@ -57,3 +57,15 @@ def duffing(**spring):
 
 def cubic(q):
     return 0.5 * q**3
+
+
+def shaft(diameter):
+    rotor = nhbm.Rotor()
+    rotor.shaft(np.linspace(0.0, 1.0, 4), diameter)
+    return rotor
+
+
+def stopped():
+    model = duffing(spring=True)
+    model.law("elastic_stop", "x1", stiffness=20.0, gap=0.2)
+    return model

@@ -1,114 +1,15 @@
-"""Misuse from Python ends with a message, never the process: one model in several threads, laws that call their model, wrong
-arguments, datasets without a motion."""
+"""Wrong arguments from Python are refused where they are written, by a message with what is right; the process does not end."""
 
 from __future__ import annotations
 
-import gc
-import re
-import threading
-import warnings
-
-import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
-from in_process import cubic, duffing
+from in_process import cubic, duffing, shaft, stopped
 
 import nhbm
-from nhbm import Implausible, Model, ModelError, NotConverged, laws
-
-
-def in_threads(work, n=4):
-    """Runs a function in threads at once; returns what it returned or raised in each."""
-    found = [None] * n
-    start = threading.Barrier(n)
-
-    def run(k):
-        start.wait()
-        try:
-            found[k] = work()
-        except Exception as error:
-            found[k] = error
-
-    threads = [threading.Thread(target=run, args=(k,)) for k in range(n)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return found
-
-
-def test_threads_with_one_model_wait_for_each_other():
-    model, alone = duffing(), duffing().curve("tones[0]", 0.5, 1.5, order=5, max_step=0.2)
-    for curve in in_threads(lambda: model.curve("tones[0]", 0.5, 1.5, order=5, max_step=0.2)):
-        np.testing.assert_array_equal(curve["coefficients"], alone["coefficients"])
-    expected = duffing().solve(order=5)["coefficients"]
-    for motion in in_threads(lambda: [model.solve(order=5), model.response("x1", order=5), model.to_namelist()][0]):
-        np.testing.assert_array_equal(motion["coefficients"], expected)
-
-
-def test_threads_with_one_session_are_refused():
-    begun, refused = threading.Event(), threading.Event()
-
-    def waiting(q):
-        begun.set()
-        refused.wait(60)
-        return cubic(q)
-
-    model = duffing(spring=cubic)
-    model.law(waiting, "x1")
-    session = nhbm.Session()
-    session.read(model.to_namelist())
-    thread = threading.Thread(target=session.solve)
-    thread.start()
-    assert begun.wait(60)
-    for call in (session.solve, session.columns, session.integrate, lambda: session.column("status"),
-                 lambda: session.set("tones%frequency", 1.0), session.begin_curve, session.next, session.verify):  # fmt: skip
-        with pytest.raises(RuntimeError, match="in use by another thread"):
-            call()
-    refused.set()
-    thread.join()
-    assert session.column("status").values == 1
-
-
-def test_a_law_cannot_call_its_own_model():
-    found = []
-
-    def calling(q):
-        try:
-            session.solve()
-        except RuntimeError as error:
-            found.append(str(error))
-        return cubic(q)
-
-    model = duffing(spring=cubic)
-    model.law(calling, "x1")
-    session = nhbm.Session()
-    session.read(model.to_namelist())
-    session.solve()
-    assert "callback" in found[0] and session.column("status").values == 1
-    other, expected = (duffing().solve(order=order).nhbm.amplitude("x1") for order in (1, 5))
-
-    def solving(q):  # another model may be solved
-        assert float(duffing().solve(order=1).nhbm.amplitude("x1")) == float(other)
-        return cubic(q)
-
-    model = duffing(spring=cubic)
-    model.law(solving, "x1")
-    model.set("stability", method="off")
-    np.testing.assert_allclose(model.solve(order=5).nhbm.amplitude("x1"), expected, rtol=1e-8)
-
-
-def test_a_session_holds_its_laws():
-    model = duffing(spring=cubic)
-    model.law(lambda q: 0.5 * q**3, "x1")
-    session = nhbm.Session()
-    session.read(model.to_namelist())
-    del model
-    gc.collect()
-    session.solve()
-    assert session.column("status").values == 1
+from nhbm import Model, ModelError, NotConverged
 
 
 def test_wrong_numbers_of_periods_are_refused():
@@ -196,68 +97,6 @@ def test_wrong_names_of_arguments_are_answered_with_the_right_ones(call, message
         call(duffing())
 
 
-def test_operations_of_an_input_are_left_out_with_their_calls():
-    text = duffing().to_namelist()
-    path = "tones%frequency"
-    for groups, call in (
-        ("&sweep parameter = 'law(spring)%stiffness', values = 1, 2 /\n"
-         "&sweep parameter = 'tones%frequency', from = 1, to = 2, n = 3 /\n",
-         f"model.sweep({{'law(spring)%stiffness': [1.0, 2.0], '{path}': np.linspace(1.0, 2.0, 3)}})"),
-        (f"&sweep parameter = '{path}', values = 1, 2, axis = 1 /\n&sweep parameter = 'load(1)%cos', values = 1, 2, axis = 1 /\n",
-         f"model.sweep({{'{path}': [1.0, 2.0], 'load(1)%cos': [1.0, 2.0]}}, paired=True)"),
-        ("&sweep parameter = 'load(1)%cos', values = 1, 2 /\n"
-         f"&curve parameter = '{path}', from = 1, to = 2, start = 1.5, points = 30, peak_of = 'x1' /\n",
-         f"model.curve('{path}', 1.0, 2.0, first=1.5, points=30, peak_of='x1')"),
-    ):  # fmt: skip
-        names = " and ".join(sorted(set(re.findall(r"&\w+", groups)), reverse=True))
-        with pytest.warns(Implausible, match=re.escape(f"model: a model leaves out {names} of an input; call {call}")) as issued:
-            model = Model.from_namelist(text + groups)
-        assert len(issued) == 1
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotConverged)
-            assert eval(call, {"model": model, "np": np}).sizes["point"] > 1
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        Model.from_namelist(text)
-
-
-def test_a_tolerance_beside_given_harmonics_is_named():
-    model = duffing()
-    model.set("harmonics", order=9)
-    model.set("accuracy", tolerance=1e-3)
-    with pytest.warns(Implausible, match="the harmonics are given, so that &accuracy refines the samples alone"):
-        model.solve()
-    model.set("harmonics", order=None)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        model.solve()
-
-
-def test_files_that_are_no_results_are_named(tmp_path):
-    nhbm.Structure(np.eye(2), np.eye(2)).write(tmp_path / "model.h5")
-    with pytest.raises(ModelError, match="cannot be read: it is a model file, which nhbm.Model takes"):
-        nhbm.open_dataset(tmp_path / "model.h5")
-    (tmp_path / "empty.h5").touch()
-    with pytest.raises(ModelError, match="cannot be read: it is empty"):
-        nhbm.open_dataset(tmp_path / "empty.h5")
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["x"] = np.zeros(3)
-    with pytest.raises(ModelError, match="other.h5' is no result of nhbm"):
-        nhbm.open_dataset(tmp_path / "other.h5")
-    path = tmp_path / "motion.h5"
-    duffing().solve(order=3).nhbm.save(path)
-    with pytest.raises(ModelError, match="motion.h5' is a result, not a model file: nhbm.open_dataset"):
-        Model(path, tones=[1.0])
-    part = tmp_path / "part.h5"
-    part.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(ModelError, match=f"cannot be read: it is truncated: 5000 of {path.stat().st_size} bytes"):
-        nhbm.open_dataset(part)
-    with h5py.File(path, "r+") as file:
-        file.attrs["schema_version"] = 99
-    with pytest.raises(ModelError, match="has the schema version 99; this nhbm reads 1"):
-        nhbm.open_dataset(path)
-
-
 def test_a_law_that_gives_nan_is_named():
     model = duffing()
     model.law(lambda q: np.full_like(q, np.nan), "x1")
@@ -271,12 +110,6 @@ def beam(**keys):
 
 def labelled(label):
     duffing().law("cubic_spring", "x1", stiffness=1.0, label=label)
-
-
-def shaft(diameter):
-    rotor = nhbm.Rotor()
-    rotor.shaft(np.linspace(0.0, 1.0, 4), diameter)
-    return rotor
 
 
 @pytest.mark.parametrize("made, message", [
@@ -338,65 +171,6 @@ def test_mistakes_are_refused_where_they_are_written(made, message):
         made()
 
 
-def test_absent_harmonics_are_not_zero():
-    model = duffing()
-    motion = model.solve(order=3)
-    with pytest.raises(ModelError, match="does not have the tuple 9"):
-        motion.nhbm.amplitude("x1", 9)
-    with pytest.raises(ModelError, match="tuple_ must be whole numbers"):
-        motion.nhbm.amplitude("x1", 3.7)
-    with pytest.raises(ModelError, match="'x1 .9.': the set of harmonics does not have this tuple"):
-        model.response("x1 (9)", order=3)
-    with pytest.warns(NotConverged, match="does not have this tuple"):
-        assert np.isnan(model.sweep({"tones[0]": [0.8, 0.9]}, of="x1 (9)", order=3)["response"]).all()
-
-
-def stopped():
-    model = duffing(spring=True)
-    model.law("elastic_stop", "x1", stiffness=20.0, gap=0.2)
-    return model
-
-
-def test_all_operations_say_what_is_doubtful_in_the_same_words():
-    """With the estimates, their limits and what to do; once."""
-    words = r"estimated error .* by truncation .limit 0.01., .* by aliasing .limit 0.01.. With a given order: "
-    for operation in (
-        lambda m: m.solve(order=3),
-        lambda m: m.response("x1 (1)", order=3),
-        lambda m: m.gradient("x1 (1)", ["law[0].gap"], order=3),
-        lambda m: m.sweep({"tones[0]": [0.9, 0.95]}, order=3),
-        lambda m: m.sweep({"tones[0]": [0.9, 0.95]}, of="x1 (1)", order=3),
-        lambda m: m.curve("tones[0]", 0.9, 0.95, order=3),
-    ):
-        with pytest.warns(NotConverged, match=words) as warned:
-            operation(stopped())
-        assert len(warned) == 1 and warned[0].filename == __file__
-    with pytest.warns(NotConverged, match=r"of 2 points 2 aliased. The first: aliased"):
-        stopped().sweep({"tones[0]": [0.9, 0.9]}, warm=True, order=3)
-
-
-def test_a_wrong_derivative_of_a_law_is_said():
-    model = duffing(spring=True)
-    model.law(lambda q: (0.5 * q**3, 0.5 * q**2), "x1", label="mine")
-    with pytest.warns(NotConverged, match="law 'mine': df/dz is not the derivative of its force"):
-        model.solve(order=5)
-    right = duffing(spring=True)
-    right.law(lambda q: (0.5 * q**3, 1.5 * q**2), "x1")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", NotConverged)
-        right.solve(order=5)
-
-
-def test_a_model_without_mass_is_solved_in_silence(capfd):
-    """There is no matrix whose eigenvalues LAPACK could find."""
-    model = Model(nhbm.Chain(n_masses=1, mass=0.0, coupling_stiffness=1.0), tones=[0.9])
-    model.load("x1", 1, cos=0.1)
-    model.law("elastic_stop", "x1", stiffness=1.0, gap=0.01)
-    with pytest.warns(UserWarning, match="all masses and dampings of the structure are zero"):
-        assert model.solve(order=9)["n_harmonics"] == 10
-    assert capfd.readouterr() == ("", "")
-
-
 def test_a_law_cannot_change_the_motion():
     def doubling(q):
         q *= 2
@@ -405,31 +179,6 @@ def test_a_law_cannot_change_the_motion():
     model = duffing()
     model.law(doubling, "x1")
     with pytest.raises(ValueError, match="read-only"):
-        model.solve(order=3)
-
-
-def test_a_law_that_is_wrongly_declared_odd_is_named():
-    """Its motion has no even harmonics, whatever the tolerance; also where its derivatives are right."""
-    model = duffing(spring=True)
-    model.law(nhbm.law(lambda q: 0.2 * q**2, odd=True), "x1", label="mine")
-    words = r"law 'mine': it is declared odd, but f.-z, -v. is not -f.z, v."
-    for operation in (lambda: model.solve(order=5), lambda: model.curve("tones[0]", 0.5, 0.51, order=5)):
-        model.set("sampling", samples=64)  # a new session
-        with warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("always")
-            operation()
-        assert any(re.search(words, str(one.message)) for one in warned)
-    right = duffing(spring=True)
-    right.law(nhbm.law(lambda q, v: 0.2 * np.abs(q) * q + 0.1 * v, odd=True), "x1")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", NotConverged)
-        right.solve(order=5)
-
-
-def test_a_resonance_is_named_by_its_frequency():
-    model = Model(nhbm.Matrices(mass=1.0, stiffness=9.0), tones=[1.0])
-    model.load("x1", 1, cos=0.1)
-    with pytest.warns(NotConverged, match="singular at the frequency 3.0 rad/s: an undamped resonance"):
         model.solve(order=3)
 
 
@@ -467,218 +216,14 @@ def test_settings_of_an_operation_stay_with_it():
     assert int(model.solve(order=7)["n_harmonics"]) == 8 and int(model.solve()["n_harmonics"]) == 6
 
 
-def test_checks_before_a_solution():
-    model = Model(nhbm.Matrices(mass=[[2.0]], stiffness=[[8.0]]), tones=[0.9, 1.8])
-    assert model.natural_frequencies() == pytest.approx([2.0])
-    found = model.check()
-    assert any("combination (2,-1)" in text for text in found) and any("no load acts" in text for text in found)
-    structure = nhbm.Structure(np.eye(200), np.diag(np.arange(1.0, 201.0) ** 2))
-    assert Model(structure, tones=[0.9]).natural_frequencies(3) == pytest.approx([1.0, 2.0, 3.0])
-
-
-def stop_at(gap, **keys):
-    model = duffing(spring=True)
-    model.law("elastic_stop", "x1", stiffness=2.0, gap=gap, label="stop", **keys)
-    return model
-
-
-def test_a_stop_that_no_motion_reaches_is_named():
-    words = "law 'stop' exerts no force: no motion reaches it"
-    for operation in (
-        lambda m: m.solve(order=9),
-        lambda m: m.curve("tones[0]", 0.5, 0.9, order=9, max_step=0.2),
-        lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, order=9),
-        lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, of="x1 (1)", order=9),
-    ):
-        with pytest.warns(Implausible, match=words) as warned:
-            operation(stop_at(50.0))
-        assert len(warned) == 1 and warned[0].filename == __file__
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", Implausible)
-        stop_at(0.5).solve(order=9)
-        stop_at(0.5).curve("tones[0]", 0.1, 0.9, order=9, max_step=0.2)  # it is reached at some points
-        stop_at(0.5).sweep({"tones[0]": [0.1, 0.9]}, order=9)
-        duffing(spring=True).solve(order=3)
-
-
-@pytest.mark.parametrize("made, words", [
-    (lambda: stop_at(1500.0), "gap = 1500.0 m; lengths are in metres"),
-    (lambda: stop_at(-0.1), "gap = -0.1 m is negative: in contact and preloaded at rest"),
-    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones={"hertz": 50.0}), "more than 50 times the highest natural frequency, 0.1592 Hz"),
-    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[0.5]), "no load acts"),
-    (lambda: driven(1.0, -0.1, 1.0), "damping of 'x1' is negative, -0.1 N s/m: energy is fed into vibrations; unless the"),
-    (lambda: driven(1.0, 0.1, -1.0), "stiffness of 'x1' is negative, -1.0 N/m: the equilibrium is unstable"),
-    (lambda: driven(1e4, 0.1, 1.0), "more than 50 times the highest natural frequency, 0.01 rad/s"),
-    (lambda: driven(1e-6, 0.1, 1.0), "lowest natural frequency, 1000.0 rad/s, is more than 50 times the tone of 0.9 rad/s"),
-])  # fmt: skip
-def test_implausible_values_are_named_once(made, words):
-    model = made()
-    assert sum(re.search(words, text) is not None for text in model.check()) == 1
-    with pytest.warns(Implausible, match=words):
-        model.response("x1", order=3)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", Implausible)
-        model.response("x1", order=3)
-        model.response("x1", order=5)
-
-
-def loaded_twice():
-    model = duffing()
-    model.load("x1", -1, cos=0.1)
-    return model.solve(order=3)
-
-
-@pytest.mark.parametrize("operation, words", [
-    (lambda: duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3), "'tones%frequency': 0.8 is given 2 times"),
-    (lambda: duffing().peak("x1 (1)", "tones[0]", 0.5, 0.6, order=3), "is at an end of the range, tones%frequency = 0.6: no peak"),
-    (lambda: nhbm.Rotor(5), "young = 5: no solid has it; it is in N/m2, for steel 2.1e11"),
-    (loaded_twice, r"loads 1 and 2 act at the same place with the same tuple, .-1.: they are added"),
-])  # fmt: skip
-def test_what_can_be_meant_otherwise_is_said(operation, words):
-    with pytest.warns(Implausible, match=words) as warned:
-        operation()
-    assert len(warned) == 1 and warned[0].filename == __file__
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", Implausible)
-        duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3, warm=True)  # up and down
-        duffing().sweep({"tones[0]": [0.8, 0.8], "spring.stiffness": [0.1, 0.2]}, order=3, paired=True)
-        nhbm.Rotor(7e10, density=2700.0)
-    assert repr(shaft(0.1)) == "<nhbm.Rotor: shaft with 4 nodes>"
-
-
-def test_a_warning_about_a_number_is_not_repeated_for_its_next_value():
-    model = driven(1.0, -0.1, 1.0)
-    with pytest.warns(Implausible) as warned:
-        for damping in (-0.1, -0.11, -0.12):
-            model["structure.damping[0]"] = damping
-            model.response("x1", order=3)
-    assert len(warned) == 1
-
-
-@pytest.mark.parametrize("operation", [
-    lambda m, **keys: m.curve("tones[0]", 2.9, 3.5, order=3, **keys),
-    lambda m, **keys: m.peak("x1 (1)", "tones[0]", 2.9, 3.5, order=3, **keys),
-])  # fmt: skip
-def test_a_curve_that_turns_back_is_said(operation):
-    """A softening spring, whose force has a maximum: behind the fold no motion leads to the other end of the range."""
-    model = driven(0.5, 0.02, 5.0)
-    model["load[0].cos"] = 0.05
-    model.law("cubic_spring", "x1", stiffness=-4.0)
-    model.set("stability", method="off")
-    with pytest.warns(NotConverged, match="returned to 2.9 without reaching 3.5: trace another one from there, with first=3.5"):
-        operation(model)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", NotConverged)
-        operation(model, first=3.5)
-
-
 def test_a_list_has_one_index():
     model = Model(nhbm.Matrices(mass=[[1.0, 0.0], [0.0, 2.0]], stiffness=np.eye(2)), tones=[0.9])
     with pytest.raises(ModelError, match=r"mass has 4 values, row by row: it has one index, mass\(4\)"):
         model["structure.mass[1, 1]"]
 
 
-def driven(mass, damping, stiffness):
-    model = Model(nhbm.Matrices(mass=mass, damping=damping, stiffness=stiffness), tones=[0.9])
-    model.load("x1", 1, cos=0.1)
-    return model
-
-
 def test_a_number_of_degrees_of_freedom_that_agrees_is_accepted():
     assert nhbm.Matrices(n_dofs=2, mass=np.eye(2), stiffness=np.eye(2)).keys["n_dofs"] == 2
-
-
-def refusing(code):
-    """A model whose compiled law returns this code."""
-    model = duffing(spring=True)
-    model.law(nhbm.law(laws.EVALUATE(lambda samples: code)), "x1")
-    return model
-
-
-def test_a_last_iterate_is_no_motion():
-    """A motion that was not found has coefficients, the last ones, but no harmonics that they belong to."""
-    model = stopped()
-    model.set("solver", max_iterations=1, fallback=False)
-    with pytest.warns(NotConverged):
-        motion = model.solve(order=5)
-    assert motion["status"] == "out_of_budget" and "coefficients" in motion
-    for evaluate in (lambda: motion.nhbm.amplitude("x1"), lambda: motion.nhbm.largest("x1"), lambda: motion.nhbm.time("x1", 0.0),
-                     lambda: motion.nhbm.response("x1"), motion.nhbm.plot, motion.nhbm.orbit, motion.nhbm.spectrum,
-                     motion.nhbm.to_dataframe, lambda: model.verify(motion)):  # fmt: skip
-        with pytest.raises(ModelError, match=r"no motion was found .status out_of_budget."):
-            evaluate()
-    with pytest.warns(NotConverged):
-        assert np.isnan(model.response("x1", order=5))
-
-
-def test_a_point_without_a_motion_is_not_drawn():
-    points = duffing().sweep({"tones[0]": [0.8, 0.9]}, order=3)
-    points["status"][1] = "pending"
-    points["n_harmonics"][1] = 0
-    point = points.isel(point=1)
-    for values in (point.nhbm.amplitude("x1"), point.nhbm.largest("x1"), point.nhbm.time("x1", 0.0), point.nhbm.response("x1")[0]):
-        assert np.isnan(values)
-    for draw in (point.nhbm.plot, point.nhbm.orbit, point.nhbm.spectrum, point.nhbm.animate, lambda: duffing().verify(point)):
-        with pytest.raises(ModelError, match="no motion was found .status pending."):
-            draw()
-
-
-@pytest.mark.parametrize("wrong, message", [
-    (lambda data: data.nhbm.amplitude("x1", of="power_in"), "'power_in' has no harmonics"),
-    (lambda data: data.nhbm.amplitude("x1", of="power"), "there is no column 'power'"),
-    (lambda data: data.nhbm.spectrum(over="freqency"), "over must be 'tuple' or 'frequency'"),
-    (lambda data: data.nhbm.animate(frames=0), "frames must be 1 or more"),
-    (lambda data: data.nhbm.report().save("page.png"), "the name must end in .html"),
-    (lambda data: xr.Dataset({"integration_verdict": "agrees"}).nhbm.plot(), "a verdict of .verify., without a motion"),
-    (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.plot(), "this dataset is no result of nhbm"),
-    (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.to_dataframe(), "this dataset is no result of nhbm"),
-    (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.plot("x1 (1)"), "numbers, not motions: response"),
-    (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.amplitude("x1"), "numbers, not motions: response"),
-    (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.save("x.h5"), "to_csv, to_mat or to_netcdf write it"),
-    (lambda data: data.nhbm.plot("x1", "max x1"), "ax needs the axes of matplotlib .*, not 'max x1'; a plot shows one response"),
-])  # fmt: skip
-def test_wrong_uses_of_a_dataset_are_named(wrong, message):
-    with pytest.raises(ModelError, match=message):
-        wrong(duffing().solve(order=3))
-
-
-@pytest.mark.parametrize("use", [
-    lambda data: data.nhbm.plot("max x1"), lambda data: data.nhbm.to_dataframe("max x1"), lambda data: data.nhbm.events("max x1"),
-    lambda data: data.nhbm.report(), lambda data: data.nhbm.save("x.h5"),
-])  # fmt: skip
-def test_an_axis_of_points_with_another_name_is_named(use):
-    curve = duffing().curve("tones[0]", 0.5, 1.5, order=3, max_step=0.3)
-    with pytest.raises(ModelError, match=r"are along 'p'; .* must be 'point': dataset.swap_dims\(p='point'\)|rename\(p='point'\)"):
-        use(curve.rename(point="p"))
-    with pytest.raises(ModelError, match=r"dataset.swap_dims\(tones_frequency='point'\)"):
-        use(curve.swap_dims(point="tones_frequency"))
-
-
-def test_responses_have_the_axes_of_the_points():
-    sweep = duffing().sweep({"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.4, 0.5, 0.6]}, order=3)
-    table = sweep.set_index(point=["load_1_cos", "law_spring_stiffness"]).unstack("point")
-    for of in ("x1", "x1 (1)", "max x1"):
-        on_table = table.nhbm.response(of)[0].transpose("load_1_cos", "law_spring_stiffness")
-        np.testing.assert_allclose(np.ravel(on_table), sweep.nhbm.response(of)[0], rtol=1e-14)
-
-
-def test_a_dataset_without_a_motion_says_why():
-    model = refusing(-1)  # fatal
-    with pytest.warns(NotConverged):
-        motion = model.solve(order=3)
-    with pytest.warns(NotConverged):
-        points = model.sweep({"tones[0]": [0.9, 1.0]}, order=3)
-    for evaluate in (lambda: motion.nhbm.amplitude("x1"), lambda: motion.nhbm.harmonic("x1", 3), lambda: motion.nhbm.largest("x1"),
-                     lambda: motion.nhbm.time("x1", [0.0]), lambda: motion.nhbm.response("x1"), lambda: motion.nhbm.plot("x1"),
-                     lambda: motion.nhbm.gradient("x1"), lambda: model.verify(motion), lambda: points.nhbm.amplitude("x1"),
-                     ):  # fmt: skip
-        with pytest.raises(ModelError, match=r"no motion was found .status failed., so there are no 'coefficients'.*returned -1"):
-            evaluate()
-    for code, status in ((-1, "returned -1"), (1, "no motion was found .status not_finite.*returned 1")):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotConverged)
-            with pytest.raises(ModelError, match=status):
-                refusing(code).curve("tones[0]", 0.9, 1.0, order=3)
 
 
 def with_law(function, **keys):
@@ -711,7 +256,7 @@ def chain(**keys):
     (lambda: duffing()["spring"], "path 'spring' has no key, as in wall.gap"),
     (lambda: nhbm.fit(duffing(), {"hertz": [-0.1, 0.2], "amplitude": [0.1, 0.2]}, ["load[0].cos"], "x1 (1)"), "'hertz' must"),
     (lambda: nhbm.fit(duffing(), {"hertz": [], "amplitude": []}, ["load[0].cos"], "x1 (1)"), "data have no rows"),
-])
+])  # fmt: skip
 def test_wrong_types_are_refused(made, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ModelError, match=message):

@@ -1,0 +1,227 @@
+"""What Python says about a model or a motion that is doubtful: warnings, in the words of the command, and what is no warning."""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+from in_process import duffing, shaft, stopped
+
+import nhbm
+from nhbm import Implausible, Model, NotConverged
+
+
+def test_operations_of_an_input_are_left_out_with_their_calls():
+    text = duffing().to_namelist()
+    path = "tones%frequency"
+    for groups, call in (
+        ("&sweep parameter = 'law(spring)%stiffness', values = 1, 2 /\n"
+         "&sweep parameter = 'tones%frequency', from = 1, to = 2, n = 3 /\n",
+         f"model.sweep({{'law(spring)%stiffness': [1.0, 2.0], '{path}': np.linspace(1.0, 2.0, 3)}})"),
+        (f"&sweep parameter = '{path}', values = 1, 2, axis = 1 /\n&sweep parameter = 'load(1)%cos', values = 1, 2, axis = 1 /\n",
+         f"model.sweep({{'{path}': [1.0, 2.0], 'load(1)%cos': [1.0, 2.0]}}, paired=True)"),
+        ("&sweep parameter = 'load(1)%cos', values = 1, 2 /\n"
+         f"&curve parameter = '{path}', from = 1, to = 2, start = 1.5, points = 30, peak_of = 'x1' /\n",
+         f"model.curve('{path}', 1.0, 2.0, first=1.5, points=30, peak_of='x1')"),
+    ):  # fmt: skip
+        names = " and ".join(sorted(set(re.findall(r"&\w+", groups)), reverse=True))
+        with pytest.warns(Implausible, match=re.escape(f"model: a model leaves out {names} of an input; call {call}")) as issued:
+            model = Model.from_namelist(text + groups)
+        assert len(issued) == 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotConverged)
+            assert eval(call, {"model": model, "np": np}).sizes["point"] > 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Model.from_namelist(text)
+
+
+def test_a_tolerance_beside_given_harmonics_is_named():
+    model = duffing()
+    model.set("harmonics", order=9)
+    model.set("accuracy", tolerance=1e-3)
+    with pytest.warns(Implausible, match="the harmonics are given, so that &accuracy refines the samples alone"):
+        model.solve()
+    model.set("harmonics", order=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.solve()
+
+
+def test_all_operations_say_what_is_doubtful_in_the_same_words():
+    """With the estimates, their limits and what to do; once."""
+    words = r"estimated error .* by truncation .limit 0.01., .* by aliasing .limit 0.01.. With a given order: "
+    for operation in (
+        lambda m: m.solve(order=3),
+        lambda m: m.response("x1 (1)", order=3),
+        lambda m: m.gradient("x1 (1)", ["law[0].gap"], order=3),
+        lambda m: m.sweep({"tones[0]": [0.9, 0.95]}, order=3),
+        lambda m: m.sweep({"tones[0]": [0.9, 0.95]}, of="x1 (1)", order=3),
+        lambda m: m.curve("tones[0]", 0.9, 0.95, order=3),
+    ):
+        with pytest.warns(NotConverged, match=words) as warned:
+            operation(stopped())
+        assert len(warned) == 1 and warned[0].filename == __file__
+    with pytest.warns(NotConverged, match=r"of 2 points 2 aliased. The first: aliased"):
+        stopped().sweep({"tones[0]": [0.9, 0.9]}, warm=True, order=3)
+
+
+def test_a_wrong_derivative_of_a_law_is_said():
+    model = duffing(spring=True)
+    model.law(lambda q: (0.5 * q**3, 0.5 * q**2), "x1", label="mine")
+    with pytest.warns(NotConverged, match="law 'mine': df/dz is not the derivative of its force"):
+        model.solve(order=5)
+    right = duffing(spring=True)
+    right.law(lambda q: (0.5 * q**3, 1.5 * q**2), "x1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NotConverged)
+        right.solve(order=5)
+
+
+def test_a_model_without_mass_is_solved_in_silence(capfd):
+    """There is no matrix whose eigenvalues LAPACK could find."""
+    model = Model(nhbm.Chain(n_masses=1, mass=0.0, coupling_stiffness=1.0), tones=[0.9])
+    model.load("x1", 1, cos=0.1)
+    model.law("elastic_stop", "x1", stiffness=1.0, gap=0.01)
+    with pytest.warns(UserWarning, match="all masses and dampings of the structure are zero"):
+        assert model.solve(order=9)["n_harmonics"] == 10
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_law_that_is_wrongly_declared_odd_is_named():
+    """Its motion has no even harmonics, whatever the tolerance; also where its derivatives are right."""
+    model = duffing(spring=True)
+    model.law(nhbm.law(lambda q: 0.2 * q**2, odd=True), "x1", label="mine")
+    words = r"law 'mine': it is declared odd, but f.-z, -v. is not -f.z, v."
+    for operation in (lambda: model.solve(order=5), lambda: model.curve("tones[0]", 0.5, 0.51, order=5)):
+        model.set("sampling", samples=64)  # a new session
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            operation()
+        assert any(re.search(words, str(one.message)) for one in warned)
+    right = duffing(spring=True)
+    right.law(nhbm.law(lambda q, v: 0.2 * np.abs(q) * q + 0.1 * v, odd=True), "x1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NotConverged)
+        right.solve(order=5)
+
+
+def test_a_resonance_is_named_by_its_frequency():
+    model = Model(nhbm.Matrices(mass=1.0, stiffness=9.0), tones=[1.0])
+    model.load("x1", 1, cos=0.1)
+    with pytest.warns(NotConverged, match="singular at the frequency 3.0 rad/s: an undamped resonance"):
+        model.solve(order=3)
+
+
+def test_checks_before_a_solution():
+    model = Model(nhbm.Matrices(mass=[[2.0]], stiffness=[[8.0]]), tones=[0.9, 1.8])
+    assert model.natural_frequencies() == pytest.approx([2.0])
+    found = model.check()
+    assert any("combination (2,-1)" in text for text in found) and any("no load acts" in text for text in found)
+    structure = nhbm.Structure(np.eye(200), np.diag(np.arange(1.0, 201.0) ** 2))
+    assert Model(structure, tones=[0.9]).natural_frequencies(3) == pytest.approx([1.0, 2.0, 3.0])
+
+
+def stop_at(gap, **keys):
+    model = duffing(spring=True)
+    model.law("elastic_stop", "x1", stiffness=2.0, gap=gap, label="stop", **keys)
+    return model
+
+
+def test_a_stop_that_no_motion_reaches_is_named():
+    words = "law 'stop' exerts no force: no motion reaches it"
+    for operation in (
+        lambda m: m.solve(order=9),
+        lambda m: m.curve("tones[0]", 0.5, 0.9, order=9, max_step=0.2),
+        lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, order=9),
+        lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, of="x1 (1)", order=9),
+    ):
+        with pytest.warns(Implausible, match=words) as warned:
+            operation(stop_at(50.0))
+        assert len(warned) == 1 and warned[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Implausible)
+        stop_at(0.5).solve(order=9)
+        stop_at(0.5).curve("tones[0]", 0.1, 0.9, order=9, max_step=0.2)  # it is reached at some points
+        stop_at(0.5).sweep({"tones[0]": [0.1, 0.9]}, order=9)
+        duffing(spring=True).solve(order=3)
+
+
+@pytest.mark.parametrize("made, words", [
+    (lambda: stop_at(1500.0), "gap = 1500.0 m; lengths are in metres"),
+    (lambda: stop_at(-0.1), "gap = -0.1 m is negative: in contact and preloaded at rest"),
+    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones={"hertz": 50.0}), "more than 50 times the highest natural frequency, 0.1592 Hz"),
+    (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[0.5]), "no load acts"),
+    (lambda: driven(1.0, -0.1, 1.0), "damping of 'x1' is negative, -0.1 N s/m: energy is fed into vibrations; unless the"),
+    (lambda: driven(1.0, 0.1, -1.0), "stiffness of 'x1' is negative, -1.0 N/m: the equilibrium is unstable"),
+    (lambda: driven(1e4, 0.1, 1.0), "more than 50 times the highest natural frequency, 0.01 rad/s"),
+    (lambda: driven(1e-6, 0.1, 1.0), "lowest natural frequency, 1000.0 rad/s, is more than 50 times the tone of 0.9 rad/s"),
+])  # fmt: skip
+def test_implausible_values_are_named_once(made, words):
+    model = made()
+    assert sum(re.search(words, text) is not None for text in model.check()) == 1
+    with pytest.warns(Implausible, match=words):
+        model.response("x1", order=3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Implausible)
+        model.response("x1", order=3)
+        model.response("x1", order=5)
+
+
+def loaded_twice():
+    model = duffing()
+    model.load("x1", -1, cos=0.1)
+    return model.solve(order=3)
+
+
+@pytest.mark.parametrize("operation, words", [
+    (lambda: duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3), "'tones%frequency': 0.8 is given 2 times"),
+    (lambda: duffing().peak("x1 (1)", "tones[0]", 0.5, 0.6, order=3), "is at an end of the range, tones%frequency = 0.6: no peak"),
+    (lambda: nhbm.Rotor(5), "young = 5: no solid has it; it is in N/m2, for steel 2.1e11"),
+    (loaded_twice, r"loads 1 and 2 act at the same place with the same tuple, .-1.: they are added"),
+])  # fmt: skip
+def test_what_can_be_meant_otherwise_is_said(operation, words):
+    with pytest.warns(Implausible, match=words) as warned:
+        operation()
+    assert len(warned) == 1 and warned[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Implausible)
+        duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3, warm=True)  # up and down
+        duffing().sweep({"tones[0]": [0.8, 0.8], "spring.stiffness": [0.1, 0.2]}, order=3, paired=True)
+        nhbm.Rotor(7e10, density=2700.0)
+    assert repr(shaft(0.1)) == "<nhbm.Rotor: shaft with 4 nodes>"
+
+
+def test_a_warning_about_a_number_is_not_repeated_for_its_next_value():
+    model = driven(1.0, -0.1, 1.0)
+    with pytest.warns(Implausible) as warned:
+        for damping in (-0.1, -0.11, -0.12):
+            model["structure.damping[0]"] = damping
+            model.response("x1", order=3)
+    assert len(warned) == 1
+
+
+@pytest.mark.parametrize("operation", [
+    lambda m, **keys: m.curve("tones[0]", 2.9, 3.5, order=3, **keys),
+    lambda m, **keys: m.peak("x1 (1)", "tones[0]", 2.9, 3.5, order=3, **keys),
+])  # fmt: skip
+def test_a_curve_that_turns_back_is_said(operation):
+    """A softening spring, whose force has a maximum: behind the fold no motion leads to the other end of the range."""
+    model = driven(0.5, 0.02, 5.0)
+    model["load[0].cos"] = 0.05
+    model.law("cubic_spring", "x1", stiffness=-4.0)
+    model.set("stability", method="off")
+    with pytest.warns(NotConverged, match="returned to 2.9 without reaching 3.5: trace another one from there, with first=3.5"):
+        operation(model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NotConverged)
+        operation(model, first=3.5)
+
+
+def driven(mass, damping, stiffness):
+    model = Model(nhbm.Matrices(mass=mass, damping=damping, stiffness=stiffness), tones=[0.9])
+    model.load("x1", 1, cos=0.1)
+    return model
