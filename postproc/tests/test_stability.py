@@ -32,6 +32,15 @@ def test_multipliers_stand_beside_the_unit_circle(tmp_path):
     assert "1 point, 0 unstable" in head_of(some)
 
 
+@pytest.mark.parametrize(("spread", "n_insets"), [(0.02, 1), (0.9, 0)])
+def test_multipliers_that_stand_close_together_are_enlarged(tmp_path, spread, n_insets):
+    values = np.array([[-0.99], [-1.0 + spread * 1j], [-1.0 - spread]])
+    path = add_stability(grid_file(tmp_path / "a.h5", n_gaps=1, n_speeds=3), [1, -1, -1], values)
+    with Results(path) as results:
+        insets = draw_multipliers(results).axes[0].child_axes
+    assert [sum(len(c.get_offsets()) for c in ax.collections) for ax in insets] == [3] * n_insets
+
+
 def test_multipliers_are_drawn_by_the_command_or_refused(tmp_path, capsys):
     path = grid_file(tmp_path / "a.h5", n_gaps=1, n_speeds=2)
     assert main(["multipliers", str(path)]) == 2
