@@ -113,8 +113,17 @@ contains
       if (rank_of(comm) == 0) call print_error(error%message)
    end subroutine report_error
 
+   subroutine refuse_verb(verb)
+      character(*), intent(in) :: verb
+      character(:), allocatable :: closest
+
+      closest = trim(closest_word(verb, verb_names()))
+      if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
+      call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verb_names(), ", "))
+   end subroutine refuse_verb
+
    subroutine run_verb()
-      character(:), allocatable :: closest, verb
+      character(:), allocatable :: verb
 
       verb = ""
       if (allocated(options%verb)) verb = options%verb
@@ -123,6 +132,8 @@ contains
          if (verb == "help" .and. allocated(options%input)) verb = options%input
          if (verb == "man") then
             call write_manual(program_version)
+         else if (verb /= "" .and. all(verb_names() /= verb)) then
+            call refuse_verb(verb)
          else
             call write_help(verb)
          end if
@@ -141,9 +152,7 @@ contains
       else if (verb == "") then
          call fail(error, "missing subcommand, for example nhbm solve input.nml; nhbm --help lists all")
       else if (all(verb_names() /= verb)) then
-         closest = trim(closest_word(verb, verb_names()))
-         if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
-         call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verb_names(), ", "))
+         call refuse_verb(verb)
       else if (verb == "why" .and. .not. allocated(options%input)) then
          if (rank_of(comm) == 0) call print_statuses()
       else if ((verb == "resume" .or. verb == "info") .and. .not. allocated(options%input)) then

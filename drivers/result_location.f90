@@ -9,6 +9,10 @@ module result_location
    private
    public :: place_result
 
+   !> Endings of names of other formats, which a result does not have.
+   character(5), parameter :: other_endings(9) = [character(5) :: ".csv", ".txt", ".dat", ".nml", ".mat", ".png", ".pdf", ".html", &
+                                                  ".xlsx"]
+
 contains
 
    !> Returns the path of the result file, the same on all ranks; collective.
@@ -25,6 +29,9 @@ contains
             if (index(path, ".h5", back=.true.) == max(1, len(path) - 2)) error%message = error%message// &
                "; if it is a result already: nhbm info describes it, nhbm resume continues it"
          end if
+         if (has_other_format(path) .and. .not. allocated(error)) &
+            call fail(error, "result file '"//path//"' would be HDF5: give an --output that ends in .h5; nhbm-post draws it "// &
+                      "and writes tables, such as by nhbm-post response RESULT -o TABLE.csv")
          if (.not. allocated(error)) then
             if (is_model_file(path)) call fail(error, "result file '"//path//"' is a model file; give another --output")
          end if
@@ -32,4 +39,14 @@ contains
       call share_error(comm, error)
       if (.not. allocated(error)) call broadcast_text(comm, path, 0)
    end subroutine place_result
+
+   !> Whether a name ends like files of other formats.
+   pure logical function has_other_format(path)
+      character(*), intent(in) :: path
+      integer :: dot
+
+      dot = index(path, ".", back=.true.)
+      has_other_format = .false.
+      if (dot > 0) has_other_format = any(other_endings == path(dot:))
+   end function has_other_format
 end module result_location

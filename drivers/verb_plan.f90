@@ -14,8 +14,6 @@ module verb_plan
    private
    public :: run_plan
 
-   real(wp), parameter :: bytes_per_gigabyte = 1.0e9_wp
-
 contains
 
    !> Runs the verb on rank 0. Times require the seconds of a point, or a result file with those of a smaller run.
@@ -62,10 +60,10 @@ contains
          most = bytes_per_point
          call row_of_study(study, bytes_per_point, n_datasets, n)
          text = " with "//number_of(n, "harmonic")//" a point; for "//to_text(size(study%tuples, 2))//", "// &
-                rounded(n_points*most/bytes_per_gigabyte)//" GB are reserved during the run, as a sparse file"
+                size_text(n_points*most)//" are reserved during the run, as a sparse file"
       end if
       call say(rounded(n_points)//" point"//trim(merge("s", " ", n_points > 1.0_wp))//" of "//to_text(nint(bytes_per_point))// &
-               " B in "//to_text(n_datasets)//" datasets: "//rounded(n_points*bytes_per_point/bytes_per_gigabyte)//" GB"//text)
+               " B in "//to_text(n_datasets)//" datasets: "//size_text(n_points*bytes_per_point)//text)
    end subroutine say_size
 
    !> Seconds of a point: the mean, and those of the slowest.
@@ -129,6 +127,22 @@ contains
          call say(trim(row))
       end do
    end subroutine write_times
+
+   !> A size of a file, in the unit in which it has one to three digits before the point.
+   function size_text(bytes) result(text)
+      real(wp), intent(in) :: bytes
+      character(:), allocatable :: text
+      character(2), parameter :: units(5) = ["B ", "kB", "MB", "GB", "TB"]
+      character(12) :: buffer
+      real(wp) :: value
+      integer :: i
+
+      i = max(1, min(size(units), 1 + int(log10(max(bytes, 1.0_wp))/3.0_wp)))
+      value = bytes/1.0e3_wp**(i - 1)
+      write (buffer, "(f12.1)") value
+      if (value >= 10.0_wp) write (buffer, "(i12)") nint(min(value, 1.0e9_wp))
+      text = trim(adjustl(buffer))//" "//trim(units(i))
+   end function size_text
 
    !> A number, whole or with three decimals.
    function rounded(value) result(text)

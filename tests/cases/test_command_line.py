@@ -88,6 +88,21 @@ def test_each_verb_has_its_help(tmp_path, verb):
     assert max(map(len, done.stdout.splitlines())) <= 120
 
 
+def test_there_is_no_help_for_a_verb_that_there_is_not(tmp_path):
+    done = run("help", "resum", cwd=tmp_path)
+    assert done.status == BAD_INPUT and "unknown verb 'resum'; did you mean 'resume'?" in done.stderr
+    assert run("resum", "--help", cwd=tmp_path).stderr == done.stderr
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.nml", "out.h5", "out", "csv", "h.nc"])
+def test_results_have_no_names_of_other_formats(tmp_path, name):
+    (tmp_path / "case.nml").write_text(OSCILLATOR)
+    done = run("solve", "case.nml", "-o", name, cwd=tmp_path)
+    if name in ("out.csv", "out.nml"):
+        assert done.status == BAD_INPUT and "give an --output that ends in .h5" in done.stderr
+    assert (tmp_path / name).exists() == (done.status == ALL_CONVERGED) == (name not in ("out.csv", "out.nml"))
+
+
 def test_the_page_knows_all_options(tmp_path):
     """The table of docs/user/input.md and the help name the same options."""
     section = PAGE.read_text(encoding="utf-8").split("## Command line and exit status")[1]

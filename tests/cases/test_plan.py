@@ -40,6 +40,7 @@ def table_of(source, *options):
 def test_size_is_that_of_the_file(source, tmp_path):
     words = plan(source).stdout.split()
     n_points, n_bytes, n_datasets = int(words[0]), int(words[3]), int(words[6])
+    assert words[8:] == [f"{n_points * n_bytes / 1e3:.0f}", "kB"]
     with h5py.File(solve(INPUT, tmp_path), "r") as file:
         rows = [d for d in file.values() if d.shape and d.shape[0] == 20 and d.dims[0].keys() or d.name == "/point"]
         rows = [d for d in rows if d.name == "/point" or file["point"] == d.dims[0][0]]
@@ -53,10 +54,11 @@ def test_the_size_by_tolerance_is_that_of_a_complete_file(source, tmp_path):
     text = INPUT.replace("&harmonics order = 3 /", "").replace("n = 20", "n = 400")
     source.write_text(text)
     words = plan(source).stdout
-    assert " GB with 8 harmonics a point; for 8000, " in words
+    assert " kB with 8 harmonics a point; for 8000, " in words
     planned = 400 * int(words.split()[3])
     assert 0.5 < planned / solve(text, tmp_path).stat().st_size < 2.0
-    reserved = float(words.partition("for 8000, ")[2].split()[0]) * 1e9
+    reserved, unit = words.partition("for 8000, ")[2].split()[:2]
+    reserved = float(reserved) * {"MB": 1e6, "GB": 1e9}[unit]
     assert reserved > 50 * planned
 
 
