@@ -118,7 +118,11 @@ def test_sweeps_with_jumps_are_fitted_from_afar(sweeps, tmp_path):
         found = nhbm.fit(hardening(0.9, 0.11, 1.2), data, HARDENING, "x1 (1)", order=3)
         np.testing.assert_allclose(found.values, [1.0, D, K3], rtol=1e-2)
     assert abs(found.residuals).max() < 1.0  # of a per cent
-    assert found.plot().axes[0].get_ylabel() == "Amplitude of x1 (1) [m]"
+    top, bottom = found.plot().axes
+    assert top.get_ylabel() == "Amplitude of x1 (1) [m]"
+    low, high = bottom.get_ylim()
+    residuals = np.concatenate([line.get_ydata() for line in bottom.lines if len(line.get_ydata()) > 2])
+    assert min(residuals.min() - low, high - residuals.max()) > 0.1 * (high - low), "whole marks within the frame"
     assert "spring" in repr(found) and "+-" in found._repr_html_() and list(found.to_dataframe())[:2] == ["value", "error"]
     wrong = nhbm.fit(linear(0.9, 0.13), sweeps, LINEAR, "x1 (1)", order=1)
     assert wrong.bic > found.bic + 100

@@ -196,6 +196,7 @@ class Fit:
                 else f"Amplitude of {self.of}{unit}")  # fmt: skip
         bottom.set(xlabel=_labelled(self.path, xr.DataArray(0.0, attrs=attributes)), ylabel="Residual / $\\sigma$")
         bottom.axhline(0.0, color="0.5", lw=0.8)
+        bottom.margins(y=0.15)  # room for whole marks
         for ax in (top, bottom):
             ax.grid(color="0.9")
             ax.set_axisbelow(True)
