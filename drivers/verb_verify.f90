@@ -10,7 +10,7 @@ module verb_verify
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
    use hb_text, only: number_of, to_text
-   use hb_verify, only: verdict_t, verify_points
+   use hb_verify, only: verdict_t, verification_options_t, verify_points
    implicit none
    private
    public :: run_verify
@@ -34,7 +34,8 @@ contains
       allocate (points(0))
       if (allocated(options%points)) call read_numbers("--points", options%points, 0, points, error)
       if (allocated(error)) return
-      call verify_points(options%input, points, options%n_periods, comm, verdicts, error, options%time_limit, n_left)
+      call verify_points(options%input, points, options%n_periods, comm, verdicts, error, &
+                         verification_options_t(options%time_limit, options%level), n_left)
       if (allocated(error)) return
       n_wrong = count(verdicts%kind /= verdict%not_done .and. verdicts%kind /= verdict%agrees)
       n_left = sum_over(comm, n_left)

@@ -10,7 +10,7 @@ module hb_sweep
    use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_crash_detection, end_point
    use hb_error, only: error_t, fail
    use hb_idle_laws, only: idle_laws_t
-   use hb_interruption, only: interruption, interruption_t, new_interruption
+   use hb_interruption, only: interruption, new_interruption
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
    use hb_motion_result, only: motion_result_t
@@ -33,6 +33,7 @@ module hb_sweep
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
    use hb_text, only: to_text
+   use hb_watched_interruption, only: watched_t
    implicit none
    private
    public :: run_options_t, run_study
@@ -52,15 +53,6 @@ module hb_sweep
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
       integer :: status_of_exit = 1                                   !! exit status if exit() ends the process within a point
    end type run_options_t
-
-   !> An interruption that also shows the progress within a point.
-   type, extends(interruption_t) :: watched_t
-      type(progress_t), pointer :: progress => null()
-      type(work_counter_t), pointer :: counter => null()
-   contains
-      procedure :: note_level => watched_note_level
-      procedure :: note_progress => watched_note_progress
-   end type watched_t
 
    !> The objects of a rank that solves points.
    type :: run_t
@@ -400,35 +392,6 @@ contains
       call run%source%idle_laws%add(curve%idle_laws)
       call curve%destroy()
    end subroutine run_curve
-
-   subroutine watched_note_level(self, level, n_unknowns, estimate)
-      class(watched_t), intent(inout) :: self
-      integer, intent(in) :: level, n_unknowns
-      real(wp), intent(in) :: estimate
-      character(8) :: error
-
-      if (.not. self%progress%is_due()) return
-      write (error, "(es8.1)") min(estimate, 1.0_wp)
-      call show_within(self, "level "//to_text(level)//": "//to_text(n_unknowns)//" unknowns, estimated error "// &
-                       trim(adjustl(error)))
-   end subroutine watched_note_level
-
-   recursive subroutine watched_note_progress(self, n_done, n_steps)
-      class(watched_t), intent(inout) :: self
-      integer, intent(in) :: n_done, n_steps
-
-      if (self%progress%is_due()) call show_within(self, "time integration")
-   end subroutine watched_note_progress
-
-   !> Writes the progress of the run with that within a point of this rank.
-   subroutine show_within(self, text)
-      type(watched_t), intent(inout) :: self
-      character(*), intent(in) :: text
-      integer :: done, failed
-
-      call self%counter%read_tallies(done, failed)
-      call self%progress%show(done, failed, text)
-   end subroutine show_within
 
    !> Writes the result of a point, and counts it.
    subroutine store_point(self, run, point, result, group, summary, error)

@@ -7,22 +7,36 @@ module hb_verify
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
    use hb_integration_verdict, only: verdict
-   use hb_interruption, only: interruption, interruption_t, new_interruption
+   use hb_interruption, only: interruption, new_interruption
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_movement, only: follow_frequencies
-   use hb_mpi, only: comm_t, rank_of, share_error, size_of
+   use hb_mpi, only: barrier, comm_t, new_work_counter, rank_of, share_error, size_of, work_counter_t
    use hb_outcome, only: is_solved, outcome
+   use hb_progress, only: log_level, new_progress, progress_t
    use hb_results_record, only: read_record, record_t, refuse_damaged_rows
    use hb_run_callbacks, only: run_callbacks
    use hb_stored_rows, only: stored_file_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
    use hb_verification, only: verdict_t, verify_motion
+   use hb_watched_interruption, only: watched_t
    implicit none
    private
-   public :: verdict_t, verify_points
+   public :: verdict_t, verification_options_t, verify_points
+
+   !> How to verify points.
+   type :: verification_options_t
+      real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
+      integer :: level = log_level%quiet                              !! log level, hb_progress
+   end type verification_options_t
+
+   !> An interruption that shows the progress whenever it is examined: integrations examine it at each step.
+   type, extends(watched_t) :: watched_integration_t
+   contains
+      procedure :: wants_end => watched_integration_wants_end
+   end type watched_integration_t
 
    !> The data read from a result file in addition to its record.
    type, extends(record_t) :: stored_t
@@ -38,55 +52,48 @@ contains
 
    !> Integrates from points of a result file and writes the verdicts to it. The points are distributed over the
    !> ranks. A point that a time limit ends has no verdict.
-   subroutine verify_points(path, points, n_periods, comm, verdicts, error, time_limit, n_left)
+   subroutine verify_points(path, points, n_periods, comm, verdicts, error, options, n_left)
       character(*), intent(in) :: path
       integer, intent(in) :: points(:)                                !! from 0; empty: all. Unsolved points are skipped
       integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay
       type(comm_t), intent(in) :: comm
       type(verdict_t), allocatable, intent(out) :: verdicts(:)        !! (n_points), of the points of this rank
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: time_limit                    !! [s]; default none
+      type(verification_options_t), intent(in), optional :: options   !! default: no time limit, nothing is shown
       integer, intent(out), optional :: n_left                        !! points of this rank without a verdict
-      type(interruption_t), target :: ending
+      type(verification_options_t) :: how
+      type(watched_integration_t), target :: ending
+      type(progress_t), target :: progress
+      type(work_counter_t), target :: counter
       type(stored_t) :: stored
       type(h5_file_t) :: file
-      real(wp) :: limit
-      integer :: i, n_done, n_ended
+      logical, allocatable :: is_wanted(:)
+      integer :: i, n_ended
 
-      limit = huge(1.0_wp)
-      if (present(time_limit)) limit = time_limit
+      if (present(options)) how = options
       if (present(n_left)) n_left = 0
-      n_ended = 0
       call read_stored(path, stored, error)
       if (.not. allocated(error)) call check_points(stored, points, error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, stored%status, points, error)
       call share_error(comm, error)
       if (allocated(error)) return
       allocate (verdicts(size(stored%status)))
-      call new_interruption(ending, limit, comm, error)
+      is_wanted = [(size(points) == 0 .or. any(points == i - 1), i=1, size(verdicts))]
+      if (rank_of(comm) == 0) verdicts%skipped_status = merge(stored%status, 0, is_wanted .and. .not. is_solved(stored%status))
+      is_wanted = is_wanted .and. is_solved(stored%status)
+      call new_work_counter(counter, [0], comm, error)
+      if (.not. allocated(error)) call new_interruption(ending%interruption_t, how%time_limit, comm, error)
       call share_error(comm, error)
       if (allocated(error)) return
+      call new_progress(progress, count(is_wanted), how%level, rank_of(comm) == 0)
+      ending%progress => progress
+      ending%counter => counter
       call ending%enter(huge(1.0_wp))
-      n_done = 0
-      do i = 1, size(verdicts)
-         if (size(points) > 0 .and. all(points /= i - 1)) cycle
-         if (.not. is_solved(stored%status(i))) then
-            if (rank_of(comm) == 0) verdicts(i)%skipped_status = stored%status(i)
-            cycle
-         end if
-         n_done = n_done + 1
-         if (modulo(n_done - 1, size_of(comm)) /= rank_of(comm)) cycle
-         if (.not. ending%is_due()) call verify_point(stored, i, n_periods, verdicts(i), error)
-         if (ending%reason /= interruption%none) then
-            if (allocated(error)) deallocate (error)
-            verdicts(i) = verdict_t()
-            n_ended = n_ended + 1
-         end if
-         call annotate(error, "point "//to_text(i - 1))
-         if (allocated(error)) exit
-      end do
+      call verify_share(stored, pack([(i, i=1, size(verdicts))], is_wanted), n_periods, comm, ending, verdicts, n_ended, error)
       call ending%leave()
+      call finish_progress(progress, counter, comm)
       call ending%destroy()
+      call counter%destroy()
       if (present(n_left)) n_left = n_ended
       call share_error(comm, error)
       if (allocated(error)) return
@@ -97,6 +104,55 @@ contains
       call file%close(error)
       call share_error(comm, error)
    end subroutine verify_points
+
+   !> Integrates from those of some points that belong to this rank.
+   subroutine verify_share(stored, points, n_periods, comm, ending, verdicts, n_ended, error)
+      type(stored_t), intent(in) :: stored
+      integer, intent(in) :: points(:)                                !! of all ranks, from 1
+      integer, intent(in) :: n_periods
+      type(comm_t), intent(in) :: comm
+      type(watched_integration_t), intent(inout) :: ending
+      type(verdict_t), intent(inout) :: verdicts(:)
+      integer, intent(out) :: n_ended                                 !! without a verdict
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      n_ended = 0
+      do i = 1 + rank_of(comm), size(points), size_of(comm)
+         associate (point => points(i))
+            if (.not. ending%is_due()) call verify_point(stored, point, n_periods, verdicts(point), error)
+            if (ending%reason /= interruption%none) then
+               if (allocated(error)) deallocate (error)
+               verdicts(point) = verdict_t()
+               n_ended = n_ended + 1
+               cycle
+            end if
+            call annotate(error, "point "//to_text(point - 1))
+            if (allocated(error)) return
+            call ending%counter%add_done(1, 1, 0)
+         end associate
+      end do
+   end subroutine verify_share
+
+   !> Writes the final state of all ranks.
+   subroutine finish_progress(progress, counter, comm)
+      type(progress_t), intent(inout) :: progress
+      type(work_counter_t), intent(in) :: counter
+      type(comm_t), intent(in) :: comm
+      integer :: done, failed
+
+      call barrier(comm)
+      call counter%read_tallies(done, failed)
+      call progress%finish(done, failed)
+   end subroutine finish_progress
+
+   !> Whether the present point must end, as of the parent type; shows the progress if a line is due.
+   logical function watched_integration_wants_end(self) result(wants_end)
+      class(watched_integration_t), intent(inout) :: self
+
+      call self%note_progress(0, 1)
+      wants_end = self%interruption_t%wants_end()
+   end function watched_integration_wants_end
 
    subroutine check_points(stored, points, error)
       type(stored_t), intent(in) :: stored

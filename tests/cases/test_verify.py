@@ -29,6 +29,14 @@ def test_verify_agrees_with_a_converged_motion(tmp_path):
     assert found["integration_difference"][0] < 1e-9
 
 
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_verify_counts_its_points(tmp_path, ranks):
+    result = solve(CONVERGED_CUBIC + "&sweep parameter='load%cos', from=0.1, to=0.3, n=3 /\n", tmp_path)
+    done = run("verify", result, "--points", "0,2", cwd=tmp_path, ranks=ranks)
+    assert done.stderr.splitlines()[-1].startswith("2/2 points, ") and done.stdout.splitlines()[-1] == "2 points verified: 2 agrees"
+    assert run("verify", result, "--points", "0", "--quiet", cwd=tmp_path).stderr == ""
+
+
 def test_a_motion_that_verify_finds_unstable_has_a_verdict(tmp_path):
     """Two modes against a stop that grow 3700 times within a period: shooting from a motion that is accurate to 1e-3 is lost."""
     text = "&structure type='modal_beam', length=1.0, bending_stiffness=0.010265982254684338, mass_per_length=1.0, n_modes=2,\n"
