@@ -348,6 +348,7 @@ contains
          " were damaged in the file; solved again")
       if (summary%has_other_libraries) call say("note: the model comes from another file, or a law from another library, than "// &
          "in the run that made the results")
+      if (summary%was_complete) call say("nothing is left to solve: "//path//" was complete"//retry_text(summary, study, path))
       call say(answers_text(summary)//"; results in "//path)
       call write_others(study, path)
       if (allocated(study%plan%curve)) call write_curves(study, path)
@@ -392,6 +393,20 @@ contains
          number_of(summary%n_near_commensurate, "point")//" a low-order combination of the tones nearly vanishes"// &
          " (see 'combination')"//near_text(study, summary%first_near_commensurate))
    end subroutine write_summary
+
+   !> How the points of a complete file that did not converge are tried again; empty if there are none.
+   function retry_text(summary, study, path) result(text)
+      type(run_summary_t), intent(in) :: summary
+      type(study_t), intent(in) :: study
+      character(*), intent(in) :: path
+      character(:), allocatable :: text
+      integer :: n
+
+      text = ""
+      n = summary%n_points - summary%counts(outcome%unused) - number_answered(summary) - n_ends(study%plan, summary, path)
+      if (n > 0) text = "; nhbm resume "//shell_word(path)//" --retry repeats "//number_of(n, "point")// &
+                        " that did not converge"
+   end function retry_text
 
    !> Writes the outcome of the points that did not converge, and suggestions.
    subroutine write_others(study, path)

@@ -34,6 +34,7 @@ module hb_run_summary
       real(wp) :: seconds = 0.0_wp
       real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_results_layout
       integer :: n_left = 0                                           !! points that the run has not solved
+      logical :: was_complete = .false.                               !! the file had no point that was left to solve
       integer :: interruption = interruption%none                     !! the reason
       character(:), allocatable :: law_doubt                          !! derivatives of user laws that are wrong; on all ranks
       logical, allocatable :: is_idle(:)                              !! laws without force in all motions of the file

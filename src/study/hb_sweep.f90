@@ -157,6 +157,7 @@ contains
          if (allocated(error)) return
       end if
       if (run%before%is_there) then
+         summary%was_complete = run%schedule%n_points == 0
          call open_results(run%results, options%path, run%source%layout, comm, error)
       else
          call create_results(run%results, options%path, run%source%layout, options%overwrite, comm, error)
