@@ -7,17 +7,19 @@ module next_step
    use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: outcome, reason, reason_names
    use hb_properties, only: properties_t
+   use hb_results_record, only: column_of => numbers_of
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: add_string, lower, string_t, to_text
    use hb_tones, only: tones_t
    use switched_inputs, only: list_of
    implicit none
    private
-   public :: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
+   public :: command_for_cut_curve, command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
 
    character(*), parameter :: set_keys(4) = [character(8) :: "set", "order", "tuples", "odd_only"], & ! that fix a set or a grid
                               grid_keys(2) = [character(12) :: "samples", "oversampling"]
    character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot integrate
+   integer, parameter :: most_points = 1000000                        ! of a curve
    integer, parameter :: more = 10                                    ! times a budget that was insufficient
 
    !> Points that ended in the same way.
@@ -72,6 +74,35 @@ contains
       if (.not. allocated(error) .and. len(text) == 0) text = look_into(run)
    end function command_to_try
 
+   !> The command that follows a curve to its end that has reached its number of points; empty if there is no such curve.
+   function command_for_cut_curve(names, plan, document) result(text)
+      type(run_names_t), intent(in) :: names
+      type(sweep_plan_t), intent(in) :: plan                          !! with the values of the curve
+      type(document_t), intent(in) :: document                        !! the input of the run
+      character(:), allocatable :: text
+      type(failure_kind_t) :: kind
+
+      text = ""
+      kind%first = findloc(column_of(names%result, "reason"), reason%points, dim=1)
+      if (kind%first == 0) return
+      kind%status = outcome%converged
+      kind%reason = reason%points
+      text = command_to_try(kind, names, plan, document)
+   end function command_for_cut_curve
+
+   !> A number of points that should suffice for a curve that has reached it, by the share of its range that it covers.
+   integer function enough_points(plan, last) result(n)
+      type(sweep_plan_t), intent(in) :: plan                          !! with the values of the curve
+      integer, intent(in) :: last                                     !! point of the curve, from 1
+      real(wp), parameter :: margin = 1.3_wp
+      integer :: digit
+
+      n = plan%n_fastest()
+      n = nint(n*min(real(more, wp), max(2.0_wp, margin/max(plan%share_covered(last), tiny(1.0_wp)))))
+      digit = 10**int(log10(real(n)))
+      n = min(most_points, (n + digit - 1)/digit*digit)
+   end function enough_points
+
    !> Another run that may find the motion.
    function solve_or_integrate(run) result(text)
       type(run_t), intent(in) :: run
@@ -79,6 +110,10 @@ contains
 
       text = ""
       associate (why => run%kind%reason)
+         if (why == reason%points) then
+            text = solve_with(run, "curve%points="//to_text(enough_points(run%plan, run%kind%first)))
+            return
+         end if
          select case (run%kind%status)
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
             if (all(why /= [reason%overflow, reason%steep_friction])) text = with_other_search(run)

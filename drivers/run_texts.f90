@@ -144,7 +144,7 @@ contains
          ", point "//to_text(first_gap - 1)//": stability changes here, but no bifurcation was located"]
       n = count(reasons == reason%points)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
-         to_text(plan%n_fastest())//" points: increase 'points' of &curve"]
+         to_text(plan%n_fastest())//" points"//cut_text(findloc(reasons, reason%points, dim=1))]
       if (has_no_peak()) lines = [character(max_line) :: lines, &
                                   "no peak: the response of 'peak_of' is largest at an end of the curve"]
       n = count(reasons == reason%grazing)
@@ -163,6 +163,17 @@ contains
          to_text(plan%curve%from + plan%curve%to - plan%curve%start)//" in &curve"]
 
    contains
+
+      !> Where a curve was cut off, and how far that is.
+      function cut_text(point) result(text)
+         integer, intent(in) :: point
+         character(:), allocatable :: text
+
+         text = to_text(int(100.0_wp*plan%share_covered(point)))
+         if (text == "0") text = "less than 1"
+         text = " at "//rounded%describe(point)//trim(merge(" (first)", repeat(" ", 8), n > 1))//", with "//text// &
+                " % of the range covered: increase 'points' of &curve"
+      end function cut_text
 
       !> Whether peaks were requested along curves that have none, although they end regularly.
       logical function has_no_peak()

@@ -20,7 +20,7 @@ module verb_info
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
    use hb_tones, only: tones_t
-   use next_step, only: run_names_t
+   use next_step, only: command_for_cut_curve, run_names_t
    use run_texts, only: curve_lines, found_frequency, max_line, stability_text
    implicit none
    private
@@ -52,7 +52,7 @@ contains
             call write_found(record, tones)
             call write_stability(record)
             call write_jumps(record, plan, options%input)
-            if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(options%input, plan, error)
+            if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(names, plan, document, error)
             call write_worst(record, plan)
             call write_times(record, plan)
             if (options%wants_check .and. .not. allocated(error)) call record%check_rows(options%input, error)
@@ -191,18 +191,22 @@ contains
    end subroutine write_message
 
    !> Writes folds, peaks and ends of curves.
-   subroutine write_curves(path, plan, error)
-      character(*), intent(in) :: path
+   subroutine write_curves(names, plan, document, error)
+      type(run_names_t), intent(in) :: names
       type(sweep_plan_t), intent(in) :: plan
+      type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
       character(max_line), allocatable :: lines(:)
+      character(:), allocatable :: command
       integer :: i
 
-      call curve_lines(path, plan, lines, error)
+      call curve_lines(names%result, plan, lines, error)
       if (allocated(error)) return
       do i = 1, size(lines)
          call write_fact(merge("found", "     ", i == 1), trim(lines(i)))
       end do
+      command = command_for_cut_curve(names, plan, document)
+      if (len(command) > 0) call write_fact("", "try: "//command)
    end subroutine write_curves
 
    !> Writes the frequencies of unknown tones.

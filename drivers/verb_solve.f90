@@ -29,7 +29,7 @@ module verb_solve
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
    use model_warnings, only: free_text, frozen_speed_text, model_text, repeated_value_text, varies_loads
-   use next_step, only: run_names_t, shell_word
+   use next_step, only: command_for_cut_curve, run_names_t, shell_word
    use result_location, only: place_result
    use run_texts, only: answers_text, curve_lines, found_frequency, is_regular_end, max_line, stability_text, timing_lines
    use switched_inputs, only: switched_input
@@ -296,6 +296,7 @@ contains
       type(sweep_plan_t) :: plan
       type(error_t), allocatable :: error
       character(max_line), allocatable :: lines(:)
+      character(:), allocatable :: command
       integer :: i
 
       plan = study%plan
@@ -305,6 +306,8 @@ contains
       do i = 1, size(lines)
          call say(trim(lines(i)))
       end do
+      command = command_for_cut_curve(names_of(study, path), plan, study%document)
+      if (len(command) > 0) call say("  try: "//command)
    end subroutine write_curves
 
    !> The reason why a run has ended early.
@@ -412,7 +415,6 @@ contains
    subroutine write_others(study, path)
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path                                !! of the result file
-      type(run_names_t) :: names
       type(sweep_plan_t) :: plan
       type(error_t), allocatable :: error
       type(string_t), allocatable :: lines(:)
@@ -420,16 +422,24 @@ contains
 
       plan = study%plan
       call note_curve_values(path, plan, error)
-      names%input = study%document%file_name
-      names%result = path
-      allocate (names%overrides(0))
-      if (len(study%input_overrides) > 0) call split(study%input_overrides, new_line("a"), names%overrides)
-      call status_lines(numbers_of(path, "status"), names, plan, study%document, lines)
+      call status_lines(numbers_of(path, "status"), names_of(study, path), plan, study%document, lines)
       do i = 1, size(lines)
          call say(lines(i)%value)
       end do
       if (size(lines) > 0) call say("nhbm why "//shell_word(path)//" explains each of them")
    end subroutine write_others
+
+   !> The names that a command about a run contains.
+   function names_of(study, path) result(names)
+      type(study_t), intent(in) :: study
+      character(*), intent(in) :: path                                !! of the result file
+      type(run_names_t) :: names
+
+      names%input = study%document%file_name
+      names%result = path
+      allocate (names%overrides(0))
+      if (len(study%input_overrides) > 0) call split(study%input_overrides, new_line("a"), names%overrides)
+   end function names_of
 
    !> Warning about the tones of a point, if they are given.
    function near_text(study, point) result(text)

@@ -13,7 +13,7 @@ module verb_why
    use hb_results_record, only: record_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
-   use next_step, only: run_names_t
+   use next_step, only: command_for_cut_curve, run_names_t
    use verb_info, only: read_result
    implicit none
    private
@@ -39,6 +39,7 @@ contains
       type(run_names_t) :: names
       type(string_t), allocatable :: paragraphs(:)
       type(sweep_plan_t) :: plan
+      character(:), allocatable :: command
       integer :: i
 
       call read_result(options%input, record, document, plan, names, error)
@@ -55,7 +56,9 @@ contains
             if (i > 1) call say("")
             call write_paragraph(paragraphs(i)%value)
          end do
-         if (size(paragraphs) == 0) call say("nothing has failed: "// &
+         command = command_for_cut_curve(names, plan, document)
+         if (len(command) > 0) call say("A curve goes on beyond its last point, 'points' of &curve; try: "//command)
+         if (size(paragraphs) == 0 .and. len(command) == 0) call say("nothing has failed: "// &
             number_of(count(record%status == outcome%converged), "point")//" converged, "// &
             to_text(count(record%status == outcome%pending))//" pending; nhbm why FILE --point N describes one")
       end if

@@ -68,6 +68,7 @@ module hb_sweep_plan
       procedure :: can_be_chained => sweep_plan_can_be_chained
       procedure :: n_fastest => sweep_plan_n_fastest
       procedure :: n_expected => sweep_plan_n_expected
+      procedure :: share_covered => sweep_plan_share_covered
       procedure :: refuse_tied => sweep_plan_refuse_tied
    end type sweep_plan_t
 
@@ -402,6 +403,17 @@ contains
       end do
       sweep_plan_fastest_value = real(modulo(point - 1, self%n_fastest()), wp)
    end function sweep_plan_fastest_value
+
+   !> Share of its range that a curve covers, from its `curve_values`.
+   pure real(wp) function sweep_plan_share_covered(self, last) result(share)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: last                                     !! row of the curve, from 1; with all rows before it
+
+      associate (values => self%curve_values(last - modulo(last - 1, self%n_fastest()):last))
+         share = maxval(values, ieee_is_finite(values)) - minval(values, ieee_is_finite(values))
+      end associate
+      share = share/abs(self%curve%to - self%curve%from)
+   end function sweep_plan_share_covered
 
    !> Number of points by which a run may measure the cost of one: of curves not more than usual, however many are permitted.
    pure integer function sweep_plan_n_expected(self) result(n)

@@ -245,9 +245,17 @@ def test_budget_of_points_is_kept(tmp_path):
     (tmp_path / "short.nml").write_text(CURVE.replace("points = 300", "points = 7"))
     done = run("solve", "short.nml", cwd=tmp_path)
     assert done.status == ALL_CONVERGED
-    assert "1 curve reached the limit of 7 points" in done.stdout
-    assert "1 curve reached the limit of 7 points" in run("info", "short.h5", cwd=tmp_path).stdout
     path = tmp_path / "short.h5"
+    values = read(path, "tones_frequency").ravel()
+    share = int(100 * np.ptp(values) / 2.0)
+    line = f"1 curve reached the limit of 7 points at tones%frequency = {values[-1]:.12g}"[:-5]
+    command = r"try: (nhbm solve short.nml --set curve%points=(\d+) -o short_points_\2.h5)"
+    for text in (done.stdout, run("info", "short.h5", cwd=tmp_path).stdout):
+        found = re.search(rf"{line}\d* rad/s, with {share} % of the range covered: increase 'points' of &curve\n *{command}", text)
+        assert found, text
+    assert found[1] in run("why", "short.h5", cwd=tmp_path).stdout
+    assert run(*found[1].split()[1:], cwd=tmp_path).status == ALL_CONVERGED
+    assert read(tmp_path / found[1].split()[-1], "tones_frequency")[:7].ravel().tolist() == values.tolist()
     assert (read(path, "status") == 1).all() and "end" not in Results(path).curve_kind()
 
 

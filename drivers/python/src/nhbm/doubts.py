@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 import warnings
@@ -74,11 +75,17 @@ def warn_of_return(ends: list[float], start: float, stop: float, first: float) -
         warn(f"the curve returned to {first:g} without reaching {other:g}: trace another one from there, with first={other:g}")
 
 
-def warn_of_end(session: Session) -> bool:
-    """Whether a curve has ended before its range does, with a warning if so."""
+def warn_of_end(session: Session, path: str, values: list[float], extent: float) -> bool:
+    """Whether a curve has ended before its range of an extent does, with a warning if so; `values` at its points."""
     reason = int(dataset.number(session, "reason"))
     if reason == dataset.CUT_SHORT:
-        text = "the curve continues: it has reached the limit of its points, 'points' of &curve"
+        share = (max(values) - min(values)) / abs(extent)
+        wanted = len(values) * min(10.0, max(2.0, 1.3 / max(share, 1e-9)))
+        digit = 10 ** int(math.log10(wanted))
+        text = (
+            f"the curve reached the limit of {len(values)} points at {path} = {values[-1]:.7g}, with {share:.0%} of the range "
+            f"covered: give points={digit * math.ceil(wanted / digit)}"
+        )
     elif reason == dataset.GRAZED:
         text = "the curve ended where a wall is grazed: no motion was found beyond"
     elif dataset.status_of(session) not in (*dataset.SOLVED, "collapsed", "locked"):  # there the motion ends

@@ -288,19 +288,20 @@ class Model(Description):
         if order is not None:
             groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
         session = self._begin(request(tolerance, order, **groups))
-        best, best_at, found, doubt, ends = -1.0, np.nan, None, "", []
+        best, best_at, found, doubt, ends, values = -1.0, np.nan, None, "", [], []
         session.begin_curve()
         while session.next():
             if dataset.status_of(session) not in dataset.SOLVED:
                 continue
             value, at = response_of(session, of), float(session.column(identifier(path)).values)
+            values.append(at)
             if int(dataset.number(session, "curve_kind")) == dataset.END:
                 ends.append(at)
             if value > best:
                 best, best_at = value, at
                 found = evaluate(session, value, at)
                 doubt = doubts.doubt_of(session)
-        if doubts.warn_of_end(session):
+        if doubts.warn_of_end(session, path, values, keys["to"] - keys["from"]):
             return None
         if doubt:
             doubts.warn(doubt)
@@ -373,7 +374,8 @@ class Model(Description):
                     is_stopped = True
                     break
             else:
-                has_warned = doubts.warn_of_end(session)
+                values = [float(point[identifier(path)]) for point in points if identifier(path) in point]
+                has_warned = doubts.warn_of_end(session, path, values, stop - start)
         if not points:
             raise ModelError(session.message or "the curve has no points")
         source = self._source(session)
