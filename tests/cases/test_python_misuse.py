@@ -250,6 +250,8 @@ def chain(**keys):
     (lambda: duffing().verify(3), "give a motion, as of model.solve.*, not int"),
     (lambda: duffing().__setitem__("load[0].cos", None), "'load.0..cos' needs a value, not None"),
     (lambda: duffing().load("x1", 1, cos=1j), "&load: cos: expected a real number"),
+    (lambda: duffing().sweep({"tones[0]": []}), "'tones.0.' has no values"),
+    (lambda: duffing().sweep({}), "a sweep needs a path with values"),
     (lambda: duffing().sweep({"tones[0]": [0.8, 0.9]}, of=lambda model: "a"), "returns a number or a dict of numbers, not 'a'"),
     (lambda: duffing().sweep({"tones[0]": [0.8, 0.9]}, of=lambda model: [1.0, 2.0]), "returns a number or a dict"),
     (lambda: duffing().solve(order=3).nhbm.save("x.csv"), "give it the ending .h5; dataset.nhbm.to_dataframe"),

@@ -70,8 +70,9 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         if given is not None and not hasattr(given, method):
             raise ModelError(f"{name} must have the method `{method}`, as those of {_MAKERS[name]}, not {given!r}")
     grid = {self._resolved(path): _line_of(path, line) for path, line in values.items()}
-    if not grid or not all(grid.values()):
-        raise ModelError("a sweep needs at least one path, and values for each")
+    empty = [path for path, line in values.items() if not _line_of(path, line)]
+    if not grid or empty:
+        raise ModelError(f"'{empty[0]}' has no values" if empty else "a sweep needs a path with values, {'wall.gap': [1e-3, 2e-3]}")
     if len(grid) < len(values):
         raise ModelError(f"two paths of a sweep name the same value: {', '.join(values)}")
     for path, line in grid.items():
