@@ -38,6 +38,8 @@ module hb_followed_motion
    public :: curve_state_t, followed_motion_t, max_tolerance_factor, n_further
 
    integer, parameter :: max_corrections = 10
+   real(wp), parameter :: turn = 0.12_wp                              ! [rad] desired per step
+   real(wp), parameter :: without_laws = 2.5_wp                       ! steps are so much longer: 30 points of a resonance circle
    real(wp), parameter :: max_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
 
    !> A curve at one of its points, to which it can go back.
@@ -212,10 +214,13 @@ contains
    !> Settings of the step control, without the shortest step.
    pure type(curve_config_t) function followed_motion_config(self) result(config)
       class(followed_motion_t), intent(in) :: self
+      logical :: has_laws
 
-      config%longest_step = self%request%longest_step
+      has_laws = .not. allocated(self%model%system%law_groups)
+      if (.not. has_laws) has_laws = any(self%model%system%law_groups > 0) .or. size(self%model%system%law_groups) == 0
+      config%longest_step = merge(1.0_wp, without_laws, has_laws)*self%request%longest_step
       config%first_step = 0.1_wp*config%longest_step
-      config%angle = 0.12_wp
+      config%angle = merge(1.0_wp, without_laws, has_laws)*turn
       config%growth = 2.0_wp
    end function followed_motion_config
 

@@ -322,8 +322,6 @@ contains
          error_text = "no &tie may follow what a curve moves in &normal_mode"
       else if (is_mode .and. min(self%from*self%start, self%to*self%start) <= 0.0_wp) then
          error_text = "an amplitude or energy must not be 0 and must not change its sign on a curve"
-      else if (size(system%laws) == 0) then
-         error_text = "a curve needs at least one &law; without laws use a &sweep"
       else if (has_restitution(system)) then
          call find_refusal_with_impacts(self, system, options, error_text)
       end if

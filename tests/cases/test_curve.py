@@ -259,6 +259,29 @@ def test_budget_of_points_is_kept(tmp_path):
     assert (read(path, "status") == 1).all() and "end" not in Results(path).curve_kind()
 
 
+def test_a_linear_model_has_a_curve(tmp_path):
+    """Two masses without a law: the peaks of both modes, by few points; loaded where the first mode does not move."""
+    text = "&structure type='matrices', n_dofs=3, mass=1,1,1, stiffness=1,2,4, damping=0.01,0.02,0.02 /\n&tones frequency=0.5 /\n"
+    text += "&load dof='x1', tuple=1, cos=1 /\n&load dof='x2', tuple=1, cos=1 /\n"
+    text += "&curve parameter='tones%frequency', from=0.5, to=2.5, peak_of='x1 (1)', 'x2 (1)' /\n"
+    path = solve(text, tmp_path)
+    value, kind, status, c = read(path, "tones_frequency", "curve_kind", "status", "coefficients")
+    with Results(path) as results:
+        kinds = np.array(results.curve_kind())
+    peaks = value.ravel()[kinds == "peak"]
+    assert peaks == pytest.approx([np.sqrt(k - 0.5 * d**2) for k, d in ((1.0, 0.01), (2.0, 0.02))], rel=1e-9)
+    used = status != UNUSED
+    assert (status[used] == 1).all() and used.sum() < 150 and kinds[used][-1] == "end"
+    omega, amplitude = value.ravel()[used], np.hypot(*c[used, 0, 1].T)
+    assert amplitude == pytest.approx(1.0 / np.abs(1.0 - omega**2 + 0.01j * omega), rel=1e-8)
+    assert run("verify", path, "--points", "0", cwd=tmp_path).status == ALL_CONVERGED
+    pending = shutil.copy(path, tmp_path / "pending.h5")
+    with h5py.File(pending, "r+") as file:
+        file["status"][used.sum() // 2 :] = PENDING
+    assert run("resume", pending, cwd=tmp_path).status == ALL_CONVERGED
+    assert_same_bits(path, pending)
+
+
 def test_a_complete_file_has_nothing_left_to_solve(tmp_path):
     (tmp_path / "curve.nml").write_text(CURVE)
     run("solve", "curve.nml", cwd=tmp_path)

@@ -217,28 +217,6 @@ def test_a_curve_that_is_cut_says_how_far_it_came(operation):
         getattr(duffing(), operation)(*values, order=5, points=int(points))
 
 
-def test_a_warning_about_a_number_is_not_repeated_for_its_next_value():
-    model = driven(1.0, -0.1, 1.0)
-    with pytest.warns(Implausible) as warned:
-        for damping in (-0.1, -0.11, -0.12):
-            model["structure.damping[0]"] = damping
-            model.response("x1", order=3)
-    assert len(warned) == 1
-
-
-@pytest.mark.parametrize("operation", ["curve", "peak"])
-def test_a_curve_that_is_cut_says_how_far_it_came(operation):
-    """The number of points that the warning names is enough."""
-    values = {"curve": ("tones[0]", 0.5, 1.5), "peak": ("x1 (1)", "tones[0]", 0.5, 1.5)}[operation]
-    with pytest.warns(NotConverged, match=r"reached the limit of 12 points at tones%frequency = ") as warned:
-        getattr(duffing(), operation)(*values, order=5, points=12)
-    share, points = re.search(r", with (\d+)% of the range covered: give points=(\d+)", str(warned[0].message)).groups()
-    assert 5 < int(share) < 60 and 24 <= int(points) <= 200
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", NotConverged)
-        getattr(duffing(), operation)(*values, order=5, points=int(points))
-
-
 def test_a_linear_model_has_a_curve():
     model = duffing(spring=None)
     with warnings.catch_warnings():
