@@ -178,7 +178,8 @@ static int output_error = 0; /* errno of the first failure */
 
 void hb_say(const char *line)
 {
-   if (puts(line) == EOF && output_error == 0) output_error = errno;
+   /* at once: a log is read while the run goes on */
+   if ((puts(line) == EOF || fflush(stdout) == EOF) && output_error == 0) output_error = errno;
 }
 
 int hb_finish_output(void)

@@ -121,7 +121,9 @@ contains
       class(progress_t), intent(in) :: self
       character(*), intent(in) :: text
 
-      if (self%is_debug) write (error_unit, "(a)") printable(text)
+      if (.not. self%is_debug) return
+      write (error_unit, "(a)") printable(text)
+      flush (error_unit)
    end subroutine progress_report_point
 
    !> Writes the final state, unless it is the last line of a log, and ends the line on a terminal.
@@ -168,10 +170,10 @@ contains
          filled = nint(bar_width*real(done, wp)/max(self%n_points, 1))
          if (self%n_points > 0) line = "["//repeat("#", filled)//repeat(".", bar_width - filled)//"] "//line
          write (error_unit, "(a)", advance="no") achar(13)//line//achar(27)//"[K"
-         flush (error_unit)
       else
          write (error_unit, "(a)") line
       end if
+      flush (error_unit)                                              ! a file or a pipe is read while the run goes on
    end subroutine write_line
 
    !> Three significant digits.

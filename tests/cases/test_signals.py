@@ -35,7 +35,10 @@ from ended_runs import (
     write,
 )
 from faults import run_with_fault
-from program import ALL_CONVERGED, INCOMPLETE, NOT_ALL_CONVERGED, read, run, seconds_of, seconds_of_children, wait_until_taken
+from program import (
+    ALL_CONVERGED, INCOMPLETE, NOT_ALL_CONVERGED, command, environment, read, run, seconds_of, seconds_of_children,
+    wait_until_taken,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1], ids=lambda n: n.name)
@@ -50,6 +53,19 @@ def test_signal_ends_a_run_within_the_point_in_flight(number, tmp_path):
     assert f"stopped by {number.name}: {n_left} points are left; nhbm resume case.h5" in text
     in_flight = np.isfinite(read(result, "coefficients")).any(axis=(1, 2, 3)) & (read(result, "status") == PENDING)
     assert not in_flight.any(), "the point in flight is left as if it had never been begun"
+
+
+def test_logs_are_written_while_the_run_goes_on(tmp_path):
+    """Lines of a file or a pipe stayed in the memory of the program until its end, or were lost with it."""
+    words = command("solve", write(tmp_path, SWEPT), "--log-level", "debug")
+    with open(tmp_path / "out", "w") as out, open(tmp_path / "err", "w") as err:
+        process = subprocess.Popen(words, cwd=tmp_path, env=environment(), stdout=out, stderr=err)
+    while process.poll() is None and "point 0 on rank 0: converged" not in (tmp_path / "err").read_text():
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert (read(tmp_path / "case.h5", "status") == PENDING).any(), "it had solved all points before its lines were there"
+    assert (tmp_path / "out").read_text().startswith("nhbm solve ")
 
 
 POINT_OF_SECONDS = BEAM.format(order=14, samples=60, augmentation=1.0e3)
