@@ -10,7 +10,7 @@ module run_texts
    use hb_results_record, only: message_of
    use hb_run_summary, only: has_answer, number_answered, run_summary_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: number_of, to_text
+   use hb_text, only: add_string, number_of, string_t, to_text
    use hb_thresholds, only: agreement
    use hb_tones, only: tones_t
    implicit none
@@ -111,7 +111,8 @@ contains
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
-      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), status(:)
+      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), response(:), status(:)
+      type(string_t), allocatable :: names(:)                         ! of all responses, if there are several
       real(wp), allocatable :: lengths(:)
       integer :: first_gap, i, n
 
@@ -125,9 +126,11 @@ contains
       call file%get("is_stable", is_stable, error, [plan%n_points])
       call file%get("n_unstable", n_unstable, error, [plan%n_points])
       call file%get("reason", reasons, error, [plan%n_points])
+      call file%get("curve_response", response, error, [plan%n_points])
       call file%close(error)
       if (allocated(error)) return
       rounded = plan
+      names = names_of_responses(plan)
       n = 0
       do i = 1, plan%n_points
          write (digits, "(es16.9)") plan%curve_values(i)
@@ -192,6 +195,7 @@ contains
             line = name(:max(7, len_trim(name)))
          end associate
          line = line//" at "//rounded%describe(point)//", point "//to_text(point - 1)
+         if (response(point) > 0 .and. response(point) <= size(names)) line = line//", of "//names(response(point))%value
          if (.not. is_solved(status(point))) then
             line = line//", "//outcome_text(status(point))
          else if (.not. has_answer(status(point))) then
@@ -202,6 +206,26 @@ contains
          if (len(message) > 0) line = line//": "//message
       end function line_of
    end subroutine curve_lines
+
+   !> Names of the responses of curves, in the order of their numbers; none if there is one name alone.
+   function names_of_responses(plan) result(names)
+      type(sweep_plan_t), intent(in) :: plan
+      type(string_t), allocatable :: names(:)
+      integer :: i, j, k
+
+      allocate (names(0))
+      do k = 1, size(response_keys)
+         associate (responses => plan%curve%responses_of(k))
+            do i = 1, size(responses%names)
+               do j = 1, max(1, size(responses%targets))
+                  call add_string(names, responses%names(i)%value)
+               end do
+            end do
+         end associate
+      end do
+      if (size(names) == 0) return
+      if (all([(names(i)%value == names(1)%value, i=1, size(names))])) names = [string_t ::]
+   end function names_of_responses
 
    !> Whether a point without a motion is the regular end of a curve: that of an unknown tone vanishes, as at a Hopf point, or it
    !> locks to another tone.

@@ -265,6 +265,8 @@ def test_a_linear_model_has_a_curve(tmp_path):
     text += "&load dof='x1', tuple=1, cos=1 /\n&load dof='x2', tuple=1, cos=1 /\n"
     text += "&curve parameter='tones%frequency', from=0.5, to=2.5, peak_of='x1 (1)', 'x2 (1)' /\n"
     path = solve(text, tmp_path)
+    found = re.findall(r"peak .*, of (x\d \(1\))$", run("info", path, cwd=tmp_path).stdout, re.MULTILINE)
+    assert found == ["x1 (1)", "x2 (1)"], "the response of each peak, as there are several"
     value, kind, status, c = read(path, "tones_frequency", "curve_kind", "status", "coefficients")
     with Results(path) as results:
         kinds = np.array(results.curve_kind())
