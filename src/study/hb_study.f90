@@ -223,9 +223,10 @@ contains
          call set_text(document, trim(adjustl(text(:equals - 1))), text(equals + 1:), error)
       else
          call document%resolve(text(:equals - 1), parameter, error)
+         if (allocated(error)) error%message = "'"//trim(adjustl(text(:equals - 1)))//"': "//error%message
          if (.not. allocated(error)) call document%remove(parameter)
       end if
-      call annotate(error, "--set")
+      call annotate(error, trim(merge("--set  ", "--unset", len_trim(text(equals + 1:)) > 0)))
    end subroutine apply_override
 
    !> Whether improved motions are stored; determined by the first point.

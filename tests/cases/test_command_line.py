@@ -76,6 +76,13 @@ def test_what_an_option_is_not(tmp_path, words, says):
     assert len(done.messages) == 1 and done.messages[0].startswith(says), done.stderr
 
 
+@pytest.mark.parametrize("path, says", [("law", "is not a path to a key; "), ("laws%gap", "unknown group '&laws'; did you mean ")])
+def test_what_cannot_be_removed_is_named(tmp_path, path, says):
+    (tmp_path / "case.nml").write_text(OSCILLATOR)
+    done = run("solve", "case.nml", "--unset", path, cwd=tmp_path)
+    assert done.status == BAD_INPUT and done.messages[0].startswith(f"--unset: '{path}': {says}"), done.stderr
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_each_verb_has_its_help(tmp_path, verb):
     done = run(verb, "--help", cwd=tmp_path)
