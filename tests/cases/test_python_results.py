@@ -184,6 +184,10 @@ def test_events_of_a_curve_are_a_table():
     assert float(curve["tones_frequency"].sel(point=events.index[0])) == events["tones_frequency"].iloc[0] == 0.5
     with pytest.raises(ModelError, match="only curves have events"):
         duffing().solve(order=3).nhbm.events()
+    several = duffing().curve(*RANGE, **COARSE, peak_of=["x1 (1)", "x1 (3)"], amplitude_of="x1", amplitudes=[0.5, 0.6])
+    several = several.nhbm.events()
+    assert "located" not in events and set(several["located"][several["kind"] == "amplitude"]) == {"x1"}
+    assert sorted(several["located"][several["kind"] == "peak"]) == ["x1 (1)", "x1 (3)"] and several["located"].iloc[0] == ""
 
 
 def test_a_response_is_the_same_everywhere():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -218,7 +219,8 @@ class Accessor:
         Returns
         -------
         pandas.DataFrame
-            Kind, value of the parameter, responses, status, stability and branch; the index is the point.
+            Kind, value of the parameter, responses, status, stability and branch; the index is the point. `located` names the
+            response of a peak, if `peak_of` or other keys name several.
         """
         data = self._dataset
         if "curve_kind" not in data:
@@ -226,6 +228,9 @@ class Accessor:
         check_points(data)
         found = data.isel(point=~np.isin(data["curve_kind"].values, ("none", "regular")))
         columns: dict[str, Any] = {"kind": found["curve_kind"].values}
+        names = _located_responses(self.input) if record_beside(data) else []
+        if len(set(names)) > 1:
+            columns["located"] = [["", *names][int(k)] for k in found.nhbm.details["curve_response"].values]
         columns.update({name: found[name].values for name in varies_of(data)})
         columns.update({one: found.nhbm.response(one)[0].values for one in of})
         others = ("status", "stability", "n_unstable", "curve_branch")
@@ -501,3 +506,15 @@ class Accessor:
         if "n_harmonics" not in self._dataset:
             return xr.ones_like(self._dataset["harmonic"], dtype=bool)
         return self._dataset["harmonic"] < self._dataset["n_harmonics"]
+
+
+def _located_responses(text: str) -> list[str]:
+    """The responses that the group &curve of a complete input locates, in the order of their numbers."""
+    lines = [line.partition("=") for line in text.partition("&curve")[2].partition("\n/")[0].splitlines()]
+    values = {key.strip(): value for key, _, value in lines}
+    names: list[str] = []
+    targets_of = {"peak_of": "", "minimum_of": "", "amplitude_of": "amplitudes", "resonance_of": "", "phase_of": "phases"}
+    for key, targets in targets_of.items():
+        for name in re.findall(r"'([^']*)'", values.get(key, "")):
+            names += [name] * (1 + values.get(targets, "").count(","))
+    return names
