@@ -48,10 +48,10 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().load("x1", 1.5), "tuple_ must be whole numbers"),
     (lambda: duffing().start("x1", None), "tuple_ must be whole numbers"),
     (lambda: duffing().law("cubic_spring", 5), "dof must be a label such as 'x1'"),
-    (lambda: duffing().curve("tones[0]", "low", 2.0), "start must be numbers, not 'low'"),
-    (lambda: duffing().peak("x1", "tones[0]", 0.5, None), "stop must be numbers, not None"),
+    (lambda: duffing().curve("tones[0]", "low", 2.0), "start must be a number, not 'low'"),
+    (lambda: duffing().peak("x1", "tones[0]", 0.5, None), "stop must be a number, not None"),
     (lambda: duffing().curve(3, 0.5, 2.0), "a path is a text such as 'wall.gap'"),
-    (lambda: duffing().integrate("long"), "duration must be numbers, not 'long'"),
+    (lambda: duffing().integrate("long"), "duration must be a number, not 'long'"),
     (lambda: duffing().bearing(["x1", "x2"], ["slow"], [[1, 0, 0, 1]]), "speeds must be numbers"),
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, **{"from": 0.1}), "'from' follows from the arguments path, start and stop"),
     (lambda: duffing().peak("x1", "tones[0]", 0.5, 2.0, to=3.0), "'to' follows from the arguments"),
@@ -148,7 +148,7 @@ def labelled(label):
     (lambda: labelled("1"), "label '1' cannot be part of a path"),
     (lambda: duffing().natural_frequencies(9), "n = 9, but the structure has 1 natural frequency$"),
     (lambda: duffing().solve(order=3).nhbm.time("x1", [0.0, np.nan]), r"times must be finite, not \[0.0, nan\]"),
-    (lambda: nhbm.Rotor("steel"), "young must be numbers, not 'steel'"),
+    (lambda: nhbm.Rotor("steel"), "young must be a number, not 'steel'"),
     (lambda: shaft(np.nan), "shaft 'shaft': diameter must be finite"),
     (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[-1.0]), r"&tones: frequency\(1\) = -1.0 must be 0.0 or greater"),
     (lambda: duffing().__setitem__("spring.stiffness", [0.1, 0.2]), "'spring.stiffness': stiffness has 2 values, needs one"),
@@ -164,7 +164,7 @@ def labelled(label):
     (lambda: duffing().solve(order=3).nhbm.to_csv("x.xlsx"), "'x.xlsx': a table is a text; give it the ending .csv"),
     (lambda: duffing().solve(order=3).nhbm.to_mat("x.csv"), "'x.csv': MATLAB .* give it the ending .mat"),
     (lambda: shaft([0.1, 0.2]), "shaft 'shaft': diameter has 2 values; it needs one, or one for each of 3 elements"),
-    (lambda: shaft(0.1).unbalance(0.5, "1e-5"), "unbalance at 0.5: amount must be numbers"),
+    (lambda: shaft(0.1).unbalance(0.5, "1e-5"), "unbalance at 0.5: amount must be a number"),
 ])  # fmt: skip
 def test_mistakes_are_refused_where_they_are_written(made, message):
     with pytest.raises(ModelError, match=message):

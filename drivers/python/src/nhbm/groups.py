@@ -79,7 +79,7 @@ def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
         if not numbers or (kind is int and numbers != [float(value) for value in np.ravel(values)]):
             raise ValueError
     except (TypeError, ValueError, OverflowError):
-        what = "whole numbers" if kind is int else "numbers"
+        what = "whole numbers" if kind is int else "a number" if np.ndim(values) == 0 else "numbers"
         raise ModelError(f"{name} must be {what}, not {values!r}") from None
     return numbers
 
