@@ -160,11 +160,27 @@ contains
       else if (.not. allocated(options%input)) then
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else
-         call allocate_blas_memory(error)
+         call refuse_other_file(verb, options%input)
+         if (.not. allocated(error)) call allocate_blas_memory(error)
          call share_error(comm, error)
          if (.not. allocated(error)) call run_known_verb(verb)
       end if
    end subroutine run_verb
+
+   !> Rejects an input where a result is needed, and a result where an input is.
+   subroutine refuse_other_file(verb, path)
+      character(*), intent(in) :: verb, path
+      integer :: n
+
+      n = len_trim(path)
+      if (any(verb == [character(6) :: "resume", "info", "why", "verify"])) then
+         if (path(max(1, n - 3):n) == ".nml") call fail(error, verb//" needs a result file, not the input '"//path// &
+            "': nhbm solve "//path//" makes one, "//path(:n - 4)//".h5")
+      else if (any(verb == [character(9) :: "check", "plan", "integrate", "census"])) then
+         if (path(max(1, n - 2):n) == ".h5") call fail(error, verb//" needs an input file, not '"//path// &
+            "'; nhbm info describes a result, and nhbm-model info a model")
+      end if
+   end subroutine refuse_other_file
 
    !> Prints a starter input, or the names of all of them.
    subroutine print_starter()

@@ -83,6 +83,17 @@ def test_what_cannot_be_removed_is_named(tmp_path, path, says):
     assert done.status == BAD_INPUT and done.messages[0].startswith(f"--unset: '{path}': {says}"), done.stderr
 
 
+@pytest.mark.parametrize("verb", ["resume", "info", "why", "verify", "check", "plan", "integrate", "census"])
+def test_a_file_of_the_other_kind_is_named(tmp_path, verb):
+    """HDF5 and the reader of inputs said what they did not find in it."""
+    is_reader = verb in ("resume", "info", "why", "verify")
+    done = run(verb, "case.nml" if is_reader else "case.h5", cwd=tmp_path)
+    says = "an input file, not 'case.h5'; nhbm info"
+    if is_reader:
+        says = "a result file, not the input 'case.nml': nhbm solve case.nml makes one, case.h5"
+    assert done.status == BAD_INPUT and done.messages[0].startswith(f"{verb} needs {says}"), done.stderr
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_each_verb_has_its_help(tmp_path, verb):
     done = run(verb, "--help", cwd=tmp_path)
