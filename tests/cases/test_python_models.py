@@ -348,6 +348,7 @@ def test_curves_that_end_early_are_reported():
         found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.5, 2.5, order=3, points=12)
     assert np.isnan([found.value, found.at, *found.slopes, *found.at_slopes]).all()
     assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3, max_step=0.2)).any()
+    assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=1, max_step=0.005)).any(), "more points than a file has"
     whole = model.curve("tones[0]", 0.5, 2.5, order=3, max_step=0.2)
     assert set(reasons(whole)) == {"none"}
 

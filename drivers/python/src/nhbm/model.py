@@ -284,7 +284,8 @@ class Model(Description):
         warning, if the curve stops before the end of its range."""
         refuse_largest(of)
         path = self._resolved(path)
-        groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
+        curve = {"points": 10000, "parameter": path, "peak_of": of, **keys}  # none of which are stored
+        groups = {"curve": curve, "stability": {"method": "off"}, **groups}
         if order is not None:
             groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
         session = self._begin(request(tolerance, order, **groups))
