@@ -29,6 +29,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 ROOT = Path(__file__).resolve().parents[2]
 MANUAL = ROOT / "docs" / "user" / "input.md"
 EXAMPLES = 6  # listed on a page
+UNITS = {"displacement": "m", "velocity": "m/s"}
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,8 @@ def draw(kind: str, path: Path) -> None:
         axes.axhline(0.0, color="0.8", linewidth=0.8)
         axes.axvline(0.0, color="0.8", linewidth=0.8)
         axes.plot(x, f, color="#1f5fa8")
-        axes.set_xlabel(f"{sketch.over} of the first coordinate")
-        axes.set_ylabel("force")
+        axes.set_xlabel(f"{sketch.over} of the first coordinate [{UNITS[sketch.over]}]")
+        axes.set_ylabel("force [N]")
         figure.savefig(path, metadata={"Date": None})
         plt.close(figure)
 

@@ -48,7 +48,9 @@ def test_every_law_has_a_page_with_a_sketch(laws, tmp_path):
     laws.main(tmp_path)
     names = set(laws.LAWS)
     assert {path.stem for path in tmp_path.glob("*.md")} == names | {"index"}
-    assert {path.stem for path in tmp_path.glob("*.svg")} == names - {"user"}
+    sketches = {path.stem: path.read_text() for path in tmp_path.glob("*.svg")}
+    assert set(sketches) == names - {"user"}
+    assert all("force [N]" in text and "of the first coordinate [m" in text for text in sketches.values())
     index = (tmp_path / "index.md").read_text()
     for name in names:
         text = (tmp_path / f"{name}.md").read_text()
