@@ -15,7 +15,6 @@ module hb_accurate_motion
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
-   use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
    use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
       level_t, margin, max_failures, min_goal, trim_for_neighbour, trim_set
@@ -24,7 +23,7 @@ module hb_accurate_motion
    use hb_model, only: model_t
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
-   use hb_outcome, only: is_answer => is_solved, outcome
+   use hb_outcome, only: is_answer => is_solved, is_integrated, is_lost, outcome
    use hb_refinement, only: refinable_t, refine
    use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
@@ -378,13 +377,6 @@ contains
       result%status = outcome%truncated
       result%error_estimate%truncation = 1.0_wp
    end subroutine integrate_after
-
-   !> Whether a motion was found by time integration.
-   pure logical function is_integrated(status)
-      integer, intent(in) :: status
-
-      is_integrated = any(status == [outcome%integrated, outcome%multiple_attractors])
-   end function is_integrated
 
    !> Refines a motion from the first level to that of the tolerance.
    subroutine refine_motion(self)

@@ -27,7 +27,7 @@ module hb_gradient
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_normal_mode, only: amplitude_functionals
    use hb_options, only: options_t
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_integrated, is_solved
    use hb_phase, only: coefficient_functional, shift_functional
    use hb_problem, only: problem_t
    use hb_response_slope, only: find_motion_slopes
@@ -103,7 +103,7 @@ contains
       associate (by => options%gradient%by, gradient => result%gradient)
          coordinates = coordinates_of(system)
          if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
-         if (any(result%status == [outcome%integrated, outcome%multiple_attractors])) return ! not a motion of a balance
+         if (is_integrated(result%status)) return ! not a motion of a balance
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
          known%model%system = system
          known%model%discretisation = discretisation

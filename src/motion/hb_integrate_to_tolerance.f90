@@ -19,7 +19,7 @@ module hb_integrate_to_tolerance
    use hb_motion, only: start_from, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t, share_of_integrated
-   use hb_outcome, only: outcome, reason
+   use hb_outcome, only: is_integrated, outcome, reason
    use hb_refinement, only: refinable_t, refine
    use hb_structure, only: max_dense, structure_t
    use hb_system, only: system_t
@@ -316,7 +316,7 @@ contains
       end if
       if (self%n_found == 0 .and. .not. (self%steady%status == outcome%subharmonic .and. steady%status == outcome%pending)) &
          self%steady = steady
-      is_solved = any(steady%status == [outcome%integrated, outcome%multiple_attractors])
+      is_solved = is_integrated(steady%status)
       self%is_ended = .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. &
                              .not. shows_returns(self%system, self%options))
       if (work_is_over() .or. .not. is_solved) return

@@ -18,17 +18,9 @@ module hb_integrated_result
    use hb_time_domain, only: steady_motion_t
    implicit none
    private
-   public :: guess_from, is_lost, store_integrated
+   public :: guess_from, store_integrated
 
 contains
-
-   !> Whether a search has ended without a motion although there was time left; laws without a force would end a time
-   !> integration as well. It has `failed` without an error because states of sliders do not repeat on a grid.
-   elemental logical function is_lost(status)
-      integer, intent(in) :: status
-
-      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%failed])
-   end function is_lost
 
    !> First guess of the balance in the form of hb_motion: coefficients at the coordinates, then all base frequencies.
    function guess_from(system, discretisation, coordinates, steady) result(guess)

@@ -15,7 +15,7 @@ module hb_motion
    use hb_error, only: annotate, error_t, fail
    use hb_error_estimate, only: estimate_linear_error
    use hb_estimated_errors, only: error_estimate_t
-   use hb_integrated_result, only: guess_from, is_lost, store_integrated
+   use hb_integrated_result, only: guess_from, store_integrated
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
@@ -25,7 +25,7 @@ module hb_motion
    use hb_motion_description, only: describe_motion, solution_t, store_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
-   use hb_outcome, only: is_solved, outcome, reason
+   use hb_outcome, only: is_lost, is_solved, outcome, reason
    use hb_solver, only: solve
    use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, report_t, set_choice, stage, starting_point, technique
    use hb_stability, only: stability_method

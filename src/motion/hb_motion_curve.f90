@@ -27,7 +27,7 @@ module hb_motion_curve
    use hb_motions_apart, only: search_separate
    use hb_observed_motion, only: observed_motion_t
    use hb_options, only: options_t
-   use hb_outcome, only: is_solved, outcome, reason
+   use hb_outcome, only: is_integrated, is_solved, outcome, reason
    use hb_point, only: solve_point
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solver_types, only: report_t
@@ -94,7 +94,7 @@ contains
          if (is_new) call solve_point(model, result, error, level, lowest)
       end if
       self%is_done = allocated(error) .or. .not. allocated(level%unknowns)
-      if (any(result%status == [outcome%integrated, outcome%multiple_attractors])) then
+      if (is_integrated(result%status)) then
          result%status = outcome%stalled                              ! a motion, but not a point of a curve
          result%message = "a curve must start from a harmonic balance solution; "//result%message
       end if

@@ -5,7 +5,8 @@
 module hb_outcome
    implicit none
    private
-   public :: has_verdict, is_solved, is_status, outcome, outcome_name, outcome_names, outcome_text, reason, reason_names
+   public :: has_verdict, is_integrated, is_lost, is_solved, is_status
+   public :: outcome, outcome_name, outcome_names, outcome_text, reason, reason_names
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -112,6 +113,21 @@ contains
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
                                outcome%impact, outcome%integrated, outcome%multiple_attractors])
    end function is_solved
+
+   !> Whether a search has ended without a motion although there was time left; laws without a force would end a time
+   !> integration as well. It has `failed` without an error because states of sliders do not repeat on a grid.
+   elemental logical function is_lost(status)
+      integer, intent(in) :: status
+
+      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%failed])
+   end function is_lost
+
+   !> Whether a motion was found by time integration.
+   elemental logical function is_integrated(status)
+      integer, intent(in) :: status
+
+      is_integrated = any(status == [outcome%integrated, outcome%multiple_attractors])
+   end function is_integrated
 
    !> Whether a verdict on stability may belong to the motion: it solves its equations, and its errors are within their limits.
    elemental logical function has_verdict(status)

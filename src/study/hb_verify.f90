@@ -13,7 +13,7 @@ module hb_verify
    use hb_model_reader, only: read_model
    use hb_movement, only: follow_frequencies
    use hb_mpi, only: barrier, comm_t, new_work_counter, rank_of, share_error, size_of, work_counter_t
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_integrated, is_solved
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results_record, only: read_record, record_t, refuse_damaged_rows
    use hb_run_callbacks, only: run_callbacks
@@ -250,8 +250,7 @@ contains
       where (.not. ieee_is_finite(real(claim%amplitudes, wp))) claim%amplitudes = (0.0_wp, 0.0_wp)
       claim%estimate = stored%estimates(point)
       claim%frequency_estimates = stored%frequency_estimates(:, point)
-      claim%is_averaged = any(stored%status(point) == [outcome%integrated, outcome%multiple_attractors]) &
-         .and. .not. model%options%accuracy%grows_set
+      claim%is_averaged = is_integrated(stored%status(point)) .and. .not. model%options%accuracy%grows_set
       claim%is_unstable = stored%is_stable(point) == -1
       claim%spread = stored%aliasing(point)
       call verify_motion(model, claim, n_periods, result, error)

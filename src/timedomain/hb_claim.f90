@@ -3,7 +3,7 @@ module hb_claim
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
-   use hb_outcome, only: outcome
+   use hb_outcome, only: is_integrated
    implicit none
    private
    public :: claim_t, new_claim
@@ -42,6 +42,6 @@ contains
       end if
       if (allocated(motion%error_estimate%frequency_error)) claim%frequency_estimates = motion%error_estimate%frequency_error
       claim%is_unstable = motion%stability%n_unstable > 0
-      claim%is_averaged = any(motion%status == [outcome%integrated, outcome%multiple_attractors]) .and. .not. grows_set
+      claim%is_averaged = is_integrated(motion%status) .and. .not. grows_set
    end subroutine new_claim
 end module hb_claim
