@@ -9,7 +9,7 @@
 !> 5.
 module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
-   use hb_attempts, only: attempts_t, make_attempts
+   use hb_attempts, only: attempts_t, make_attempts, point_conditions_t
    use hb_cancellation, only: cancellation_t, note_level, work_is_over
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -23,9 +23,9 @@ module hb_accurate_motion
    use hb_model, only: model_t
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
-   use hb_outcome, only: is_answer => is_solved, is_integrated, is_lost, outcome
+   use hb_outcome, only: is_answer => is_solved, is_integrated, outcome
    use hb_refinement, only: refinable_t, refine
-   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, stage
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
    use hb_threads, only: use_threads
@@ -38,7 +38,6 @@ module hb_accurate_motion
    public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
 
    integer, parameter :: max_idle = 4                                ! consecutive levels without improvement
-   real(wp), parameter :: share_of_guess = 0.25_wp                    ! of the work of fallbacks, for each time integration
    integer, parameter :: max_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
    real(wp), parameter :: min_work_of_verdict = 5.0e7_wp            ! limit beyond which no level is begun, at least
@@ -70,6 +69,7 @@ module hb_accurate_motion
    !> The attempts to find a motion to the tolerance.
    type, extends(attempts_t) :: point_attempts_t
       type(refined_motion_t) :: motion
+      type(point_conditions_t) :: conditions
       logical :: is_finer = .false.                                   ! to a part of the tolerance, for a verdict on stability
    contains
       procedure :: applies => point_attempts_applies
@@ -116,84 +116,52 @@ contains
       self%motion%max_idle = max_idle
       self%motion%max_failures = max_failures
       call self%motion%solver%prepare(system, discretisation, options)
+      call set_conditions(self)
       call make_attempts(self, stage%point)
    end subroutine solve_by_levels
 
-   !> Whether an attempt can be made.
+   !> Whether an attempt can be made, by the conditions of `hb_attempts`.
    logical function point_attempts_applies(self, rule) result(applies)
       class(point_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
 
-      associate (motion => self%motion, system => self%motion%system, options => self%motion%options)
-         if (rule%technique == technique%integration) then
-            applies = options%has_time_domain() .and. integration_applies(self, rule)
-            return
-         end if
-         select case (rule%discretisation)
-         case (set_choice%neighbour)
-            applies = allocated(motion%start%unknowns)
-         case (set_choice%given)
-            applies = .not. allocated(motion%top%unknowns)
-            if (rule%start == starting_point%integrated) applies = applies .and. may_be_integrated(system, options, motion%result)
-         case (set_choice%larger, set_choice%smaller)
-            applies = options%accuracy%grows_set .and. size(system%laws) > 0 .and. .not. allocated(motion%top%unknowns) .and. &
-               .not. any(motion%result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])
-            if (rule%discretisation == set_choice%larger) applies = applies .and. &
-               .not. (motion%solver%is_out_of_work .or. motion%solver%work > options%accuracy%max_work)
-         case (set_choice%refined)
-            applies = allocated(motion%top%unknowns)
-         case (set_choice%alone)
-            applies = motion%result%status == outcome%truncated .and. &
-                      .not. (self%is_finer .or. motion%solver%is_out_of_work .or. work_is_over() .or. &
-                             motion%solver%work > options%accuracy%max_work)
-            if (rule%start == starting_point%integrated) then
-               applies = applies .and. may_be_integrated(system, options, motion%result) .and. options%accuracy%grows_set
-            else
-               applies = applies .and. allocated(motion%start%unknowns)
-            end if
-         case (set_choice%finer)
-            applies = .not. self%is_finer .and. options%accuracy%grows_set .and. .not. work_is_over() .and. &
-                      lacks_verdict(system, motion%result)
-         case default
-            applies = .false.
-         end select
-      end associate
+      call note_progress(self)
+      if (rule%name == "finer_for_stability") &                       ! levels before the last one have no stability
+         self%conditions%lacks_stability = lacks_verdict(self%motion%system, self%motion%result)
+      applies = self%conditions%permit(rule)
    end function point_attempts_applies
 
-   !> Whether a limit cycle that no mode leads to, or that larger sets do not have, may be found from the end of a time integration:
-   !> one tone, and equations in time.
-   logical function may_be_integrated(system, options, result) result(may)
-      type(system_t), intent(in) :: system
-      type(options_t), intent(in) :: options
-      type(motion_result_t), intent(in) :: result
+   !> Sets the conditions that hold for all attempts of the point.
+   subroutine set_conditions(self)
+      type(point_attempts_t), intent(inout) :: self
 
-      may = options%has_time_domain() .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
-         .not. (options%start%from_integration .or. allocated(system%structure%parts) .or. system%normal_mode%is_requested)
-      may = may .and. system%tones%n_tones == 1 .and. all(system%tones%is_unknown) .and. &
-         (is_lost(result%status) .or. any(result%status == [outcome%no_motion, outcome%truncated]))
-   end function may_be_integrated
-
-   !> Whether a time integration is due: before any balance if it is requested or cheaper; from rest if no balance was found, or
-   !> an integrated motion on the first set, whose averages do not determine its harmonics beyond that set; from the balance if
-   !> that is not accurate enough, or if walls with a given restitution are struck.
-   logical function integration_applies(self, rule) result(applies)
-      class(point_attempts_t), intent(inout) :: self
-      type(attempt_rule_t), intent(in) :: rule
-
-      associate (system => self%motion%system, options => self%motion%options, result => self%motion%result)
-         if (rule%start == starting_point%motion) then
-            applies = allocated(self%motion%top%unknowns) .and. (options%lacks_impacts_of(system, result%status) .or. &
-                                                                 (result%status == outcome%truncated .and. &
-                                                                  result%stability%growth <= 1.0_wp))
-         else if (result%status == outcome%pending) then
-            applies = .not. allocated(self%motion%start%unknowns)
-            if (applies) applies = integrates_first(system, options)
-         else
-            applies = .not. allocated(self%motion%top%unknowns) .and. (is_integrated(result%status) .or. &
-               is_lost(result%status) .and. options%solver%fallback .and. options%solver%fallback_by_integration)
-         end if
+      associate (c => self%conditions, system => self%motion%system, options => self%motion%options)
+         c%may_integrate = options%has_time_domain()
+         c%integrates_last = options%solver%fallback .and. options%solver%fallback_by_integration
+         c%integrates_unknown_tone = c%may_integrate .and. c%integrates_last .and. .not. &
+            (options%start%from_integration .or. allocated(system%structure%parts) .or. system%normal_mode%is_requested) .and. &
+            system%tones%n_tones == 1 .and. all(system%tones%is_unknown)
+         c%grows_set = options%accuracy%grows_set
+         c%has_laws = size(system%laws) > 0
+         c%has_neighbour = allocated(self%motion%start%unknowns)
+         c%is_within_another = self%is_finer
+         if (c%may_integrate .and. .not. c%has_neighbour) c%integrates_first = integrates_first(system, options)
       end associate
-   end function integration_applies
+   end subroutine set_conditions
+
+   !> Notes in the conditions what the attempts so far have led to.
+   subroutine note_progress(self)
+      type(point_attempts_t), intent(inout) :: self
+
+      associate (c => self%conditions, motion => self%motion, system => self%motion%system, options => self%motion%options)
+         c%status = motion%result%status
+         c%has_motion = allocated(motion%top%unknowns)
+         c%is_struck = options%lacks_impacts_of(system, c%status)
+         c%is_unstable = .not. motion%result%stability%growth <= 1.0_wp
+         c%is_out_of_work = motion%solver%is_out_of_work .or. motion%solver%work > options%accuracy%max_work
+         c%is_cancelled = work_is_over()
+      end associate
+   end subroutine note_progress
 
    !> Makes one attempt.
    recursive subroutine point_attempts_make(self, rule, attempt, within)
@@ -203,33 +171,28 @@ contains
       type(attempt_t), allocatable, intent(out) :: within(:)
 
       associate (motion => self%motion)
-         if (rule%technique == technique%integration) then
-            if (rule%start == starting_point%motion) then
-               call integrate_from_balance(motion%system, motion%discretisation, motion%options, motion%result, motion%top)
-            else if (motion%result%status == outcome%pending) then
-               call integrate_before(motion, attempt%has_succeeded)
-            else
-               call integrate_after(motion%system, motion%discretisation, motion%options, motion%result, attempt%has_succeeded)
-            end if
-         else
-            select case (rule%discretisation)
-            case (set_choice%refined)
-               call refine_motion(self)
-               attempt%has_succeeded = motion%result%status == outcome%converged
-            case (set_choice%finer)
-               call refine_for_verdict(self, rule%share)
-            case (set_choice%alone)
-               if (rule%start == starting_point%integrated) then
-                  call solve_from_integration(self)
-               else
-                  call solve_without_neighbour(self)
-               end if
-               attempt%has_succeeded = motion%result%status == outcome%converged
-            case default
-               call find_first(motion, rule, within)
-               attempt%has_succeeded = allocated(motion%top%unknowns)
-            end select
-         end if
+         select case (rule%name)
+         case ("lines_first")
+            call integrate_before(motion, attempt%has_succeeded)
+         case ("lines")
+            call integrate_after(motion%system, motion%discretisation, motion%options, motion%result, attempt%has_succeeded)
+         case ("lines_from_motion")
+            call integrate_from_balance(motion%system, motion%discretisation, motion%options, motion%result, motion%top)
+         case ("refinement")
+            call refine_motion(self)
+            attempt%has_succeeded = motion%result%status == outcome%converged
+         case ("without_neighbour")
+            call solve_without_neighbour(self)
+            attempt%has_succeeded = motion%result%status == outcome%converged
+         case ("refinement_integrated")
+            call solve_from_integration(self, rule)
+            attempt%has_succeeded = motion%result%status == outcome%converged
+         case ("finer_for_stability")
+            call refine_for_verdict(self, rule%share)
+         case default                                                 ! a first set
+            call find_first(motion, rule, within)
+            attempt%has_succeeded = allocated(motion%top%unknowns)
+         end select
          attempt%status = merge(outcome%failed, motion%result%status, allocated(motion%error) .or. &
                                 motion%result%status == outcome%pending)
       end associate
@@ -315,17 +278,18 @@ contains
    end subroutine solve_without_neighbour
 
    !> Solves the point from the end of a time integration: the branch of the smallest set may not lead to the tolerance.
-   recursive subroutine solve_from_integration(self)
+   recursive subroutine solve_from_integration(self, rule)
       class(point_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
       type(options_t), target :: options
       logical :: is_adopted
 
       options = self%motion%options
       options%may_integrate = .true.
       options%start%from_integration = .true.
-      options%integration%max_evaluations = evaluations_of_guess(self%motion%system, self%motion%options)
+      options%integration%max_evaluations = evaluations_of_guess(self%motion%system, self%motion%options, rule)
       call solve_alone(self, options, is_adopted)
-      if (is_adopted) self%motion%result%fallback = fallback%integration
+      if (is_adopted) self%motion%result%fallback = rule%kind
    end subroutine solve_from_integration
 
    !> Solves the point with other options and without its neighbour; adopts the motion if it has the smaller error.
@@ -583,18 +547,18 @@ contains
 
       associate (system => self%system, discretisation => self%discretisation, options => self%options, top => self%top, &
                  result => self%result)
-         if (rule%discretisation == set_choice%neighbour) then
+         if (rule%name == "set_of_neighbour") then
             top = self%start
          else
             top%set = discretisation%harmonics
             top%n_samples = discretisation%torus%n_samples
-            if (rule%discretisation /= set_choice%given) &
-               call other_first(system, discretisation, rule%discretisation, top, self%error)
+            if (rule%name == "larger_first_set" .or. rule%name == "smaller_first_set") &
+               call other_first(system, discretisation, rule%name == "larger_first_set", top, self%error)
             if (allocated(self%error)) return
             self%solver%level_options%may_integrate = options%may_integrate .and. &
                (options%start%from_integration .or. any(system%tones%is_unknown) .or. .not. options%accuracy%grows_set)
-            if (rule%start == starting_point%integrated) then
-               call find_from_integration(self, within)
+            if (rule%name == "integrated_guess") then
+               call find_from_integration(self, rule, within)
                return
             end if
          end if
@@ -603,7 +567,7 @@ contains
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          result%work_spent = self%solver%work_spent
          if (allocated(top%unknowns) .or. has_ended(result)) return
-         if (rule%discretisation == set_choice%neighbour) return  ! its error is none of the point
+         if (rule%name == "set_of_neighbour") return                ! its error is none of the point
          if (allocated(failure)) call move_alloc(failure, self%error)
          result%harmonics = top%set
          result%n_samples = top%n_samples
@@ -612,14 +576,15 @@ contains
 
    !> Searches for a limit cycle on the first set from the end of a time integration; the report of the searches before remains if
    !> there is none.
-   subroutine find_from_integration(self, within)
+   subroutine find_from_integration(self, rule, within)
       type(refined_motion_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
       type(attempt_t), allocatable, intent(inout) :: within(:)
       type(error_t), allocatable :: failure
       type(motion_result_t) :: found
 
       associate (system => self%system, options => self%options)
-         self%solver%level_options%integration%max_evaluations = evaluations_of_guess(system, options)
+         self%solver%level_options%integration%max_evaluations = evaluations_of_guess(system, options, rule)
          self%solver%level_options%start%from_integration = .true.
          call self%solver%solve(self%top, .true., found, failure)
          self%solver%level_options%start%from_integration = .false.
@@ -631,19 +596,20 @@ contains
       self%result%work_spent = found%work_spent
       if (.not. allocated(self%top%unknowns) .and. .not. has_ended(found)) return
       self%result = found
-      self%result%fallback = fallback%integration
+      self%result%fallback = rule%kind
    end subroutine find_from_integration
 
-   !> Evaluations that a time integration may use for a first guess.
-   pure integer(int64) function evaluations_of_guess(system, options) result(n)
+   !> Evaluations that the time integration of an attempt may use for a first guess.
+   pure integer(int64) function evaluations_of_guess(system, options, rule) result(n)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
+      type(attempt_rule_t), intent(in) :: rule                        !! has a share of the work of all fallbacks
       real(wp) :: work
       integer :: i
 
       work = evaluation_work(system%structure%n_dofs, sum([(size(system%laws(i)%law%shape, 2), i=1, size(system%laws))]), &
                              .false.)
-      n = int(min(share_of_guess*options%solver%max_fallback_work/work, 1.0e18_wp), int64)
+      n = int(min(rule%share*options%solver%max_fallback_work/work, 1.0e18_wp), int64)
    end function evaluations_of_guess
 
    !> Whether the point has ended.
@@ -654,17 +620,17 @@ contains
    end function has_ended
 
    !> Another lowest level, if the motion was not found on the first one: a larger or a smaller box.
-   subroutine other_first(system, discretisation, wanted, level, error)
+   subroutine other_first(system, discretisation, is_larger, level, error)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
-      integer, intent(in) :: wanted                                   !! one of hb_solver_types%discretisation
+      logical, intent(in) :: is_larger
       type(level_t), intent(inout) :: level
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: loaded(:, :)
       integer :: order
 
       order = lowest_order(system%tones%n_tones)
-      order = merge(order + (order + 1)/2, max(1, order - 2), wanted == set_choice%larger)
+      order = merge(order + (order + 1)/2, max(1, order - 2), is_larger)
       allocate (loaded, source=loaded_tuples(discretisation))
       call new_lowest_set(level%set, system%tones%n_tones, loaded, error, order)
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(system))

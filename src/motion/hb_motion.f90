@@ -3,7 +3,7 @@ module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_advice, only: advice_on, circumstances_t, find_circumstances, limit_of
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
-   use hb_attempts, only: attempts_t, make_attempts
+   use hb_attempts, only: attempts_t, make_attempts, motion_conditions_t
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
@@ -25,9 +25,9 @@ module hb_motion
    use hb_motion_description, only: describe_motion, solution_t, store_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
-   use hb_outcome, only: is_lost, is_solved, outcome, reason
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_solver, only: solve
-   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, report_t, set_choice, stage, starting_point, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, report_t, stage, technique
    use hb_stability, only: stability_method
    use hb_structure, only: max_dense
    use hb_system, only: system_t
@@ -46,8 +46,7 @@ module hb_motion
       type(motion_result_t), pointer :: result => null()
       type(cached_linear_parts_t), pointer :: parts => null()
       type(basis_t) :: basis                                          ! of the first balance
-      logical :: is_odd = .false.                                     ! that basis has odd tuples alone
-      logical :: is_struck = .false.                                  ! walls, with a given restitution
+      type(motion_conditions_t) :: conditions
       real(wp), allocatable :: first_guess(:)                         ! as that of `solve_system`; not allocated: that of the model
       real(wp), allocatable :: unknowns(:)                            ! of the solution, likewise
       type(coordinates_t) :: coordinates                              ! of time integration
@@ -119,37 +118,30 @@ contains
       attempts%result => result
       if (present(cached) .and. .not. any(system%tones%is_unknown)) attempts%parts => cached ! no slopes, no drives
       call move_alloc(unknowns, attempts%first_guess)
-      call find_basis(attempts%basis, attempts%is_odd, system, discretisation, options, error, attempts%first_guess)
+      call find_basis(attempts%basis, attempts%conditions%has_odd_set, system, discretisation, options, error, attempts%first_guess)
       if (allocated(error)) return
+      associate (c => attempts%conditions)
+         c%may_integrate = options%has_time_domain() .and. .not. (any(system%tones%is_unknown) .or. system%normal_mode%is_requested)
+         c%integrates_first = options%primary_method == primary_method%integration .and. .not. allocated(attempts%first_guess)
+         c%integrates_last = options%solver%fallback .and. options%solver%fallback_by_integration
+      end associate
       call make_attempts(attempts, stage%motion)
       if (allocated(attempts%error)) call move_alloc(attempts%error, error)
       if (allocated(attempts%unknowns)) call move_alloc(attempts%unknowns, unknowns)
       call move_alloc(attempts%made, result%attempts)
    end subroutine solve_with_cancellation
 
-   !> Whether an attempt can be made: time integration first if it is requested; afterwards, as the last resort, if the balance
-   !> has found no motion, or one that strikes walls with a given restitution.
+   !> Whether an attempt can be made, by the conditions of `hb_attempts`; time integration also needs coordinates of laws.
    logical function motion_attempts_applies(self, rule) result(applies)
       class(motion_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
 
-      associate (system => self%system, options => self%options)
-         if (rule%technique == technique%integration) then
-            applies = options%has_time_domain() .and. .not. (any(system%tones%is_unknown) .or. system%normal_mode%is_requested)
-            if (self%result%status == outcome%pending) then
-               applies = applies .and. options%primary_method == primary_method%integration .and. .not. allocated(self%first_guess)
-            else
-               self%is_struck = options%lacks_impacts_of(system, self%result%status)
-               applies = applies .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
-                         (self%is_struck .or. is_lost(self%result%status))
-            end if
-            if (.not. applies) return
-            self%coordinates = coordinates_of(system)
-            applies = self%coordinates%n > 0
-         else
-            applies = rule%discretisation /= set_choice%odd .or. self%is_odd
-         end if
-      end associate
+      self%conditions%status = self%result%status
+      self%conditions%is_struck = self%options%lacks_impacts_of(self%system, self%result%status)
+      applies = self%conditions%permit(rule)
+      if (.not. applies .or. rule%technique /= technique%integration) return
+      self%coordinates = coordinates_of(self%system)
+      applies = self%coordinates%n > 0
    end function motion_attempts_applies
 
    !> Makes one attempt.
@@ -159,37 +151,49 @@ contains
       type(attempt_t), intent(inout) :: attempt
       type(attempt_t), allocatable, intent(out) :: within(:)
 
-      associate (system => self%system, discretisation => self%discretisation, options => self%options, result => self%result)
-         if (rule%technique == technique%integration) then
-            if (result%status == outcome%pending) then
-               call integrate_first(self, attempt)
-            else
-               call integrate_last(self, attempt)
-            end if
-            return
-         end if
-         if (rule%start == starting_point%integrated) then
-            call balance_from(system, discretisation, options, guess_from(system, discretisation, self%coordinates, self%steady), &
-                              result, self%unknowns)
-            attempt%has_succeeded = result%fallback == fallback%integration
-            call adopt_integrated(self)
-         else
-            if (.not. allocated(self%unknowns) .and. allocated(self%first_guess)) self%unknowns = self%first_guess
-            if (rule%discretisation == set_choice%odd) then
-               call solve_model(system, discretisation, options, self%basis, result, self%error, self%unknowns, self%parts)
-               result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
-               attempt%has_succeeded = result%is_odd
-            else
-               call solve_model(system, discretisation, options, &
-                                whole_basis(discretisation%harmonics, discretisation%torus), result, &
-                                self%error, self%unknowns, self%parts)
-               attempt%has_succeeded = result%status == outcome%converged
-            end if
-            if (allocated(result%attempts)) call move_alloc(result%attempts, within)
-         end if
-         attempt%status = merge(outcome%failed, result%status, allocated(self%error))
-      end associate
+      select case (rule%name)
+      case ("integration_first")
+         call integrate_first(self, attempt)
+      case ("integration")
+         call integrate_last(self, attempt)
+      case ("from_integration")
+         call solve_from_integration(self, rule%kind, attempt)
+      case ("odd_set")
+         call solve_on(self, self%basis, attempt, within)
+         self%result%is_odd = is_proven_odd(self%result) .or. any(self%result%status == [outcome%timed_out, outcome%interrupted])
+         attempt%has_succeeded = self%result%is_odd
+      case ("whole_set")
+         call solve_on(self, whole_basis(self%discretisation%harmonics, self%discretisation%torus), attempt, within)
+         attempt%has_succeeded = self%result%status == outcome%converged
+      end select
    end subroutine motion_attempts_make
+
+   !> Solves the balance on a basis, from the first guess or the last solution.
+   subroutine solve_on(self, basis, attempt, within)
+      type(motion_attempts_t), intent(inout) :: self
+      type(basis_t), intent(in) :: basis
+      type(attempt_t), intent(inout) :: attempt
+      type(attempt_t), allocatable, intent(out) :: within(:)
+
+      if (.not. allocated(self%unknowns) .and. allocated(self%first_guess)) self%unknowns = self%first_guess
+      call solve_model(self%system, self%discretisation, self%options, basis, self%result, self%error, self%unknowns, self%parts)
+      if (allocated(self%result%attempts)) call move_alloc(self%result%attempts, within)
+      attempt%status = merge(outcome%failed, self%result%status, allocated(self%error))
+   end subroutine solve_on
+
+   !> Solves the balance from the integrated motion, which remains the result if the balance does not converge.
+   subroutine solve_from_integration(self, kind, attempt)
+      type(motion_attempts_t), intent(inout) :: self
+      integer, intent(in) :: kind                                     !! of the attempt, one of hb_solver_types%fallback
+      type(attempt_t), intent(inout) :: attempt
+
+      call balance_from(self%system, self%discretisation, self%options, &
+                        guess_from(self%system, self%discretisation, self%coordinates, self%steady), self%result, self%unknowns, &
+                        attempt%has_succeeded)
+      if (attempt%has_succeeded) self%result%fallback = kind
+      call adopt_integrated(self, has_balance=attempt%has_succeeded)
+      attempt%status = self%result%status
+   end subroutine solve_from_integration
 
    logical function motion_attempts_is_over(self) result(is_over)
       class(motion_attempts_t), intent(inout) :: self
@@ -235,7 +239,7 @@ contains
 
       associate (system => self%system, discretisation => self%discretisation, options => self%options, &
                  result => self%result, steady => self%steady)
-         has_start = self%is_struck .and. allocated(self%unknowns)
+         has_start = self%conditions%is_struck .and. allocated(self%unknowns)
          if (has_start) call start_from(system, discretisation, options, self%unknowns, from, has_start)
          if (.not. has_start) from = discretisation
          call options%callbacks%time_domain_solver%find_steady_motion(system, from, options, self%coordinates%dofs, steady, error)
@@ -245,28 +249,29 @@ contains
          attempt%status = steady%status
          if (steady%status == outcome%pending) &
             attempt%status = merge(outcome%out_of_budget, outcome%failed, steady%is_out_of_work)
-         attempt%has_succeeded = .not. (work_is_over() .or. self%is_struck) .and. steady%status == outcome%integrated
-         if (.not. attempt%has_succeeded) call adopt_integrated(self)
+         attempt%has_succeeded = .not. (work_is_over() .or. self%conditions%is_struck) .and. steady%status == outcome%integrated
+         if (.not. attempt%has_succeeded) call adopt_integrated(self, has_balance=.false.)
       end associate
    end subroutine integrate_last
 
    !> Adopts the integrated motion, unless a balance has converged from it, or what the integration found instead.
-   subroutine adopt_integrated(self)
+   subroutine adopt_integrated(self, has_balance)
       type(motion_attempts_t), intent(inout) :: self
+      logical, intent(in) :: has_balance                              !! one that has converged from the integrated motion
 
       associate (system => self%system, discretisation => self%discretisation, options => self%options, &
                  result => self%result, steady => self%steady)
          result%n_motions = steady%n_motions
          if (work_is_over()) then
             result%status = status_of_ended()
-         else if (result%fallback == fallback%integration) then
+         else if (has_balance) then
             return
          else if (steady%status == outcome%pending) then
             if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
             if (allocated(result%message)) steady%message = steady%message//"; "//result%message
             result%message = steady%message
             if (steady%is_out_of_work) result%reason = reason%max_fallback_work
-            if (self%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
+            if (self%conditions%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
          else
             call result%forget_motion()
             if (allocated(self%unknowns)) deallocate (self%unknowns)
@@ -306,13 +311,14 @@ contains
    end subroutine start_from
 
    !> Solves the balance in a few steps from the integrated motion; the result is that of the balance if it converges.
-   subroutine balance_from(system, discretisation, options, guess, result, unknowns)
+   subroutine balance_from(system, discretisation, options, guess, result, unknowns, has_converged)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       real(wp), intent(in) :: guess(:)                                !! as that of `solve_system`
       type(motion_result_t), intent(inout) :: result
       real(wp), allocatable, intent(inout) :: unknowns(:)
+      logical, intent(out) :: has_converged
       type(error_t), allocatable :: error
       type(motion_result_t) :: found
       type(options_t) :: nearby
@@ -322,13 +328,14 @@ contains
       nearby%solver%fallback = .false.
       nearby%solver%max_iterations = min(options%solver%max_iterations, nearby_steps)
       solution = guess
+      has_converged = .false.
       call solve_model(system, discretisation, nearby, whole_basis(discretisation%harmonics, discretisation%torus), found, error, &
                        solution)
       if (allocated(error)) return
       call found%add(result%effort_t)
-      if (found%status == outcome%converged) then
+      has_converged = found%status == outcome%converged
+      if (has_converged) then
          result = found
-         result%fallback = fallback%integration
          call move_alloc(solution, unknowns)
       else
          result%effort_t = found%effort_t

@@ -1,25 +1,28 @@
-!> What is tried for a set of equations, a motion, a point and the start of a curve, in which order and with which budget: one
-!> table, and the driver that makes its attempts and records them.
+!> What is tried for a set of equations, a motion, a point and the start of a curve, in which order, under which conditions and
+!> with which budget: one table, its conditions, and the driver that makes the attempts and records them.
 !>
 !> `attempt_rules` is the table. Its stages are nested: the start of a curve is a point, a point needs motions on given sets, and
-!> a motion is the solution of equations. `make_attempts` makes the attempts of one stage for an object that extends `attempts_t`,
-!> which knows what an attempt means and whether it applies; `row_after` says where to go on. A new attempt is a row here and, if
-!> it does something new, a component of `technique_t` (hb_solver_types) and a case in the object that makes it: `proceed` of
-!> hb_solver, `make` of hb_motion, hb_accurate_motion and hb_curve_runner. `kind` is an existing `fallback`, unless result files
-!> must tell it apart. The page docs/user/convergence.md has the same table; a test compares them.
+!> a motion is the solution of equations. `make_attempts` makes the attempts of one stage for an object that extends `attempts_t`;
+!> the conditions of the stage (`permit`) decide which of them apply, `row_after` where to go on. A new attempt is a row here, its
+!> condition in `permit` of its stage, and a case of its name in `make` of the object of its stage: hb_motion, hb_accurate_motion,
+!> hb_curve_runner; for the solver, if it does something new, a component of `technique_t` (hb_solver_types) and a case in
+!> `proceed` of hb_solver. `kind` is an existing `fallback`, unless result files must tell it apart. The page
+!> docs/user/convergence.md has the same table; tests compare them, and assert what is tried next after which failures.
 module hb_attempts
    use hb_kinds, only: wp
-   use hb_outcome, only: outcome, outcome_name
-   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, set_choice, stage, starting_point, technique
+   use hb_outcome, only: is_integrated, is_lost, outcome, outcome_name
+   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, stage, starting_point, technique, work_limit
    implicit none
    private
-   public :: attempt_conditions_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, row_after, row_of
+   public :: attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, motion_conditions_t, point_conditions_t
+   public :: row_after, row_of, solver_conditions_t
 
    integer, parameter :: max_stagnant_iterations = 10 ! without a clear gain, where other attempts remain
    real(wp), parameter :: half = 0.5_wp               ! of what remains of the budget, so that no attempt exhausts it
+   real(wp), parameter :: quarter = 0.25_wp           ! of the budget, for the time integration of a first guess
 
    !> All attempts, stage by stage, in their order. Attempts of the solver without a share of the fallbacks' budget are the normal
-   !> way to a solution.
+   !> way to a solution. Time integrations without one have what the solver leaves of it, see `share_of_solver`.
    type(attempt_rule_t), parameter :: attempt_rules(*) = [ &
       attempt_rule_t("smaller_problems_first", "from a solution with fewer harmonics", fallback%none, &
                      technique%smaller_problems, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
@@ -40,56 +43,74 @@ module hb_attempts
       attempt_rule_t("load_homotopy", "by homotopy in the loads", fallback%load, &
                      technique%load_homotopy, starting_point%zero, 0, half, .true.), &
       !
-      attempt_rule_t("integration_first", technique=technique%integration, &
-                     start=starting_point%rest, stage=stage%motion), &
-      attempt_rule_t("odd_set", stage=stage%motion, discretisation=set_choice%odd, &
-                     on_success="integration"), &
+      attempt_rule_t("integration_first", technique=technique%integration, stage=stage%motion), &
+      attempt_rule_t("odd_set", stage=stage%motion, on_success="integration"), &
       attempt_rule_t("whole_set", stage=stage%motion), &
-      attempt_rule_t("integration", technique=technique%integration, start=starting_point%rest, &
-                     stage=stage%motion, on_success="next", on_failure="end"), &
-      attempt_rule_t("from_integration", kind=fallback%integration, &
-                     start=starting_point%integrated, stage=stage%motion), &
+      attempt_rule_t("integration", technique=technique%integration, stage=stage%motion, on_success="next", on_failure="end"), &
+      attempt_rule_t("from_integration", kind=fallback%integration, stage=stage%motion), &
       !
-      attempt_rule_t("lines_first", technique=technique%integration, &
-                     start=starting_point%rest, stage=stage%point, discretisation=set_choice%lines), &
-      attempt_rule_t("set_of_neighbour", start=starting_point%neighbour, stage=stage%point, &
-                     discretisation=set_choice%neighbour, on_success="refinement"), &
+      attempt_rule_t("lines_first", technique=technique%integration, stage=stage%point), &
+      attempt_rule_t("set_of_neighbour", stage=stage%point, on_success="refinement"), &
       attempt_rule_t("first_set", stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("larger_first_set", stage=stage%point, discretisation=set_choice%larger, &
-                     on_success="refinement"), &
-      attempt_rule_t("smaller_first_set", stage=stage%point, discretisation=set_choice%smaller, &
-                     on_success="refinement"), &
-      attempt_rule_t("integrated_guess", kind=fallback%integration, start=starting_point%integrated, &
+      attempt_rule_t("larger_first_set", stage=stage%point, on_success="refinement"), &
+      attempt_rule_t("smaller_first_set", stage=stage%point, on_success="refinement"), &
+      attempt_rule_t("integrated_guess", kind=fallback%integration, share=quarter, share_of=work_limit%fallbacks, &
                      stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("lines", technique=technique%integration, start=starting_point%rest, &
-                     stage=stage%point, discretisation=set_choice%lines, on_failure="end"), &
-      attempt_rule_t("refinement", start=starting_point%motion, stage=stage%point, &
-                     discretisation=set_choice%refined, on_success="finer_for_stability"), &
-      attempt_rule_t("without_neighbour", start=starting_point%first_guess, stage=stage%point, &
-                     discretisation=set_choice%alone, on_success="end"), &
-      attempt_rule_t("refinement_integrated", kind=fallback%integration, start=starting_point%integrated, stage=stage%point, &
-                     discretisation=set_choice%alone, on_success="end"), &
-      attempt_rule_t("lines_from_motion", &
-                     technique=technique%integration, start=starting_point%motion, stage=stage%point, &
-                     discretisation=set_choice%lines, on_failure="end"), &
-      attempt_rule_t("finer_for_stability", start=starting_point%motion, &
-                     share=4.0_wp, stage=stage%point, discretisation=set_choice%finer, on_failure="end"), &
+      attempt_rule_t("lines", technique=technique%integration, stage=stage%point, on_failure="end"), &
+      attempt_rule_t("refinement", stage=stage%point, on_success="finer_for_stability"), &
+      attempt_rule_t("without_neighbour", stage=stage%point), &
+      attempt_rule_t("refinement_integrated", kind=fallback%integration, share=quarter, share_of=work_limit%fallbacks, &
+                     stage=stage%point), &
+      attempt_rule_t("lines_from_motion", technique=technique%integration, stage=stage%point, on_failure="end"), &
+      attempt_rule_t("finer_for_stability", share=4.0_wp, share_of=work_limit%work_so_far, stage=stage%point, on_failure="end"), &
       !
       attempt_rule_t("start", stage=stage%curve), &
-      attempt_rule_t("other_end", stage=stage%curve, discretisation=set_choice%other_end), &
-      attempt_rule_t("start_integrated", &
-                     technique=technique%integration, stage=stage%curve)]
+      attempt_rule_t("other_end", stage=stage%curve), &
+      attempt_rule_t("start_integrated", technique=technique%integration, stage=stage%curve)]
 
    !> What decides which attempts of the solver apply.
-   type :: attempt_conditions_t
+   type :: solver_conditions_t
       logical :: has_fallbacks = .true.                               !! `fallback` of the settings; else the direct attempt alone
       logical :: continues_in_order = .true.                          !! smaller problems may be solved before
       logical :: continues_in_order_first = .false.                   !! that is the normal way to this problem
       logical :: can_be_damped = .false.                              !! the problem has an artificial damping
       logical :: affords_tangent = .true.                             !! a dense tangent fits into memory
    contains
-      procedure :: permit => attempt_conditions_permit
-   end type attempt_conditions_t
+      procedure :: permit => solver_conditions_permit
+   end type solver_conditions_t
+
+   !> What decides which attempts at a motion on a given set apply.
+   type :: motion_conditions_t
+      logical :: may_integrate = .false.                              !! in time: all tones are given
+      logical :: integrates_first = .false.                           !! the settings prefer it, and there is no first guess
+      logical :: integrates_last = .false.                            !! the settings permit it as a fallback
+      logical :: has_odd_set = .false.                                !! the equations permit odd tuples alone
+      integer :: status = outcome%pending                             !! of the attempts so far
+      logical :: is_struck = .false.                                  !! their motion strikes walls with a given restitution
+   contains
+      procedure :: permit => motion_conditions_permit
+   end type motion_conditions_t
+
+   !> What decides which attempts at a motion to a tolerance apply.
+   type :: point_conditions_t
+      logical :: may_integrate = .false.                              !! in time
+      logical :: integrates_first = .false.                           !! the settings prefer it, or it is cheaper
+      logical :: integrates_last = .false.                            !! the settings permit it as a fallback
+      logical :: integrates_unknown_tone = .false.                    !! likewise, to find a limit cycle
+      logical :: grows_set = .true.                                   !! the set of harmonics is not given
+      logical :: has_laws = .true.
+      logical :: has_neighbour = .false.                              !! in a chain
+      logical :: is_within_another = .false.                          !! these attempts belong to `finer_for_stability`
+      integer :: status = outcome%pending                             !! of the attempts so far
+      logical :: has_motion = .false.                                 !! they have found a motion of the balance
+      logical :: is_struck = .false.                                  !! which strikes walls with a given restitution
+      logical :: is_unstable = .false.
+      logical :: lacks_stability = .false.                            !! its errors leave the stability undecided
+      logical :: is_out_of_work = .false.                             !! the budget of all levels is exhausted
+      logical :: is_cancelled = .false.                               !! or the time
+   contains
+      procedure :: permit => point_conditions_permit
+   end type point_conditions_t
 
    !> An object that can make the attempts of a stage, and what it has made.
    type, abstract :: attempts_t
@@ -206,8 +227,8 @@ contains
    end subroutine describe_attempts
 
    !> Whether an attempt of the solver applies under the conditions.
-   pure logical function attempt_conditions_permit(self, rule) result(permit)
-      class(attempt_conditions_t), intent(in) :: self
+   pure logical function solver_conditions_permit(self, rule) result(permit)
+      class(solver_conditions_t), intent(in) :: self
       type(attempt_rule_t), intent(in) :: rule
       logical :: begins_in_order
 
@@ -221,7 +242,67 @@ contains
       case (technique%damping_homotopy)
          permit = permit .and. self%can_be_damped
       end select
-   end function attempt_conditions_permit
+   end function solver_conditions_permit
+
+   !> Whether an attempt at a motion on a given set applies under the conditions.
+   pure logical function motion_conditions_permit(self, rule) result(permit)
+      class(motion_conditions_t), intent(in) :: self
+      type(attempt_rule_t), intent(in) :: rule
+
+      select case (rule%name)
+      case ("integration_first")
+         permit = self%may_integrate .and. self%integrates_first
+      case ("odd_set")
+         permit = self%has_odd_set
+      case ("integration")
+         permit = self%may_integrate .and. self%integrates_last .and. (self%is_struck .or. is_lost(self%status))
+      case default
+         permit = rule%stage == stage%motion
+      end select
+   end function motion_conditions_permit
+
+   !> Whether an attempt at a motion to a tolerance applies under the conditions.
+   pure logical function point_conditions_permit(self, rule) result(permit)
+      class(point_conditions_t), intent(in) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      logical :: may_search, may_repeat
+
+      may_search = self%grows_set .and. self%has_laws .and. .not. self%has_motion .and. &
+                   all(self%status /= [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])
+      may_repeat = self%status == outcome%truncated .and. &
+                   .not. (self%is_within_another .or. self%is_out_of_work .or. self%is_cancelled)
+      select case (rule%name)
+      case ("lines_first")
+         permit = self%may_integrate .and. self%integrates_first .and. .not. self%has_neighbour
+      case ("set_of_neighbour")
+         permit = self%has_neighbour
+      case ("first_set")
+         permit = .not. self%has_motion
+      case ("larger_first_set")
+         permit = may_search .and. .not. self%is_out_of_work
+      case ("smaller_first_set")
+         permit = may_search
+      case ("integrated_guess")
+         permit = self%integrates_unknown_tone .and. .not. self%has_motion .and. &
+                  (is_lost(self%status) .or. any(self%status == [outcome%no_motion, outcome%truncated]))
+      case ("lines")
+         permit = self%may_integrate .and. .not. self%has_motion .and. &
+                  (is_integrated(self%status) .or. (is_lost(self%status) .and. self%integrates_last))
+      case ("refinement")
+         permit = self%has_motion
+      case ("without_neighbour")
+         permit = may_repeat .and. self%has_neighbour
+      case ("refinement_integrated")
+         permit = may_repeat .and. self%integrates_unknown_tone .and. self%grows_set
+      case ("lines_from_motion")
+         permit = self%may_integrate .and. self%has_motion .and. &
+                  (self%is_struck .or. (self%status == outcome%truncated .and. .not. self%is_unstable))
+      case ("finer_for_stability")
+         permit = self%lacks_stability .and. self%grows_set .and. .not. (self%is_within_another .or. self%is_cancelled)
+      case default
+         permit = .false.
+      end select
+   end function point_conditions_permit
 
    !> Whether a solution that was found in this way needed a fallback: homotopy, another method, time integration. Other first
    !> guesses and smaller problems before are normal.

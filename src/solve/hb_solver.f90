@@ -5,7 +5,7 @@
 !> section 6.4.
 module hb_solver
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_attempts, only: attempt_conditions_t, attempts_t, make_attempts
+   use hb_attempts, only: attempts_t, make_attempts, solver_conditions_t
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_broyden, only: solve_broyden
    use hb_budget, only: budget_t
@@ -33,7 +33,7 @@ module hb_solver
    type, extends(attempts_t) :: solver_attempts_t
       class(problem_t), pointer :: problem => null()
       type(solver_config_t) :: config
-      type(attempt_conditions_t) :: conditions
+      type(solver_conditions_t) :: conditions
       type(budget_t) :: budget                                        ! of all fallbacks
       type(report_t) :: report                                        ! of all attempts so far
       integer :: chosen = method%auto                                 ! method of direct attempts
@@ -140,7 +140,7 @@ contains
    end function is_first_direct
 
    !> What decides which attempts apply to a problem.
-   pure type(attempt_conditions_t) function conditions_of(problem, config, chosen) result(conditions)
+   pure type(solver_conditions_t) function conditions_of(problem, config, chosen) result(conditions)
       class(problem_t), intent(in) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method

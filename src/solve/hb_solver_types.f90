@@ -6,8 +6,8 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_rule_t, attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, set_choice
-   public :: report_t, share_of_solver, solver_config_t, stage, starting_point, technique, unit_of_work
+   public :: attempt_rule_t, attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method
+   public :: report_t, share_of_solver, solver_config_t, stage, starting_point, technique, unit_of_work, work_limit
 
    type :: method_t
       integer :: auto = 1                                             !! numbers as the order of the table of input keys
@@ -52,21 +52,6 @@ module hb_solver_types
    end type stage_t
    type(stage_t), parameter :: stage = stage_t()
 
-   !> Where an attempt looks for the motion: set and grid, or the end of a curve.
-   type :: set_choice_t
-      integer :: given = 1                                            !! of the model; with a tolerance a small box of harmonics
-      integer :: odd = 2                                              !! its odd tuples, on half of its grid
-      integer :: neighbour = 3                                        !! of the last motion of a chain
-      integer :: larger = 4                                           !! a larger box than the given one
-      integer :: smaller = 5                                          !! a smaller one
-      integer :: refined = 6                                          !! chosen from error estimates, to the tolerance
-      integer :: finer = 7                                            !! likewise, to a part of the tolerance
-      integer :: lines = 8                                            !! the lines of a record
-      integer :: other_end = 9                                        !! that of the other end of a curve
-      integer :: alone = 10                                           !! as for a point without neighbours
-   end type set_choice_t
-   type(set_choice_t), parameter :: set_choice = set_choice_t()
-
    !> How an attempt proceeds.
    type :: technique_t
       integer :: direct = 1                                           !! the method of the settings from the start
@@ -80,18 +65,22 @@ module hb_solver_types
    end type technique_t
    type(technique_t), parameter :: technique = technique_t()
 
-   !> Where an attempt starts.
+   !> Where an attempt of the solver starts.
    type :: starting_point_t
       integer :: first_guess = 1                                      !! the one that was given
       integer :: linear_solution = 2                                  !! of the problem without its nonlinearity
       integer :: zero = 3
       integer :: other_guess = 4                                      !! zero if the linear solution was given, else that
-      integer :: neighbour = 5                                        !! the last motion of a chain
-      integer :: motion = 6                                           !! the one found before
-      integer :: rest = 7                                             !! or the amplitudes of `&start`, in time
-      integer :: integrated = 8                                       !! the motion found by time integration
    end type starting_point_t
    type(starting_point_t), parameter :: starting_point = starting_point_t()
+
+   !> The work of which an attempt may use a share.
+   type :: work_limit_t
+      integer :: left_for_fallbacks = 1                               !! what is left of the budget of the fallbacks of a solver
+      integer :: fallbacks = 2                                        !! all that the settings permit, `max_fallback_work`
+      integer :: work_so_far = 3                                      !! of the point
+   end type work_limit_t
+   type(work_limit_t), parameter :: work_limit = work_limit_t()
 
    !> A row of the table of attempts, see hb_attempts.
    type :: attempt_rule_t
@@ -101,11 +90,10 @@ module hb_solver_types
       integer :: technique = technique%balance
       integer :: start = starting_point%first_guess
       integer :: max_stagnant_iterations = 0                          !! without a clear gain; 0: no limit
-      real(wp) :: share = 0.0_wp                                      !! of what is left of the budget of fallbacks, 0: not limited
-                                                                      !! by it; of a finer set, of the work so far
+      real(wp) :: share = 0.0_wp                                      !! of the work that the attempt may use; 0: not limited by it
       logical :: needs_tangent = .false.                              !! a dense one
       integer :: stage = stage%solver
-      integer :: discretisation = set_choice%given
+      integer :: share_of = work_limit%left_for_fallbacks             !! one of `work_limit`
       character(22) :: on_success = "end"                             !! the attempt that follows: its name, `next` of the same
                                                                       !! stage, or `end` for none
       character(22) :: on_failure = "next"

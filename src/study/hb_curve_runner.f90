@@ -13,7 +13,7 @@ module hb_curve_runner
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved, outcome
-   use hb_solver_types, only: attempt_rule_t, attempt_t, set_choice, stage, technique
+   use hb_solver_types, only: attempt_rule_t, attempt_t, stage, technique
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: reliable
@@ -162,8 +162,7 @@ contains
       associate (runner => self%runner, result => self%result)
          associate (request => runner%request)
             start = self%start                                        ! exactly an end: a curve from within is followed both ways
-            if (rule%discretisation == set_choice%other_end) start = merge(request%to, request%from, &
-                                                                           abs(start - request%from) <= 0.0_wp)
+            if (rule%name == "other_end") start = merge(request%to, request%from, abs(start - request%from) <= 0.0_wp)
             call move_start(runner, start, self%error)
          end associate
          if (self%has_choice) runner%model%options%may_integrate = rule%technique == technique%integration
@@ -172,8 +171,7 @@ contains
          attempt%status = merge(outcome%failed, result%status, allocated(self%error))
          if (allocated(self%error)) return
          attempt%has_succeeded = is_solved(result%status) .and. estimate_of(result) < reliable
-         if (is_solved(result%status) .and. rule%discretisation == set_choice%other_end .and. &
-             (attempt%has_succeeded .or. work_is_over())) &
+         if (is_solved(result%status) .and. rule%name == "other_end" .and. (attempt%has_succeeded .or. work_is_over())) &
             result%message = "no motion was found at "//to_text(self%start)//"; the curve begins at the other end of its range"
       end associate
    end subroutine start_attempts_make
