@@ -318,12 +318,17 @@ contains
       integer(c_size_t), pointer :: number
       type(c_ptr), pointer :: address
 
+      nullify (number, address)
+      if (c_associated(n)) then
+         call c_f_pointer(n, number)
+         number = 0_c_size_t
+      end if
+      if (c_associated(frequencies)) then
+         call c_f_pointer(frequencies, address)
+         address = c_null_ptr
+      end if
       status = begin_call(model, "nhbm_get_natural_frequencies", handle, texts=[n, frequencies], needs_input=.true.)
       if (status /= c_status%success) return
-      call c_f_pointer(n, number)
-      call c_f_pointer(frequencies, address)
-      number = 0_c_size_t
-      address = c_null_ptr
       call handle%session%natural_frequencies(handle%frequencies, error)
       if (.not. allocated(error)) then
          number = size(handle%frequencies, kind=c_size_t)

@@ -47,7 +47,7 @@ module hb_c_handles
          type(c_ptr), value :: object
       end subroutine release_handle
 
-      !> Removes an object from the register, also one in use.
+      !> Removes an object from the register, also one that the calling thread uses; waits while another thread uses it.
       subroutine unregister_handle(object) bind(c, name="hb_unregister_handle")
          import :: c_ptr
          type(c_ptr), value :: object

@@ -368,12 +368,20 @@ contains
       end do
    end subroutine check_lengths
 
-   !> The words of a text separated by blanks.
+   !> The words of a text, between which there are one or more blanks.
    function words_of(text) result(words)
       character(*), intent(in) :: text
       type(string_t), allocatable :: words(:)
+      type(string_t), allocatable :: parts(:)
+      integer :: i, n
 
-      allocate (words(0))
-      if (len(text) > 0) call split(text, " ", words)
+      call split(text, " ", parts)
+      allocate (words(count([(len(parts(i)%value) > 0, i=1, size(parts))])))
+      n = 0
+      do i = 1, size(parts)
+         if (len(parts(i)%value) == 0) cycle
+         n = n + 1
+         words(n) = parts(i)
+      end do
    end function words_of
 end module hb_c_structures

@@ -14,9 +14,10 @@ typedef struct entry {
    struct entry *next;
 } entry_t;
 
-enum { n_lists = 1024 };
+enum { n_lists = 1024, no_kind = 0 };
 
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
+static pthread_cond_t released = PTHREAD_COND_INITIALIZER;
 static entry_t *lists[n_lists]; /* by address */
 
 /* Address of the pointer to the entry of an object, or of the null pointer at the end of its list. */
@@ -64,6 +65,7 @@ void hb_release_handle(const void *object)
    (void)pthread_mutex_lock(&mutex);
    entry = *find(object);
    if (entry) entry->is_busy = false;
+   (void)pthread_cond_broadcast(&released);
    (void)pthread_mutex_unlock(&mutex);
 }
 
@@ -71,9 +73,13 @@ void hb_unregister_handle(const void *object)
 {
    entry_t **place, *entry;
    (void)pthread_mutex_lock(&mutex);
-   place = find(object);
-   entry = *place;
-   if (entry) *place = entry->next;
+   entry = *find(object);
+   if (entry) {
+      entry->kind = no_kind; /* unknown to new calls */
+      while (entry->is_busy && !pthread_equal(entry->user, pthread_self())) (void)pthread_cond_wait(&released, &mutex);
+      place = find(object);
+      *place = entry->next;
+   }
    (void)pthread_mutex_unlock(&mutex);
    free(entry);
 }

@@ -16,6 +16,8 @@ int hb_register_handle(const void *object, int kind);
 /* Makes the caller the only user of an object until it releases or unregisters it. */
 int hb_acquire_handle(const void *object, int kind);
 void hb_release_handle(const void *object);
+
+/* Removes an object, also one that the calling thread uses; waits while another thread uses it. */
 void hb_unregister_handle(const void *object);
 
 #endif

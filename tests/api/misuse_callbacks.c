@@ -5,11 +5,13 @@
 #include <limits.h>
 #include <math.h>
 #include <pthread.h>
+#include <stdatomic.h>
 
 int callbacks_step(void);
 int structure_misuse_step(void);
 int law_misuse_step(void);
 int threads_step(void);
+int late_thread_step(void);
 
 static nhbm_column column;
 static const char *text;
@@ -61,7 +63,8 @@ static const double one[] = {1.0};
 
 static int describe(nhbm_structure *s)
 {
-   return nhbm_structure_set_dofs(s, "x1", "", 0.0) || nhbm_structure_set_matrix(s, "mass", 1, 1, one_row, only, one) ||
+   return nhbm_structure_set_dofs(s, " x1  ", " ", 0.0) || /* blanks make no labels */
+          nhbm_structure_set_matrix(s, "mass", 1, 1, one_row, only, one) ||
           nhbm_structure_set_matrix(s, "stiffness", 1, 1, one_row, only, one);
 }
 
@@ -338,5 +341,69 @@ int threads_step(void)
       is_right = is_right && result == NULL;
    }
    CHECK(is_right && is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
+   return 0;
+}
+
+/* ---- A thread that goes on with a structure after the callback has returned ---- */
+
+enum { n_late = 100, n_repeats = 8 };
+
+typedef struct {
+   char labels[8*n_late];
+   int32_t starts[n_late + 1], columns[n_late];
+   double values[n_late];
+   nhbm_structure *structure;
+   pthread_t thread;
+   atomic_bool has_begun;
+} late_t;
+
+static int set_late_matrix(late_t *self, const char *name)
+{
+   return nhbm_structure_set_matrix(self->structure, name, n_late, n_late, self->starts, self->columns, self->values);
+}
+
+static void *set_until_refused(void *context)
+{
+   late_t *self = context;
+
+   while (set_late_matrix(self, "damping") == NHBM_SUCCESS) atomic_store(&self->has_begun, true);
+   return NULL;
+}
+
+static int describe_in_thread(void *context, const char *file, nhbm_structure *s)
+{
+   late_t *self = context;
+
+   (void)file;
+   self->structure = s;
+   if (nhbm_structure_set_dofs(s, self->labels, "", 0.0)) return 1;
+   if (set_late_matrix(self, "mass") || set_late_matrix(self, "stiffness")) return 2;
+   atomic_store(&self->has_begun, false);
+   if (pthread_create(&self->thread, NULL, set_until_refused, self)) return 3;
+   while (!atomic_load(&self->has_begun)) {}
+   return 0;
+}
+
+int late_thread_step(void)
+{
+   static late_t late;
+   nhbm_model *model;
+   char *end = late.labels;
+
+   for (int i = 0; i < n_late; ++i) {
+      end += sprintf(end, "x%d ", i);
+      late.starts[i + 1] = i + 1;
+      late.columns[i] = i;
+      late.values[i] = 1.0;
+   }
+   CHECK(nhbm_create(&model) == NHBM_SUCCESS);
+   CHECK(nhbm_set_structure_callback(model, describe_in_thread, &late) == NHBM_SUCCESS);
+   for (int i = 0; i < n_repeats; ++i) {
+      const int status = nhbm_read_input(model, "&structure type = 'model', file = 'own' /\n&tones frequency = 0.9 /\n"
+                                         "&harmonics order = 1 /\n&load dof = 'x1', tuple = 1, cos = 1.0 /\n", "structure");
+      (void)pthread_join(late.thread, NULL);
+      CHECK(status == NHBM_SUCCESS || (status == NHBM_INVALID_INPUT && SAYS("in use")));
+   }
+   CHECK(is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
    return 0;
 }

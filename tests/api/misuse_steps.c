@@ -236,8 +236,9 @@ int null_arguments_step(void)
    CHECK(nhbm_describe_column(model, "coefficients", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_describe_column"));
    CHECK(nhbm_get_doubt(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_doubt"));
    CHECK(nhbm_get_warnings(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_warnings"));
-   CHECK(nhbm_get_natural_frequencies(model, NULL, &frequencies) == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_get_natural_frequencies(model, &n_frequencies, NULL) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_get_natural_frequencies(model, &n_frequencies, &frequencies) == NHBM_SUCCESS && n_frequencies > 0 && frequencies);
+   CHECK(nhbm_get_natural_frequencies(model, NULL, &frequencies) == NHBM_INVALID_ARGUMENT && !frequencies);
+   CHECK(nhbm_get_natural_frequencies(model, &n_frequencies, NULL) == NHBM_INVALID_ARGUMENT && n_frequencies == 0);
    CHECK(nhbm_verify_motion(model, NULL, 1) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_verify_motion"));
    {
       nhbm_motion wrong = motion;

@@ -313,7 +313,8 @@ class Session:
             functions = {name: getattr(self._library, f"nhbm_structure_{name}")
                          for name in ("set_dofs", "set_matrix", "add_load", "set_nodes", "add_node_set")}  # fmt: skip
             n = len(structure.labels)
-            code = functions["set_dofs"](builder, _words(structure.labels), _words(structure.units), structure.up_to or 0.0)
+            units = _words([unit or "1" for unit in structure.units])
+            code = functions["set_dofs"](builder, _words(structure.labels), units, structure.up_to or 0.0)
             for kind, matrix in structure.matrices().items():
                 matrix.sort_indices()
                 parts = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), np.ascontiguousarray(matrix.data, float)
