@@ -1,70 +1,34 @@
-!> The motion of a model to a requested accuracy: sets of harmonics and grids are refined, level by level, until the
-!> estimated error is below the tolerance.
-!> The lowest level is a small box of harmonics; all fallbacks are used there. From then on the error estimate gives
-!> the amplitudes of the tuples that a set lacks and the effect of its grid: the set gains the important tuples and
-!> loses the unimportant ones, the grid is refined, and each level starts from the solution of the level below. The
-!> difference of two levels shows how accurate the estimate of the lower one was: if it was too small, the estimate of
-!> the upper one is increased. This comparison never decreases an estimate, and its contribution is stored separately.
-!> Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter
-!> 5.
+!> The motion of a model to a requested accuracy, by the attempts of `hb_attempts`: where its first level is found, how it is
+!> refined (hb_refined_motion), and what is tried where no level reaches the tolerance.
+!> Source: docs/why/accuracy.md.
 module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_attempts, only: attempts_t, make_attempts, point_conditions_t
-   use hb_cancellation, only: cancellation_t, note_level, work_is_over
+   use hb_cancellation, only: cancellation_t, work_is_over
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_kinds, only: wp
-   use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      level_t, margin, max_failures, min_goal, trim_for_neighbour, trim_set
-   use hb_level_solver, only: level_solver_t, solver_tolerance
-   use hb_level_stability, only: add_stability
+   use hb_level, only: degree_of, level_t
    use hb_model, only: model_t
-   use hb_motion_result, only: effort_t, motion_result_t
-   use hb_options, only: accuracy_t, options_t
-   use hb_outcome, only: is_answer => is_solved, is_integrated, outcome
-   use hb_refinement, only: refinable_t, refine
+   use hb_motion_result, only: motion_result_t
+   use hb_options, only: options_t
+   use hb_outcome, only: is_integrated, outcome
+   use hb_refined_motion, only: has_ended, refined_motion_t
    use hb_solver_types, only: attempt_rule_t, attempt_t, stage
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
    use hb_threads, only: use_threads
-   use hb_thresholds, only: minor, reliable
    use hb_time_domain, only: evaluation_work, primary_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none
    private
-   public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
+   public :: solve_to_tolerance
 
-   integer, parameter :: max_idle = 4                                ! consecutive levels without improvement
-   integer, parameter :: max_refinements = 2                         ! for a verdict on stability
+   integer, parameter :: max_refinements = 2                          ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
-   real(wp), parameter :: min_work_of_verdict = 5.0e7_wp            ! limit beyond which no level is begun, at least
-   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
-
-   !> A motion whose set and grid are refined: the level solved last, the level it was compared with, the best level.
-   type, extends(refinable_t) :: refined_motion_t
-      type(system_t), pointer :: system => null()
-      type(discretisation_t), pointer :: discretisation => null()     ! as given: has all loads
-      type(options_t), pointer :: options => null()
-      type(level_solver_t) :: solver                                  ! of all levels of the point
-      type(level_t) :: start                                          ! of a neighbour; none if it has no unknowns
-      type(level_t) :: top                                            ! solved last; none is solved if it has no unknowns
-      type(level_t) :: next, best_top
-      type(motion_result_t) :: result, best
-      real(wp) :: own_estimate = 0.0_wp                               ! of the motion solved last, without other levels
-      real(wp), allocatable :: own_outputs(:)                         ! likewise, estimates of outputs
-      real(wp) :: difference = 0.0_wp                                 ! of the last two motions, relative
-      real(wp) :: best_estimate = huge(1.0_wp)
-      logical :: is_checked = .false.                                 ! the level below agrees with its estimate
-      logical :: is_ended = .false.                                   ! by the time limit or by cancellation
-   contains
-      procedure :: solve => refined_motion_solve
-      procedure :: choose => refined_motion_choose
-      procedure :: is_accurate => refined_motion_is_accurate
-      procedure :: is_over => refined_motion_is_over
-   end type refined_motion_t
+   real(wp), parameter :: min_work_of_verdict = 5.0e7_wp              ! limit beyond which no level is begun, at least
 
    !> The attempts to find a motion to the tolerance.
    type, extends(attempts_t) :: point_attempts_t
@@ -110,12 +74,7 @@ contains
       type(discretisation_t), intent(in), target :: discretisation
       type(options_t), intent(in), target :: options
 
-      self%motion%system => system
-      self%motion%discretisation => discretisation
-      self%motion%options => options
-      self%motion%max_idle = max_idle
-      self%motion%max_failures = max_failures
-      call self%motion%solver%prepare(system, discretisation, options)
+      call self%motion%begin(system, discretisation, options)
       call set_conditions(self)
       call make_attempts(self, stage%point)
    end subroutine solve_by_levels
@@ -179,7 +138,7 @@ contains
          case ("lines_from_motion")
             call integrate_from_balance(motion%system, motion%discretisation, motion%options, motion%result, motion%top)
          case ("refinement")
-            call refine_motion(self)
+            call motion%refine_to_tolerance()
             attempt%has_succeeded = motion%result%status == outcome%converged
          case ("without_neighbour")
             call solve_without_neighbour(self)
@@ -342,202 +301,6 @@ contains
       result%error_estimate%truncation = 1.0_wp
    end subroutine integrate_after
 
-   !> Refines a motion from the first level to that of the tolerance.
-   subroutine refine_motion(self)
-      class(point_attempts_t), intent(inout) :: self
-
-      associate (motion => self%motion, options => self%motion%options)
-         call refine(motion)
-         if (allocated(motion%error) .or. .not. allocated(motion%top%unknowns) .or. &
-             motion%result%status == outcome%interrupted) return
-         if (motion%best_estimate < motion%estimate) then             ! a later level has made it worse, as far as known
-            motion%result = motion%best
-            motion%top = motion%best_top
-            motion%result%level_estimate = max(motion%result%level_estimate, motion%best_estimate)
-         end if
-         call finish(motion)
-         if (.not. (options%accuracy%grows_set .and. options%chain%is_on .and. motion%result%status == outcome%converged) .or. &
-             size(options%gradient%by) > 0) return                     ! which is that of the whole set
-         if (motion%system%tones%n_tones == 1) then                   ! whose grids cost little
-            call trim_set(motion%discretisation, options, minor, motion%top)
-         else
-            call trim_for_neighbour(motion%system, motion%discretisation, options, motion%result, motion%top)
-         end if
-      end associate
-   end subroutine refine_motion
-
-   !> Solves the level chosen last, starting from the present motion, and compares the two; the first one is solved already.
-   subroutine refined_motion_solve(self, is_solved)
-      class(refined_motion_t), intent(inout) :: self
-      logical, intent(out) :: is_solved
-      type(motion_result_t) :: trial
-      type(error_t), allocatable :: failure
-
-      is_solved = .true.
-      if (self%n_levels == 0) then
-         self%is_checked = allocated(self%start%unknowns) .and. self%solver%n_levels == 1   ! as that of the neighbour was
-         self%own_estimate = estimate_of_motion(self%result)
-         self%own_outputs = estimates_of_outputs(self%result)
-      else
-         call self%solver%solve(self%next, self%n_failures == max_failures - 1, trial, failure)
-         is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status) .and. .not. self%solver%is_out_of_work
-         self%is_ended = has_ended(trial)
-         if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
-         if (.not. is_solved) return
-         call compare(self, trial)
-         self%top = self%next
-         self%result = trial
-      end if
-      self%estimate = missing_in(self%options, self%result)
-      associate (is_known => is_clear_impact(self%options, self%result))
-         self%max_failures = merge(1, max_failures, is_known)
-         self%max_idle = merge(1, max_idle, is_known)
-      end associate
-      call note_level(self%n_levels + 1, size(self%top%unknowns), self%estimate)
-   end subroutine refined_motion_solve
-
-   !> Whether a wall is struck so hard that no larger set can leave the limit of impacts: the status is known.
-   pure logical function is_clear_impact(options, result)
-      type(options_t), intent(in) :: options
-      type(motion_result_t), intent(in) :: result
-      real(wp), parameter :: clear = 10.0_wp                          ! of the limit
-
-      is_clear_impact = result%status == outcome%impact .and. result%error_estimate%impact > clear*options%error_estimate%impact
-   end function is_clear_impact
-
-   !> Compares the motion of the next level with the level below, which may increase its estimate, and stores the best
-   !> level so far.
-   subroutine compare(self, trial)
-      type(refined_motion_t), intent(inout) :: self
-      type(motion_result_t), intent(inout) :: trial                   !! on `next`
-      real(wp) :: raw
-      real(wp), allocatable :: outputs_raw(:)
-
-      associate (system => self%system, top => self%top, next => self%next)
-         self%difference = distance(top, next, any(system%tones%is_unknown))
-         self%is_checked = self%own_estimate < reliable
-         raw = estimate_of_motion(trial)
-         allocate (outputs_raw, source=estimates_of_outputs(trial))
-         if (self%is_checked) &
-            trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, self%own_estimate, self%difference))
-         if (is_rigid(system)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
-            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, system%tones%n_tones)))
-         call calibrate_outputs(system, self%options, trial, next%set, self%result, top%set, self%own_outputs)
-         if (self%is_checked .and. max(self%estimate, self%difference) < self%best_estimate .and. size(outputs_raw) == 0) then
-            self%best = self%result
-            self%best_top = top
-            self%best_estimate = max(self%estimate, self%difference)
-         end if
-      end associate
-      self%own_estimate = raw
-      self%own_outputs = outputs_raw
-   end subroutine compare
-
-   subroutine refined_motion_choose(self, is_there)
-      class(refined_motion_t), intent(inout) :: self
-      logical, intent(out) :: is_there
-      real(wp) :: goal
-
-      associate (accuracy => self%options%accuracy, estimate => self%estimate)
-         goal = max(min_goal*estimate, margin*accuracy%tolerance)
-         if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, min_goal*accuracy%tolerance)
-         goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
-      end associate
-      call choose_next(self%system, self%discretisation, self%options, self%result, self%top, goal, self%n_failures, self%next)
-      is_there = allocated(self%next%unknowns)
-   end subroutine refined_motion_choose
-
-   !> An estimate far below the tolerance needs no second level.
-   logical function refined_motion_is_accurate(self) result(is_accurate)
-      class(refined_motion_t), intent(inout) :: self
-
-      is_accurate = self%estimate <= self%options%accuracy%tolerance*merge(margin, minor, self%is_checked)
-   end function refined_motion_is_accurate
-
-   !> A larger set does not reveal the restitution of walls that are struck. Within the tolerance a level is begun for its margin
-   !> alone: no longer if all levels with their error estimates have taken the permitted work.
-   logical function refined_motion_is_over(self) result(is_over)
-      class(refined_motion_t), intent(inout) :: self
-
-      associate (accuracy => self%options%accuracy, solver => self%solver)
-         is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. solver%work > accuracy%max_work .or. &
-                   solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status) .or. &
-                   (self%result%status == outcome%impact .and. self%own_estimate <= margin*accuracy%tolerance) .or. &
-                   (self%estimate <= accuracy%tolerance .and. self%is_checked .and. solver%work_spent > accuracy%max_work)
-      end associate
-   end function refined_motion_is_over
-
-   !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
-   !> beyond the permitted one counts as an error above the limit of levels.
-   pure real(wp) function missing_in(options, result)
-      type(options_t), intent(in) :: options
-      type(motion_result_t), intent(in) :: result
-
-      missing_in = max(estimate_of_wanted(result), margin*options%accuracy%tolerance*result%penetration_share)
-   end function missing_in
-
-   !> Estimated error of a level according to the level below. The error of the motion of that level was the
-   !> difference of the two: if its error estimate was less, the estimate of the upper level is increased by the
-   !> same factor.
-   pure real(wp) function estimate_by_levels(estimate, estimate_below, difference)
-      real(wp), intent(in) :: estimate, estimate_below                !! of the two levels, from their own motions alone
-      real(wp), intent(in) :: difference                              !! of their motions, relative
-
-      estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction)))
-   end function estimate_by_levels
-
-   pure function estimates_of_outputs(result) result(estimates)
-      type(motion_result_t), intent(in) :: result
-      real(wp), allocatable :: estimates(:)
-
-      allocate (estimates(0))
-      if (allocated(result%output_estimate)) estimates = result%output_estimate
-   end function estimates_of_outputs
-
-   !> Finds the estimates of outputs that the levels show, as `estimate_by_levels`, each from its own difference.
-   subroutine calibrate_outputs(system, options, upper, upper_set, lower, lower_set, estimates_below)
-      type(system_t), intent(in) :: system
-      type(options_t), intent(in) :: options
-      type(motion_result_t), intent(inout) :: upper
-      type(motion_result_t), intent(in) :: lower
-      type(harmonics_t), intent(in) :: upper_set, lower_set
-      real(wp), intent(in) :: estimates_below(:)                      !! of the lower level, from its error estimate
-      complex(wp), allocatable :: below(:, :), above(:, :)
-      real(wp) :: difference, left
-      integer :: i
-
-      if (.not. (allocated(upper%outputs) .and. allocated(lower%outputs))) return
-      below = lower%outputs
-      above = upper%outputs
-      if (any(system%tones%is_unknown)) then                          ! phases are free
-         below = abs(below)
-         above = abs(above)
-      end if
-      left = 0.0_wp
-      if (is_rigid(system)) left = left_after(lower_set%n_harmonics, upper_set%n_harmonics, system%tones%n_tones)
-      do i = 1, size(estimates_below)
-         difference = options%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
-         associate (estimate => upper%output_estimate(i), by_levels => upper%output_level_estimate(i))
-            if (estimates_below(i) < reliable) &
-               by_levels = max(by_levels, estimate_by_levels(estimate, estimates_below(i), difference))
-            by_levels = min(1.0_wp, max(by_levels, left*difference))
-         end associate
-      end do
-   end subroutine calibrate_outputs
-
-   !> Error that remains after a level, relative to its difference from the level below, if the error decreases only
-   !> with the first power of the order: forces of rigid laws have all harmonics. For two sets of similar size there
-   !> is only a bound.
-   pure real(wp) function left_after(n_below, n_above, n_tones) result(share)
-      integer, intent(in) :: n_below, n_above                         !! tuples of the two levels
-      integer, intent(in) :: n_tones
-      real(wp) :: shrinking
-
-      shrinking = (real(n_below, wp)/n_above)**(1.0_wp/n_tones)
-      share = caution
-      if (shrinking < 1.0_wp) share = min(share, shrinking/(1.0_wp - shrinking))
-   end function left_after
-
    !> Searches for the motion on a small set: that of a neighbour, from its motion, or one of the boxes.
    subroutine find_first(self, rule, within)
       type(refined_motion_t), intent(inout) :: self
@@ -612,13 +375,6 @@ contains
       n = int(min(rule%share*options%solver%max_fallback_work/work, 1.0e18_wp), int64)
    end function evaluations_of_guess
 
-   !> Whether the point has ended.
-   pure logical function has_ended(result)
-      type(motion_result_t), intent(in) :: result
-
-      has_ended = any(result%status == [outcome%interrupted, outcome%timed_out])
-   end function has_ended
-
    !> Another lowest level, if the motion was not found on the first one: a larger or a smaller box.
    subroutine other_first(system, discretisation, is_larger, level, error)
       type(system_t), intent(in) :: system
@@ -635,51 +391,4 @@ contains
       call new_lowest_set(level%set, system%tones%n_tones, loaded, error, order)
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(system))
    end subroutine other_first
-
-   !> Sets status and estimates of the last level, and adds the results that were omitted on the levels.
-   subroutine finish(self)
-      type(refined_motion_t), intent(inout) :: self
-
-      logical :: compares
-
-      associate (options => self%options, result => self%result)
-         if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
-         compares = compares_in_time(self)
-         if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
-            call add_stability(self%system, self%discretisation, self%options, self%top, solver_tolerance(self%options), &
-                               self%solver%work_spent, compares, result)
-         if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
-            result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
-         result%harmonics = self%top%set
-         result%n_samples = self%top%n_samples
-         result%level_difference = self%difference
-         if (result%level_estimate <= estimate_of_motion(result)) result%level_estimate = 0.0_wp
-         if (allocated(result%output_estimate)) then
-            where (result%output_level_estimate <= result%output_estimate) result%output_level_estimate = 0.0_wp
-         end if
-         result%effort_t = self%solver%effort_t
-      end associate
-   end subroutine finish
-
-   !> Whether a converged motion is compared with a short time integration, because error estimates see no jumps.
-   logical function compares_in_time(self) result(compares)
-      class(refined_motion_t), intent(in) :: self
-
-      compares = self%result%status == outcome%converged .and. self%options%has_time_domain() .and. &
-                 self%options%error_estimate%is_on .and. self%system%may_jump_within_period()
-   end function compares_in_time
-
-   !> Names the least accurate output.
-   function message_on_outputs(accuracy, estimates) result(message)
-      type(accuracy_t), intent(in) :: accuracy
-      real(wp), intent(in) :: estimates(:)
-      character(200) :: message
-      character(9) :: estimate, tolerance
-
-      write (estimate, "(es7.1)") maxval(estimates)
-      write (tolerance, "(es7.1)") accuracy%tolerance
-      message = "the error of '"//accuracy%outputs(maxloc(estimates, dim=1))%name//"' is estimated as "//trim(estimate)// &
-                ", the tolerance is "//trim(tolerance)
-   end function message_on_outputs
 end module hb_accurate_motion

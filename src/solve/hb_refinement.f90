@@ -2,7 +2,7 @@
 !> is chosen from the estimate, until the error is below the tolerance or refinement brings no further gain.
 !>
 !> The refined object extends `refinable_t`: it solves, chooses and transfers; the loop counts levels, failures and
-!> levels without gain. Users: points and normal modes (hb_accurate_motion), steps and motions of a curve
+!> levels without gain. Users: points and normal modes (hb_refined_motion), steps and motions of a curve
 !> (hb_curve_sets), motions found by time integration (hb_integrate_to_tolerance). Source: nested iteration,
 !> Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
 module hb_refinement
