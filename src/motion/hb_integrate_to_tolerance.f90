@@ -16,7 +16,8 @@ module hb_integrate_to_tolerance
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_harmonics, set_to_level
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
-   use hb_motion, only: start_from, status_of_ended
+   use hb_motion, only: start_from
+   use hb_motion_in_basis, only: status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_integrated, outcome, reason
