@@ -179,7 +179,7 @@ contains
          end if
          associate (point => motion%waiting(self%worst))
             if (refined_curve_is_accurate(self)) then              ! the other motions may contain tuples that this one lacks
-               self%next = top_at(motion, point%x)
+               self%next = level_at(motion, point%x)
                call fill(self%next, is_there)
             else
                call self%choose_for(point%result, point%x, goal_ahead, is_there)
@@ -279,7 +279,7 @@ contains
       logical, intent(out) :: is_there
 
       associate (options => self%motion%model%options)
-         call choose_next(self%motion%model%system, self%whole, options, result, top_at(self%motion, x), &
+         call choose_next(self%motion%model%system, self%whole, options, result, level_at(self%motion, x), &
                           max(min_goal*estimate_of(result), least*options%accuracy%tolerance), 0, self%next)
          is_there = allocated(self%next%unknowns)
       end associate
@@ -320,15 +320,15 @@ contains
       is_without_gaps = level%set%n_tones == 1 .and. level%set%n_harmonics == level%set%highest(1) + 1
    end function is_without_gaps
 
-   !> The present set with a motion.
-   function top_at(self, x) result(top)
+   !> The present set and grid with a motion.
+   function level_at(self, x) result(level)
       class(observed_motion_t), intent(in) :: self
-      real(wp), intent(in) :: x(:)
-      type(level_t) :: top
+      real(wp), intent(in) :: x(:)                                    !! its unknowns, and those of the curve
+      type(level_t) :: level
 
-      top = self%level
-      top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%model%system%tones%omega]
-   end function top_at
+      level = self%level
+      level%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%model%system%tones%omega]
+   end function level_at
 
    !> Changes to a smaller set or a coarser grid, if one is sufficient.
    subroutine shrink(self, system, discretisation, options, error)
@@ -342,7 +342,7 @@ contains
       type(set_differences_t) :: differences
       logical :: is_filled, is_found, is_smaller
 
-      smaller = top_at(self, self%curve%x)
+      smaller = level_at(self, self%curve%x)
       call choose_smaller(system, discretisation, options, smaller, is_smaller)
       if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
