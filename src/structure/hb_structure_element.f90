@@ -4,7 +4,7 @@ module hb_structure_element
    use hb_kinds, only: wp
    use hb_numbers, only: numbered_t
    use hb_problems, only: problems_t
-   use hb_sparse, only: sparse_from_entries, sparse_sum
+   use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -51,24 +51,38 @@ contains
    end subroutine structure_element_check
 
    !> Adds matrices between the degrees of freedom of the element to those of a structure.
-   subroutine structure_element_add_matrices(self, structure, stiffness, damping)
+   subroutine structure_element_add_matrices(self, structure, stiffness, damping, mass)
       class(structure_element_t), intent(in) :: self
       type(structure_t), intent(inout) :: structure
       real(wp), intent(in) :: stiffness(:, :), damping(:, :)          !! [N/m], [N s/m], (n_dofs, n_dofs)
-      integer :: i, k
+      real(wp), intent(in), optional :: mass(:, :)                    !! [kg], likewise: symmetric, positive semidefinite
 
-      associate (dofs => self%dofs, n => size(self%dofs))
-         if (allocated(structure%sparse)) then
-            associate (s => structure%sparse, rows => [((dofs(i), k=1, n), i=1, n)], columns => [((dofs(k), k=1, n), i=1, n)])
-               s%stiffness = sparse_sum(1.0_wp, s%stiffness, 1.0_wp, &
-                  sparse_from_entries(structure%n_dofs, rows, columns, [transpose(stiffness)]))
-               s%damping = sparse_sum(1.0_wp, s%damping, 1.0_wp, &
-                  sparse_from_entries(structure%n_dofs, rows, columns, [transpose(damping)]))
-            end associate
-         else
+      if (allocated(structure%sparse)) then
+         associate (s => structure%sparse)
+            call add_entries(s%stiffness, self%dofs, stiffness)
+            call add_entries(s%damping, self%dofs, damping)
+            if (present(mass)) call add_entries(s%mass, self%dofs, mass)
+         end associate
+      else
+         associate (dofs => self%dofs)
             structure%stiffness(dofs, dofs) = structure%stiffness(dofs, dofs) + stiffness
             structure%damping(dofs, dofs) = structure%damping(dofs, dofs) + damping
-         end if
-      end associate
+            if (present(mass)) structure%mass(dofs, dofs) = structure%mass(dofs, dofs) + mass
+         end associate
+      end if
    end subroutine structure_element_add_matrices
+
+   !> Adds a matrix between degrees of freedom to a sparse one.
+   subroutine add_entries(sum, dofs, matrix)
+      type(sparse_t), intent(inout) :: sum
+      integer, intent(in) :: dofs(:)
+      real(wp), intent(in) :: matrix(:, :)                            !! (size(dofs), size(dofs))
+      integer :: i, k
+
+      associate (n => size(dofs))
+         associate (rows => [((dofs(i), k=1, n), i=1, n)], columns => [((dofs(k), k=1, n), i=1, n)])
+            sum = sparse_sum(1.0_wp, sum, 1.0_wp, sparse_from_entries(sum%n_rows, rows, columns, [transpose(matrix)]))
+         end associate
+      end associate
+   end subroutine add_entries
 end module hb_structure_element

@@ -8,6 +8,7 @@ from in_process import nhbm
 SPEEDS = np.array([1.0, 2.0, 4.0])
 STIFFNESS = np.outer(SPEEDS, [1.0, 0.2, -0.3, 0.8]) + [4.0, 0.0, 0.0, 5.0]  # monotone cubics are exact for points on a line
 DAMPING = np.outer(SPEEDS, [-0.05, 0.0, 0.0, -0.04]) + [0.6, 0.01, 0.0, 0.5]
+MASS = np.outer(SPEEDS, [0.05, 0.01, 0.02]) + [0.1, 0.0, 0.2]
 SHAFT = np.kron([[3.0, -3.0], [-3.0, 3.0]], np.eye(2))  # between a disk and the bearing
 
 
@@ -16,13 +17,14 @@ def rotor(speed, **keys):
                                      labels=["x", "y", "bx", "by"]), tones=[speed])  # fmt: skip
     model.load("x", 1, cos=0.1, frequency_power=2)
     model.load("y", 1, sin=0.1, frequency_power=2)
-    model.bearing(["bx", "by"], SPEEDS, STIFFNESS, DAMPING, speed=speed, **keys)
+    model.bearing(["bx", "by"], SPEEDS, STIFFNESS, DAMPING, MASS, speed=speed, **keys)
     return model
 
 
 def amplitudes(w):
     """Of the disk, a - i b: x leads y by a quarter of a turn."""
     s = (SHAFT - w**2 * np.diag([1.0, 1, 0.2, 0.2])).astype(complex)
+    s[2:, 2:] -= w**2 * np.array([[0.1 + 0.05 * w, 0.01 * w], [0.01 * w, 0.2 + 0.02 * w]])
     at = np.array([4.0, 0, 0, 5]) + w * np.array([1, 0.2, -0.3, 0.8])
     s[2:, 2:] += at.reshape(2, 2) + 1j * w * (np.array([0.6, 0.01, 0, 0.5]) + w * np.array([-0.05, 0, 0, -0.04])).reshape(2, 2)
     return np.linalg.solve(s, 0.1 * w**2 * np.array([1, -1j, 0, 0]))[:2]

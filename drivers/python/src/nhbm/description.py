@@ -308,8 +308,9 @@ class Description(Laws):
         self._add("initial", keys)
 
     @exclusive
-    def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
-        """Adds a bearing with tabulated coefficients to the structure.
+    def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, mass: Any = None,
+                **keys: Any) -> None:  # fmt: skip
+        """Adds a bearing, or a seal, with tabulated coefficients to the structure.
 
         Parameters
         ----------
@@ -319,11 +320,13 @@ class Description(Laws):
             Speeds of the rows of the tables [rad/s].
         stiffness, damping : array_like
             k_xx, k_xy, k_yx, k_yy [N/m], likewise the damping [N s/m], (n_speeds, 4).
+        mass : array_like, optional
+            m_xx, m_xy, m_yy [kg], (n_speeds, 3).
         **keys
             `speed` [rad/s], the current speed, for ``model.tie("bearing(1)%speed", "tones[0]")``, and `label`.
         """
-        tables = {"stiffness": stiffness} if damping is None else {"stiffness": stiffness, "damping": damping}
-        values = {name: numbers_of(name, table) for name, table in {"speeds": speeds, **tables}.items()}
+        tables = {"speeds": speeds, "stiffness": stiffness, "damping": damping, "mass": mass}
+        values = {name: numbers_of(name, table) for name, table in tables.items() if table is not None}
         self._add("bearing", {"dofs": list(dofs), **values, **keys})
 
     @exclusive
