@@ -1,4 +1,7 @@
-/* The paper's beam against a rigid wall, from numbers: no input file, no result file. */
+/* The paper's beam against a rigid wall, from numbers: no input file, no result file. CMakeLists.txt builds it, or
+ *
+ *    cc wall.c $(pkg-config --cflags --libs nhbm) -o wall_in_c
+ */
 #include <nhbm.h>
 #include <stdio.h>
 
