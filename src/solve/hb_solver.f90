@@ -23,7 +23,7 @@ module hb_solver
    public :: solve, solve_by_homotopy
 
    type(curve_config_t), parameter :: steps = curve_config_t(little=2.0_wp)   ! each sample that enters contact is a kink
-   real(wp), parameter :: loose_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
+   real(wp), parameter :: curve_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
    integer, parameter :: max_corrections = 8
 
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
@@ -314,7 +314,7 @@ contains
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
       real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, on return the last solution
       type(report_t), intent(out) :: report
-      real(wp), parameter :: loose_tolerance = 1.0e-3_wp              ! of intermediate problems
+      real(wp), parameter :: intermediate_tolerance = 1.0e-3_wp       ! with damping
       real(wp), parameter :: largest_loss = 1.0_wp, min_loss = 1.0e-4_wp
       real(wp), parameter :: first_ratio = 0.3_wp, largest_ratio = 0.6_wp ! of one loss factor to the previous one
       integer, parameter :: few = 3
@@ -329,7 +329,7 @@ contains
       do
          limited%max_work = config%max_work - report%work
          limited%tolerance = config%tolerance
-         if (loss > 0.0_wp) limited%tolerance = max(limited%tolerance, loose_tolerance)
+         if (loss > 0.0_wp) limited%tolerance = max(limited%tolerance, intermediate_tolerance)
          trial = x
          call problem%deform(deformation%damping, 1.0_wp - loss)
          call solve_directly(problem, limited, chosen, trial, step)
@@ -399,7 +399,7 @@ contains
       end if
       n = problem%n_unknowns
       corrector = config
-      corrector%tolerance = loose_tolerance
+      corrector%tolerance = curve_tolerance
       corrector%max_iterations = max_corrections
       corrector%line_search = .false.
       corrector%repeats_tangent = .false. ! if there are several motions, the path decides which one is found
