@@ -10,10 +10,10 @@ module hb_namelist_parser
    use hb_text, only: is_name, lower, parse_integer, parse_real, shown, to_text
    implicit none
    private
-   public :: blanks, line_feed, next_group, parse_body, return, scan_t, stop_at, tab
+   public :: blanks, carriage_return, line_feed, next_group, parse_body, scan_t, stop_at, tab
 
-   character(*), parameter :: tab = achar(9), line_feed = achar(10), return = achar(13)
-   character(*), parameter :: blanks = " "//tab//line_feed//return
+   character(*), parameter :: tab = achar(9), line_feed = achar(10), carriage_return = achar(13)
+   character(*), parameter :: blanks = " "//tab//line_feed//carriage_return
    character(*), parameter :: quote_marks = "'"//'"'
    character(*), parameter :: word_end = blanks//",/!=()&"//quote_marks
 
@@ -53,7 +53,7 @@ contains
          select case (text(scan%position:scan%position))
          case (line_feed)
             scan%line = scan%line + 1
-         case (" ", tab, return)
+         case (" ", tab, carriage_return)
             continue
          case ("!", "#", "%", "*")                                    ! a comment, also as other programs mark it
             call skip_comment(text, scan)
@@ -330,7 +330,7 @@ contains
       is_closed = .false.
       i = scan%position + 1
       do while (i <= len(text))
-         if (text(i:i) == line_feed .or. text(i:i) == return) exit
+         if (text(i:i) == line_feed .or. text(i:i) == carriage_return) exit
          if (text(i:i) == mark) then
             is_closed = .true.
             if (i < len(text)) is_closed = text(i + 1:i + 1) /= mark
