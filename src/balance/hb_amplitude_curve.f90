@@ -14,7 +14,7 @@ module hb_amplitude_curve
    use hb_thresholds, only: faint, max_bisections, rounding
    implicit none
    private
-   public :: begin_curve, follow_curve, point_of, renew, step_along
+   public :: begin_curve, follow_curve, point_of, step_along, update_scales
 
    type(curve_config_t), parameter :: steps = curve_config_t( &       ! arc length in units of the amplitude reached
       first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp, little=0.0_wp)
@@ -70,7 +70,7 @@ contains
          end if
          if (point%amplitude(1) > last_amplitude*self%length .or. damping(1) > largest_damping) exit
          if (point%amplitude(1) < 0.1_wp*first_amplitude*self%length .and. point%amplitude(1) < last%amplitude(1)) exit
-         call renew(self, curve, point)
+         call update_scales(self, curve, point)
          call curve%turn()
       end do
       call self%report%add(curve%report)
@@ -150,7 +150,7 @@ contains
    end subroutine begin_curve
 
    !> Updates scales, units and the phase condition to the present point.
-   subroutine renew(self, curve, point)
+   subroutine update_scales(self, curve, point)
       type(search_t), intent(inout) :: self
       type(curve_t), intent(inout) :: curve
       type(path_point_t), intent(in) :: point
@@ -158,7 +158,7 @@ contains
       call self%set_scales(point%amplitude(1))
       curve%problem%functionals = phase_functionals(self, point)
       curve%units = units_of(point)
-   end subroutine renew
+   end subroutine update_scales
 
    !> The phase condition, and memory for the plane normal to the curve.
    function phase_functionals(self, point) result(functionals)

@@ -4,7 +4,7 @@
 !> model; without damping it is zero, and accounts for the redundant equation of a conservative model. Source:
 !> docs/why/theory.md, section 6.5; Krack, Computers and Structures 154 (2015) 59-71.
 module hb_normal_mode
-   use hb_amplitude_curve, only: begin_curve, point_of, renew, step_along
+   use hb_amplitude_curve, only: begin_curve, point_of, step_along, update_scales
    use hb_balance, only: balance_t
    use hb_curve, only: curve_t, event_t
    use hb_energy, only: energy_t
@@ -210,7 +210,7 @@ contains
             cycle
          end if
          reached = max(reached, share)
-         call renew(search, curve, point)
+         call update_scales(search, curve, point)
          call curve%turn()
       end do
       call search%report%add(curve%report)

@@ -397,7 +397,7 @@ contains
       self%first_waiting = size(self%waiting) + 1
       self%largest = here%largest
       self%at_point = here%at_point
-      call self%renew()
+      call self%update_units()
    end subroutine restore_curve
 
    !> Changes the set and the grid of the curve at its point; `is_found` is false if the motion is not found there.
@@ -436,7 +436,7 @@ contains
       self%curve%step = step
       self%curve%report = report
       call self%transfer_start()
-      call self%renew()
+      call self%update_units()
       call self%evaluate_here(self%at_point)
    end subroutine change_set
 end module hb_curve_sets

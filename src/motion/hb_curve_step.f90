@@ -51,13 +51,13 @@ contains
             if (curve%status == outcome%stalled) call try_end(self)
             if (curve%status == outcome%stalled .and. self%is_rough .and. self%tolerance_factor < max_tolerance_factor) then
                self%tolerance_factor = 10.0_wp*self%tolerance_factor
-               call self%renew()
+               call self%update_units()
                curve%status = outcome%pending
                curve%step = curve%config%first_step
                cycle
             end if
             if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
-            call self%renew()
+            call self%update_units()
             call curve%turn()
             is_short = curve%last_step <= short*curve%config%longest_step
             is_near = norm2((curve%x - curve%last_x)/curve%units) <= longest_chord*curve%last_step

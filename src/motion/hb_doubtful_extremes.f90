@@ -57,7 +57,7 @@ contains
             if (allocated(error)) return
          end associate
       end do
-      call self%renew()
+      call self%update_units()
       if (.not. all(is_retained)) self%waiting = pack(self%waiting, is_retained)
    end subroutine remove_doubtful_extremes
 

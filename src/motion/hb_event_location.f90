@@ -62,7 +62,7 @@ contains
          call find_values(self, search)
          self%is_closed = is_back(self)
          if (self%is_closed) then
-            call add_waiting(self%waiting, curve_kind%end, curve%last_step, self%start%x)
+            call add_waiting(self%waiting, curve_kind%end, curve%last_step, self%start_on_set%x)
             self%waiting(size(self%waiting))%is_crossing = self%has_left_branch()
          else
             call find_junction(self)
@@ -71,7 +71,8 @@ contains
          self%waiting(size(self%waiting))%stability = at_end%stability
       end associate
       call sort_by_position(self%waiting)
-      call self%renew()                                               ! the tolerance was different: a stored curve has this one
+      ! the tolerance was different: a stored curve has this one
+      call self%update_units()
       is_lost = search%is_lost
    end subroutine find_events
 
@@ -365,13 +366,13 @@ contains
    logical function is_back(self)
       class(observed_motion_t), intent(in) :: self
       real(wp) :: along, phases(self%model%system%tones%n_tones)
-      real(wp), dimension(size(self%start%x)) :: direction_there, there
+      real(wp), dimension(size(self%start_on_set%x)) :: direction_there, there
 
       is_back = .false.
       associate (curve => self%curve, units => self%curve%units)
          if (self%length < 3.0_wp*curve%last_step) return
-         there = self%start%x
-         direction_there = self%start%direction
+         there = self%start_on_set%x
+         direction_there = self%start_on_set%direction
          if (has_images(self)) then
             phases = nearest_phases(self, curve%last_x, there)
             there = image_of(self, there, phases)

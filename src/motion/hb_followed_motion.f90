@@ -66,7 +66,7 @@ module hb_followed_motion
       logical :: is_reversed = .false.                                !! it is the second of the two from its origin
       type(origin_t), allocatable :: origins(:) !! branch points on the branches from the start, separate motions
       type(origin_t) :: branch_start                                  !! start of this branch
-      type(origin_t) :: start                                         !! the same on the present set
+      type(origin_t) :: start_on_set                                  !! the same on the present set
       real(wp) :: length = 0.0_wp                                     !! arc length of this branch so far
       type(curve_course_t) :: course                                  !! of this branch
       type(reported_extreme_t), allocatable :: reported(:)            !! on this branch
@@ -89,7 +89,7 @@ module hb_followed_motion
       procedure :: set_conditions => followed_motion_set_conditions
       procedure :: tone_vanishes => followed_motion_tone_vanishes
       procedure :: units_at => followed_motion_units_at
-      procedure :: renew => followed_motion_renew
+      procedure :: update_units => followed_motion_update_units
       procedure :: prepare_step => followed_motion_prepare_step
       procedure :: transfer_start => followed_motion_transfer_start
       procedure :: describe => followed_motion_describe
@@ -202,7 +202,7 @@ contains
       corrector%line_search = .false.
       self%curve%x = x
       call border(self, direction)
-      call self%renew()
+      call self%update_units()
       call self%set_conditions()
       bordered = self%curve%problem
       units = self%curve%units
@@ -403,7 +403,7 @@ contains
    end function followed_motion_units_at
 
    !> Updates the units of length and the tolerance at the present point.
-   subroutine followed_motion_renew(self)
+   subroutine followed_motion_update_units(self)
       class(followed_motion_t), intent(inout), target :: self
       logical :: is_possible
 
@@ -415,7 +415,7 @@ contains
                                          2.0_wp*self%problem%rounding_level(curve%x(:n)), &
                                          10.0_wp*self%tolerance_factor*self%roughness)
       end associate
-   end subroutine followed_motion_renew
+   end subroutine followed_motion_update_units
 
    !> Prepares the problem at the present point, so that a stored curve also continues from there.
    subroutine followed_motion_prepare_step(self)
@@ -423,7 +423,7 @@ contains
       logical :: is_possible
 
       call self%problem%move_to_point(self%curve%x, is_possible)
-      call self%problem%renew()
+      call self%problem%rebuild_balance()
       self%tolerance_factor = 1.0_wp
       call self%set_conditions()
    end subroutine followed_motion_prepare_step
@@ -433,8 +433,8 @@ contains
       class(followed_motion_t), intent(inout) :: self
 
       associate (branch_start => self%branch_start, n => size(self%problem%which))
-         self%start%x = transferred(branch_start%level%set, self%level%set, branch_start%x, n)
-         self%start%direction = transferred(branch_start%level%set, self%level%set, branch_start%direction, n)
+         self%start_on_set%x = transferred(branch_start%level%set, self%level%set, branch_start%x, n)
+         self%start_on_set%direction = transferred(branch_start%level%set, self%level%set, branch_start%direction, n)
       end associate
    end subroutine followed_motion_transfer_start
 

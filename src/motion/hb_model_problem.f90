@@ -74,7 +74,7 @@ module hb_model_problem
       procedure :: find_linear_slopes => model_problem_find_linear_slopes
       procedure :: add_law_slopes => model_problem_add_law_slopes
       procedure :: moves_coordinates => model_problem_moves_coordinates
-      procedure :: renew => model_problem_renew
+      procedure :: rebuild_balance => model_problem_rebuild_balance
       procedure :: destroy => model_problem_destroy
       procedure :: roughness => model_problem_roughness
    end type model_problem_t
@@ -229,7 +229,7 @@ contains
    end subroutine rebuild
 
    !> Creates the balance again at its present value, so that its scales do not depend on previous values.
-   subroutine model_problem_renew(self)
+   subroutine model_problem_rebuild_balance(self)
       class(model_problem_t), intent(inout) :: self
       type(error_t), allocatable :: error
 
@@ -239,7 +239,7 @@ contains
       else
          call rebuild(self, error)
       end if
-   end subroutine model_problem_renew
+   end subroutine model_problem_rebuild_balance
 
    !> Roughness of the residual in the base frequencies: its change when they change in their last digits. The
    !> condensed stiffness of a beam of 200 elements, whose condition number is 1e11, has other rounding errors at each

@@ -297,7 +297,7 @@ contains
          self%course%n_unreliable = last%n_unreliable
          self%course%n_exhausted = last%n_exhausted
       end associate
-      call self%renew()
+      call self%update_units()
       call self%evaluate_here(self%at_point)
       associate (last => stored(size(stored)))
          if (model%options%accuracy%is_on .and. last%kind == curve_kind%regular) then
@@ -385,8 +385,8 @@ contains
          call self%restrict_to_symmetry()
       end if
       self%branch_start%direction = self%curve%direction
-      self%start = self%branch_start
-      call self%renew()
+      self%start_on_set = self%branch_start
+      call self%update_units()
       call self%evaluate_here(self%at_point)
    end subroutine motion_curve_start_branch
 
@@ -449,7 +449,7 @@ contains
       class(motion_curve_t), intent(inout) :: self
 
       self%waiting = [waiting_t ::]
-      call add_waiting(self%waiting, curve_kind%start, 0.0_wp, self%start%x)
+      call add_waiting(self%waiting, curve_kind%start, 0.0_wp, self%start_on_set%x)
       self%first_waiting = 1
    end subroutine set_start
 

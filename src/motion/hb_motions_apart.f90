@@ -76,7 +76,9 @@ contains
       if (self%model%options%accuracy%is_on) then
          level%set = self%level%set
          level%n_samples = self%level%n_samples
-         level%unknowns = [self%start%x(:size(self%start%x) - size(self%problem%which)), 0.0_wp*self%model%system%tones%omega]
+         associate (x => self%start_on_set%x)
+            level%unknowns = [x(:size(x) - size(self%problem%which)), 0.0_wp*self%model%system%tones%omega]
+         end associate
          do i = 1, size(known)
             call join(level, known(i)%level%set, is_new)
             level%n_samples = max(level%n_samples, known(i)%level%n_samples)

@@ -113,7 +113,7 @@ contains
       self%is_closed = is_closed
       self%first_waiting = 1
       self%waiting = [passed, waiting(first_waiting:)]
-      call self%renew()
+      call self%update_units()
    end subroutine find_passed_events
 
    !> Follows the curve backward by one step, and adds the events on it. The curve is then at the other end of the step.

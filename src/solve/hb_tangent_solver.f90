@@ -49,7 +49,7 @@ module hb_tangent_solver
    contains
       procedure :: update => tangent_krylov_update
       procedure :: solve => tangent_krylov_solve
-      procedure, private :: renew => tangent_krylov_renew
+      procedure, private :: update_preconditioner => tangent_krylov_update_preconditioner
       procedure, private :: is_outdated => tangent_krylov_is_outdated
       procedure, private :: products_of_factors => tangent_krylov_products_of_factors
       procedure, private :: solve_by_factors => tangent_krylov_solve_by_factors
@@ -319,7 +319,7 @@ contains
          call self%solve_by_factors(problem, b, s)
          return
       end if
-      if (.not. self%is_fresh .and. (self%level == 0 .or. self%needs_update)) call self%renew(problem)
+      if (.not. self%is_fresh .and. (self%level == 0 .or. self%needs_update)) call self%update_preconditioner(problem)
       if (.not. present(from_guess)) s = 0.0_wp
       products = 0
       most = self%products_of_factors(problem)
@@ -334,7 +334,7 @@ contains
          if (self%gmres%residual <= accuracy .or. products >= self%max_products .or. work_is_over()) exit
          if (self%is_strongest .and. self%is_fresh) exit
          if (self%is_fresh) self%level = self%level + 1
-         call self%renew(problem)
+         call self%update_preconditioner(problem)
       end do
       self%residual = self%gmres%residual
       self%n_products = self%n_products + products
@@ -409,7 +409,7 @@ contains
    end function patience_at
 
    !> Updates the preconditioner to the present point of the problem.
-   subroutine tangent_krylov_renew(self, problem)
+   subroutine tangent_krylov_update_preconditioner(self, problem)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
 
@@ -417,5 +417,5 @@ contains
       call self%gmres%forget()
       self%n_preconditioners = self%n_preconditioners + 1
       self%is_fresh = .true.
-   end subroutine tangent_krylov_renew
+   end subroutine tangent_krylov_update_preconditioner
 end module hb_tangent_solver

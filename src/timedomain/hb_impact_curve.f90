@@ -64,7 +64,7 @@ module hb_impact_curve
       procedure :: make_curve => impact_curve_make_curve
       procedure :: prepare_step => impact_curve_prepare_step
       procedure :: transfer_start => impact_curve_transfer_start
-      procedure :: renew => impact_curve_renew
+      procedure :: update_units => impact_curve_update_units
       procedure :: slope_at => impact_curve_slope_at
       procedure :: find_series => impact_curve_find_series
       procedure :: find_stability => impact_curve_find_stability
@@ -356,7 +356,7 @@ contains
       config = self%config()
       config%shortest_step = 1.0e-4_wp*config%longest_step            ! the period map has no derivative at a graze
       self%curve%x = x
-      call self%renew()
+      call self%update_units()
       units = self%curve%units
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
    end subroutine impact_curve_make_curve
@@ -399,11 +399,11 @@ contains
          old = orbit%section
          section = orbit%better_section(curve%x(:n))
          if (abs(section - old) <= 0.0_wp) return
-         call move(self%start%x, self%start%direction)
+         call move(self%start_on_set%x, self%start_on_set%direction)
          call orbit%set_section(old)
          call move(curve%x, curve%direction)
          curve%orientation = 0.0_wp
-         call self%renew()
+         call self%update_units()
          curve%direction = curve%direction/norm2(curve%direction/curve%units)
       end associate
 
@@ -481,14 +481,14 @@ contains
    end subroutine differentiate
 
    !> Updates the units of length at the present point.
-   subroutine impact_curve_renew(self)
+   subroutine impact_curve_update_units(self)
       class(impact_curve_t), intent(inout), target :: self
 
       associate (curve => self%curve, n => self%orbit%n_unknowns)
          self%largest = max(self%largest, norm2(curve%x(:n)))
          curve%units = [spread(self%largest, 1, n), self%orbit%parameter_scales([1])]
       end associate
-   end subroutine impact_curve_renew
+   end subroutine impact_curve_update_units
 
    !> Fourth-order difference, since a motion is integrated from event to event; of motions with the same impacts: near
    !> a graze it is shorter.

@@ -54,7 +54,7 @@ contains
       self%curve%direction = tangent
       self%curve%orientation = 0.0_wp
       self%curve%step = here%config%first_step
-      call self%renew()
+      call self%update_units()
       call self%evaluate_here(self%at_point)
       associate (units => here%units)
          along = norm2((corner - here%x)/units)
