@@ -10,6 +10,7 @@ module hb_c_computations
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved
+   use hb_text, only: to_text
    implicit none
    private
 
@@ -232,9 +233,14 @@ contains
 
       status = begin_call(model, "nhbm_verify", handle, needs_input=.true.)
       if (status /= c_status%success) return
+      if (max_periods < 0_c_int) then
+         call fail(error, "nhbm_verify: max_periods must be positive, or 0 for as many as the decay requires, not "// &
+                   to_text(int(max_periods)))
+         status = end_call(model, error, c_status%invalid_argument)
+         return
+      end if
       status = c_status%invalid_state
       if (handle%session%may_verify()) status = c_status%invalid_input
-      if (max_periods < 0_c_int) status = c_status%invalid_argument
       call handle%session%verify(int(max_periods), error)
       status = end_call(model, error, status)
    end function nhbm_verify

@@ -328,6 +328,7 @@ int order_step(void)
 
    CHECK(nhbm_create(&model) == NHBM_SUCCESS && read_input(model) == NHBM_SUCCESS);
    CHECK(nhbm_verify(model, 0) == NHBM_INVALID_STATE && SAYS("no motion"));
+   CHECK(nhbm_verify(model, -1) == NHBM_INVALID_ARGUMENT && SAYS("max_periods"));
    CHECK(nhbm_curve_next(model, &has_point) == NHBM_INVALID_STATE && has_point == 0 && SAYS("nhbm_curve_begin"));
    CHECK(nhbm_get_time_column(model, "time", &column) == NHBM_INVALID_STATE && column.data == NULL && SAYS("nhbm_integrate"));
    CHECK(nhbm_get_time_column_names(model, &text) == NHBM_INVALID_STATE && strcmp(text, "") == 0);
