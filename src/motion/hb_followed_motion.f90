@@ -214,13 +214,12 @@ contains
    !> Settings of the step control, without the shortest step.
    pure type(curve_config_t) function followed_motion_config(self) result(config)
       class(followed_motion_t), intent(in) :: self
-      logical :: has_laws
+      real(wp) :: factor
 
-      has_laws = .not. allocated(self%model%system%law_groups)
-      if (.not. has_laws) has_laws = any(self%model%system%law_groups > 0) .or. size(self%model%system%law_groups) == 0
-      config%longest_step = merge(1.0_wp, without_laws, has_laws)*self%request%longest_step
+      factor = merge(without_laws, 1.0_wp, self%model%system%is_linear())
+      config%longest_step = factor*self%request%longest_step
       config%first_step = 0.1_wp*config%longest_step
-      config%angle = merge(1.0_wp, without_laws, has_laws)*turn
+      config%angle = factor*turn
       config%growth = 2.0_wp
    end function followed_motion_config
 

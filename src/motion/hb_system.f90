@@ -39,7 +39,8 @@ module hb_system
       type(element_box_t), allocatable :: elements(:)
       type(structure_t) :: structure                                  !! with them
       type(law_box_t), allocatable :: laws(:)
-      integer, allocatable :: law_groups(:)                           !! number of the group of each law
+      integer, allocatable :: law_groups(:)                           !! number of the group of each law; 0 for springs without
+                                                                      !! force, by which curves of linear systems are followed
       type(load_t), allocatable :: loads(:)                           !! as given
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency
       type(tones_t) :: tones
@@ -50,6 +51,7 @@ module hb_system
    contains
       procedure :: object_of => system_object_of
       procedure :: has_restitution => system_has_restitution
+      procedure :: is_linear => system_is_linear
       procedure :: check_balance => system_check_balance
       procedure :: list_files => system_list_files
       procedure :: may_jump_within_period => system_may_jump_within_period
@@ -84,6 +86,14 @@ contains
          end select
       end associate
    end function system_object_of
+
+   !> Whether no law has a force.
+   pure logical function system_is_linear(self) result(is_linear)
+      class(system_t), intent(in) :: self
+
+      is_linear = allocated(self%law_groups)
+      if (is_linear) is_linear = all(self%law_groups == 0)
+   end function system_is_linear
 
    !> Fails if the system has no balance, so that it can only be integrated in time.
    pure subroutine system_check_balance(self, error)
