@@ -27,7 +27,8 @@ module hb_curve_points
       integer :: response = 0                                         !! number in the request of the response that is located there
       logical :: is_crossing = .false.                                !! an end at which the branch meets another curve
       integer :: bifurcation = 0                                      !! of hb_stability, if it was found from multipliers
-      real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the bifurcation's function
+      integer :: extreme = 0, switch = 0                              !! that is zero there, of `extremes_of_switches`, if it grazes
+      real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the function that vanishes
    end type waiting_t
 
    !> A fold, peak or minimum that was reported.

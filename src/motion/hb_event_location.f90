@@ -165,10 +165,11 @@ contains
    subroutine find_grazes(self, search)
       class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
-      integer :: i, k
+      integer :: i, k, n
       logical :: is_found
       real(wp) :: unit
       real(wp), allocatable :: between(:), middle(:, :)
+      type(grazing_event_t) :: graze
 
       if (allocated(self%at_point%impacts)) then
          if (any(self%at_point%impacts /= search%at_end%impacts)) &
@@ -185,8 +186,12 @@ contains
                if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
                between = [real(wp) ::]
                if (size(middle, 2) > 0) between = parabola_between([before(i), behind(i)], middle(i, k))/unit
-               call find_all(self, search, grazing_event_t(curve_kind%grazing, .false., rounding_of(self), self%problem, i, k, &
-                                                           unit), [before(i), behind(i)]/unit, between)
+               n = size(self%waiting)
+               graze = grazing_event_t(curve_kind%grazing, .false., rounding_of(self), self%problem, i, k, unit)
+               call find_all(self, search, graze, [before(i), behind(i)]/unit, between)
+               do n = n + 1, size(self%waiting)
+                  call find_shift_of_graze(self, graze, self%waiting(n))
+               end do
             end do
          end associate
       end do
@@ -211,6 +216,24 @@ contains
          end associate
       end subroutine find_middle
    end subroutine find_grazes
+
+   !> Finds by how much the value of a graze moves with a change of the extreme that is zero there.
+   subroutine find_shift_of_graze(self, graze, found)
+      class(observed_motion_t), intent(inout), target :: self
+      type(grazing_event_t), intent(inout) :: graze
+      type(waiting_t), intent(inout) :: found
+      real(wp) :: beside, change, x(size(self%curve%x))
+      logical :: is_on_curve
+
+      found%extreme = graze%extreme
+      found%switch = graze%switch
+      beside = minor*self%curve%last_step
+      if (found%position + beside > self%curve%last_step) beside = -beside
+      call self%curve%point_at(found%position + beside, x, is_on_curve)
+      if (.not. is_on_curve) return
+      change = graze%unit*graze%value(self%curve, x)
+      if (abs(change) > 0.0_wp) found%shift = abs((x(size(x)) - found%x(size(x)))/change)
+   end subroutine find_shift_of_graze
 
    !> Finds where the branch ends because it returns to the curve that it has left: at another intersection by symmetry,
    !> or where its period halves again. Beyond it the same motions follow, as their mirror images or shifted by a period.

@@ -5,7 +5,7 @@
 module hb_followed_motion
    use hb_autonomous, only: find_energy
    use hb_basis, only: basis_t, whole_basis
-   use hb_bifurcation_error, only: add_error_of_bifurcation
+   use hb_bifurcation_error, only: add_error_of_bifurcation, add_error_of_graze
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_course, only: curve_course_t
@@ -475,6 +475,7 @@ contains
       if (self%model%options%accuracy%is_on) call apply_safety_factor(self%model%system, result)
       associate (unit => max(abs(point%x(size(point%x))), minor*abs(self%request%to - self%request%from)))
          call add_error_of_bifurcation(self%problem%model, point%bifurcation, point%shift/unit, result)
+         call add_error_of_graze(self%problem%model, [point%extreme, point%switch], point%shift/unit, result)
          if (.not. self%model%options%accuracy%is_on) return
          associate (of_value => min(1.0_wp, result%error_estimate%parameter_error/unit))
             if (of_value > estimate_of(result)) result%level_estimate = of_value   ! such as at folds, which move along the value
