@@ -16,6 +16,7 @@ module hb_error_estimate
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
    use hb_impact_energy, only: impact_energy
    use hb_kinds, only: wp
+   use hb_law_measure, only: law_measure_t, new_law_measure
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_mean_energy, only: new_mean_energy
    use hb_newton, only: solve_newton
@@ -266,6 +267,7 @@ contains
       class(linear_part_t), allocatable :: linear
       real(wp), allocatable :: x(:)
       real(wp) :: difference
+      type(law_measure_t) :: measure
 
       allocate (fine)
       allocate (linear, source=balance%stiffness)
@@ -277,7 +279,8 @@ contains
          x = reshape(u, [size(u)])
          call solve(fine, config, 0.0_wp*x, x, report)
          if (report%status == outcome%converged) then
-            difference = norm2(x - reshape(u, [size(u)]))/reference_size(balance, u)
+            measure = measure_of(balance)
+            difference = measure%norm(reshape(x, shape(u)) - u)/reference_size(balance, u)
             if (allocated(self%improved)) deallocate (self%improved)
             call estimate_errors(self, fine, wide, reshape(x, shape(u)), error)
             self%aliasing = difference
@@ -286,13 +289,23 @@ contains
       call fine%destroy()
    end subroutine solve_on_finer_grid
 
+   !> The norm of motions of a balance.
+   pure function measure_of(balance) result(measure)
+      type(balance_t), intent(in) :: balance
+      type(law_measure_t) :: measure
+
+      measure = new_law_measure(balance%law_set%laws, balance%n_dofs)
+   end function measure_of
+
    !> Norm of the motion to which errors are relative; at least `smallest_size` times the response of the stiffest
    !> harmonic to the loads [m].
    pure real(wp) function reference_size(balance, u)
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
+      type(law_measure_t) :: measure
 
-      reference_size = max(norm2(u), agreement*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
+      measure = measure_of(balance)
+      reference_size = max(measure%norm(u), agreement*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
    end function reference_size
 
    !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further
@@ -308,6 +321,7 @@ contains
       class(bordered_problem_t), intent(inout), optional, target :: bordered
       type(tangent_solver_t), target :: tangent
       type(wide_problem_t) :: whole
+      type(law_measure_t) :: measure
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), later(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
@@ -317,6 +331,7 @@ contains
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
+      measure = measure_of(balance)
       size_of_motion = reference_size(balance, u)
       is_free = has_unknown_tones(bordered)
       problem => balance
@@ -349,15 +364,15 @@ contains
       alias = [r(whole%positions), r(size(big) + 1:)]
       call tangent%solve(problem, alias, is_lost)
       if (is_lost .or. is_interrupted()) return
-      self%aliasing = norm2(alias(:size(u)))/size_of_motion
+      self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
       call whole%find_two_steps(big, r, has_multipliers(balance), acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
-      self%truncation = hypot(norm2(on_wide(first)), norm2(on_wide(second)))/size_of_motion
-      if (norm2(on_wide(second)) < nearer*norm2(on_wide(first))) then
+      self%truncation = hypot(measure%norm(on_wide(first)), measure%norm(on_wide(second)))/size_of_motion
+      if (measure%norm(on_wide(second)) < nearer*measure%norm(on_wide(first))) then
          first = first + second
          change = first
          change(whole%positions) = change(whole%positions) - alias(:size(u))
-         self%truncation = norm2(on_wide(change))/size_of_motion
+         self%truncation = measure%norm(on_wide(change))/size_of_motion
       end if
       if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) &
          self%truncation = of_first_power*self%truncation
@@ -366,7 +381,7 @@ contains
       self%n_products = whole%n_products
       ! an error above `minor` is too large for one linear step
       if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > minor)) &
-         call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
+         call compare_with_half(self, balance, problem, x, size(u), size_of_motion)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics
       call whole%improve(self%wanted%improvement_steps, big)
@@ -398,13 +413,15 @@ contains
       real(wp), intent(in) :: alias(:)                                !! its part by the grid, for the parameters
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp) :: outside(size(big, 1), size(big, 2))
+      type(law_measure_t) :: measure
       integer :: i
 
       outside = reshape(first(:size(big)), shape(big))
       self%first_order = big - outside
       outside([wide%harmonics%indices_of(balance%harmonics, 1)], :) = 0.0_wp
       self%around = wide%harmonics
-      self%neglected = wide%harmonics%norms(outside)/size_of_motion
+      measure = measure_of(wide)
+      self%neglected = wide%harmonics%norms(measure%seen(outside))/size_of_motion
       do i = 1, size(which)
          if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = &
             without_cancellation(alias(i), first(size(big) + i))
@@ -481,9 +498,9 @@ contains
    !> of the impact by sum 1/j**2 = 1/order: the error falls with the first power, so that it is as large as this
    !> change. The harmonics just outside show little of it, because the force of the truncated motion has a finite
    !> duration, not the spectrum of an impact. Without a solution the estimates are unchanged.
-   subroutine compare_with_half(self, harmonics, problem, x, n, size_of_motion)
+   subroutine compare_with_half(self, balance, problem, x, n, size_of_motion)
       type(error_estimate_t), intent(inout) :: self
-      type(harmonics_t), intent(in) :: harmonics
+      type(balance_t), intent(in) :: balance
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in) :: x(:)                                    !! its solution
       integer, intent(in) :: n                                        !! coefficients among its unknowns
@@ -492,19 +509,22 @@ contains
       type(report_t) :: report
       type(solver_config_t) :: config
       real(wp) :: x_half(size(x))
-      logical :: is_held(n), is_high(harmonics%n_coefficients), is_possible, is_there
+      logical :: is_held(n), is_high(balance%harmonics%n_coefficients), is_possible, is_there
+      type(law_measure_t) :: measure
       integer :: h, half, i
 
-      half = int(0.5_wp*maxval(sum(abs(harmonics%tuples), dim=1)))
-      do h = 1, harmonics%n_harmonics
-         select type (problem)
-         class is (bordered_problem_t)
-            is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > half
-         class default                                                ! as in its smaller problem
-            is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(0.5_wp*harmonics%highest))
-         end select
-         if (harmonics%sin_at(h) > 0) is_high(harmonics%sin_at(h)) = is_high(harmonics%cos_at(h))
-      end do
+      associate (harmonics => balance%harmonics)
+         half = int(0.5_wp*maxval(sum(abs(harmonics%tuples), dim=1)))
+         do h = 1, harmonics%n_harmonics
+            select type (problem)
+            class is (bordered_problem_t)
+               is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > half
+            class default                                                ! as in its smaller problem
+               is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(0.5_wp*harmonics%highest))
+            end select
+            if (harmonics%sin_at(h) > 0) is_high(harmonics%sin_at(h)) = is_high(harmonics%cos_at(h))
+         end do
+      end associate
       if (.not. any(is_high)) return
       is_held = [(is_high, i=1, n/size(is_high))]
       x_half = x
@@ -522,17 +542,20 @@ contains
          call problem%coarse_guess(0.5_wp, config, x_half, report, is_there)
       end select
       if (.not. is_there .or. norm2(x_half(:n)) < nearly_at_rest*norm2(x(:n))) return
-      x_half = abs(x_half - x)
+      x_half = x_half - x
       select type (problem)
       class is (bordered_problem_t)
          do i = 1, size(problem%which)
             if (problem%which(i) > size(self%frequency_error)) cycle
             associate (of_tone => self%frequency_error(problem%which(i)))
-               of_tone = max(x_half(n + i), merge(0.0_wp, of_tone, self%truncation > minor))
+               of_tone = max(abs(x_half(n + i)), merge(0.0_wp, of_tone, self%truncation > minor))
             end associate
          end do
       end select
-      self%truncation = max(norm2(x_half(:n))/size_of_motion, min(self%truncation, minor))
+      measure = measure_of(balance)
+      associate (change => reshape(x_half(:n), [balance%harmonics%n_coefficients, balance%n_dofs]))
+         self%truncation = max(measure%norm(change)/size_of_motion, min(self%truncation, minor))
+      end associate
    end subroutine compare_with_half
 
    !> Rigid contact and friction on the finer grid, and the power dissipated by each law there.
