@@ -561,11 +561,12 @@ contains
          call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
                             max(self%work, self%work_left))
          self%work_left = self%work_left - part%work
-         before = norm2(x(:, 1))
+         before = self%variation%size_of(x(:, 1))
          x = matmul(part%matrix, x)
          self%time = self%time + length
          call remove_shifts(self, x)
-         self%refine = max(0.0_wp, self%refine + log(max(norm2(x(:, 1)), tiny(1.0_wp))/max(before, tiny(1.0_wp))))
+         self%refine = max(0.0_wp, self%refine + log(max(self%variation%size_of(x(:, 1)), tiny(1.0_wp))/ &
+                                                   max(before, tiny(1.0_wp))))
          if (self%has_slow_phase) self%surge = max(self%surge, self%refine)
       end do
    end subroutine linear_propagation_propagate

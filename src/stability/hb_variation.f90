@@ -8,14 +8,14 @@ module hb_variation
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_lapack, only: dpotrs
+   use hb_lapack, only: dpotrf, dpotrs
    use hb_law, only: law_box_t
    use hb_massless, only: massless_t, new_massless
    use hb_matrix_exponential, only: count_exponential, work_of_product
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_motion_window, only: motion_window_t
    use hb_structure, only: max_dense, structure_t
-   use hb_thresholds, only: difference_step, faint
+   use hb_thresholds, only: difference_step, faint, minor
    implicit none
    private
    public :: min_work, new_variation, piece_t, variation_t
@@ -49,6 +49,7 @@ module hb_variation
       type(law_box_t), allocatable :: laws(:)
       type(span_t), allocatable :: spans(:)
       real(wp), allocatable :: constant(:, :)                         !! A of the structure alone, (size, size)
+      real(wp), allocatable, private :: energy(:, :)                  ! of a state in the structure, (2 n_dofs, 2 n_dofs)
       real(wp), allocatable :: accelerance(:, :), shape(:, :)         !! M^-1 S and S, (n_dofs, n_coordinates)
       type(massless_t), allocatable :: massless                       !! of a structure with degrees of freedom without mass
       real(wp) :: detection_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
@@ -58,6 +59,7 @@ module hb_variation
       type(motion_window_t), private :: window                        ! the motion in the present interval
    contains
       procedure :: enter => variation_enter
+      procedure :: size_of => variation_size_of
       procedure :: find_motion => variation_find_motion
       procedure :: matrix_at => variation_matrix_at
       procedure :: find_slopes => variation_find_slopes
@@ -175,7 +177,41 @@ contains
       ! smaller numbers are subnormal, which slows processors down by a factor of a hundred
       where (abs(self%constant) < tiny(1.0_wp)/epsilon(1.0_wp)) self%constant = 0.0_wp
       self%norm = maxval(sum(abs(self%constant), dim=1))
+      call find_energy(self, structure)
    end subroutine divide_by_mass
+
+   !> Finds the energy by which states are compared in size: the norm of their entries rises and falls as a mode turns
+   !> displacements into velocities, which are small in a structure with fast modes. Displacements without stiffness count as on
+   !> springs that are soft for the slowest tone. Structures of negative stiffness have none.
+   subroutine find_energy(self, structure)
+      type(variation_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      real(wp), allocatable :: factor(:, :)
+      integer :: info
+
+      associate (n => self%n_dofs, soft => (minor*minval(abs(self%motion%omega)))**2)
+         allocate (factor, source=0.5_wp*(structure%stiffness + transpose(structure%stiffness)) + soft*structure%mass)
+         allocate (self%energy(2*n, 2*n), source=0.0_wp)
+         self%energy(:n, :n) = factor
+         self%energy(n + 1:, n + 1:) = self%scale**2*structure%mass
+         call dpotrf("L", n, factor, n, info)
+         if (info /= 0) deallocate (self%energy)
+      end associate
+   end subroutine find_energy
+
+   !> The size of a disturbance: the root of its energy, if that is known.
+   pure real(wp) function variation_size_of(self, state) result(length)
+      class(variation_t), intent(in) :: self
+      real(wp), intent(in) :: state(:)                                !! (size)
+
+      if (allocated(self%energy)) then
+         associate (mechanical => state(:size(self%energy, 1)))
+            length = sqrt(max(0.0_wp, dot_product(mechanical, matmul(self%energy, mechanical))))
+         end associate
+      else
+         length = norm2(state)
+      end if
+   end function variation_size_of
 
    !> As `divide_by_mass`, with degrees of freedom without mass.
    subroutine leave_out_massless(self, structure, error)
