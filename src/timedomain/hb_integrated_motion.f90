@@ -37,7 +37,7 @@ module hb_integrated_motion
    use hb_time_stepping, only: early_end_t, integrate_from, integration_record_t
    implicit none
    private
-   public :: fastest_of, find_steady_motion, has_bounds_of, lacks_mass, largest_in_parts
+   public :: fastest_of, find_steady_motion, has_bounds_of, is_final, lacks_mass, largest_in_parts
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: with averages of its own
