@@ -18,7 +18,7 @@ module hb_hdf5
    use hb_hdf5_attributes, only: h5_object_t
    use hb_hdf5_datasets, only: h5_dataset_t
    use hb_hdf5_library, only: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, &
-      no_id, start_library, switch_locking_off, text_type
+      no_id, start_library, switch_locking_off, text_type, transfer_settings
    use hb_hdf5_sharing, only: share_access
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t
@@ -241,7 +241,7 @@ contains
 
       call add_dataset(self, name, extents, text_type, dataset, error, .false.)
       if (allocated(error) .or. size(addresses) == 0) return
-      call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status)
+      call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status, xfer_prp=transfer_settings)
       call check(status, "write", error, dataset%location)
    end subroutine add_varying
 

@@ -7,7 +7,8 @@ module hb_hdf5_datasets
    use hb_c_text, only: c_text
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5_attributes, only: h5_object_t
-   use hb_hdf5_library, only: bytes_of_kind, check, is_characters, is_integer, is_real, memory_type, new_space, no_id
+   use hb_hdf5_library, only: bytes_of_kind, check, is_characters, is_integer, is_real, memory_type, new_space, no_id, &
+      transfer_settings
    use hb_kinds, only: wp
    use hb_text, only: to_text
    use hdf5, only: h5dclose_f, h5dget_offset_f, h5dget_space_f, h5dget_type_f, h5dread_f, h5dvlen_reclaim_f, h5dwrite_f, &
@@ -174,9 +175,9 @@ contains
       if (allocated(error) .or. memory%n_values == 0) return
       buffer = memory%address
       if (is_reading) then
-         call h5dread_f(self%id, memory_type(memory%kind), buffer, status, in_memory, in_file)
+         call h5dread_f(self%id, memory_type(memory%kind), buffer, status, in_memory, in_file, transfer_settings)
       else
-         call h5dwrite_f(self%id, memory_type(memory%kind), buffer, status, in_memory, in_file)
+         call h5dwrite_f(self%id, memory_type(memory%kind), buffer, status, in_memory, in_file, transfer_settings)
       end if
       call check(status, merge("read ", "write", is_reading), error, self%location)
       if (.not. present(first)) return
@@ -283,7 +284,7 @@ contains
       end if
       addresses = c_null_ptr
       list = c_loc(addresses)
-      if (size(addresses) > 0) call h5dread_f(self%id, text_type, list, status)
+      if (size(addresses) > 0) call h5dread_f(self%id, text_type, list, status, xfer_prp=transfer_settings)
       call check(status, "read", error)
       if (allocated(error)) return
       length = 0

@@ -3,21 +3,24 @@ module hb_hdf5_library
    use, intrinsic :: iso_c_binding, only: c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, c_ptr
    use hb_c_text, only: c_text
    use hb_error, only: annotate, error_t, fail
-   use hdf5, only: h5eset_auto_f, h5open_f, H5S_SCALAR_F, h5screate_f, h5screate_simple_f, H5T_C_S1, H5T_CSET_UTF8_F, &
-      H5T_INTEGER_F, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STR_NULLPAD_F, H5T_STRING, H5T_STRING_F, h5tcopy_f, &
-      h5tget_class_f, h5tget_size_f, h5tset_cset_f, h5tset_strpad_f, hid_t, hsize_t, size_t
+   use hdf5, only: h5eset_auto_f, h5open_f, H5P_DATASET_XFER_F, h5pcreate_f, h5pset_buffer_f, H5S_SCALAR_F, h5screate_f, &
+      h5screate_simple_f, H5T_C_S1, H5T_CSET_UTF8_F, H5T_INTEGER_F, H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STR_NULLPAD_F, &
+      H5T_STRING, H5T_STRING_F, h5tcopy_f, h5tget_class_f, h5tget_size_f, h5tset_cset_f, h5tset_strpad_f, hid_t, hsize_t, size_t
    implicit none
    private
    public :: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, no_id, start_library
-   public :: switch_locking_off, text_type
+   public :: switch_locking_off, text_type, transfer_settings
 
    integer(hid_t), parameter :: no_id = -1
    ! Kinds of values: int32, float64, single bytes of text.
    integer, parameter :: is_integer = 1, is_real = 2, is_characters = 3
    integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
    integer, parameter :: max_cause = 512               ! maximum length of the library's message
+   ! The library clears its buffer for each conversion, such as of texts or of integers read as reals: by default 1 MiB.
+   integer(hsize_t), parameter :: conversion_bytes = 65536
    logical :: is_library_open = .false.
    integer(hid_t), protected :: text_type = no_id         !! of UTF-8 strings of any length
+   integer(hid_t), protected :: transfer_settings = no_id !! properties with which values are read and written
    integer(hid_t) :: character_type = no_id             ! of single bytes
 
    !> H5E_error2_t of H5Epublic.h: one entry of the library's stack of errors.
@@ -66,6 +69,8 @@ contains
       if (status >= 0) call h5tset_cset_f(text_type, H5T_CSET_UTF8_F, status)
       if (status >= 0) call h5tcopy_f(H5T_C_S1, character_type, status)
       if (status >= 0) call h5tset_strpad_f(character_type, H5T_STR_NULLPAD_F, status)
+      if (status >= 0) call h5pcreate_f(H5P_DATASET_XFER_F, transfer_settings, status)
+      if (status >= 0) call h5pset_buffer_f(transfer_settings, conversion_bytes, status)
       is_library_open = status >= 0
       if (status < 0) call fail(error, "cannot start the HDF5 library")
    end subroutine start_library
