@@ -48,7 +48,7 @@ contains
       integer, intent(in), optional :: break
       character(*), intent(in), optional :: model_text                !! instead of the Duffing oscillator
       class(motion_curve_t), allocatable, target :: curve, other
-      type(curve_request_t) :: requested
+      type(curve_request_t), allocatable :: requested
       type(document_t), target :: document
       type(parameter_t) :: parameter
       type(error_t), allocatable :: error
@@ -66,7 +66,7 @@ contains
       if (failed()) return
       call document%resolve("tones%frequency", tone, error)
       if (path /= "tones%frequency" .and. .not. present(model_text)) call document%set(tone, between)
-      requested = request
+      allocate (requested, source=request)                            ! by assignment gfortran 14 sees unset bounds
       call document%resolve(path, parameter, error)
       if (failed()) return
       requested%moving%typical = abs(requested%to - requested%from)
