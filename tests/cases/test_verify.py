@@ -103,7 +103,8 @@ def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
     assert done.status == 0, done.stderr
     kinds, largest = read(result, "integration_verdict", "integration_difference")
     assert kinds.tolist() == [0, AGREES, AGREES]
-    assert np.isnan(largest[0]) and largest[1] < 5e-2 and largest[2] < 1.5e-2  # of the motion of the law's coordinate
+    # Runge and Kutta's method in steps of 1 ms departs by up to 4.6e-2 and 1.6e-2 of the motion within 500 s
+    assert np.isnan(largest[0]) and largest[1] < 5e-2 and 1e-2 < largest[2] < 1.8e-2
 
 
 # Converged motions from which a time integration departs; that of another program (tests/points) ends at the given distance from
