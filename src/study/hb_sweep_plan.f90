@@ -408,8 +408,10 @@ contains
    pure real(wp) function sweep_plan_share_covered(self, last) result(share)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: last                                     !! row of the curve, from 1; with all rows before it
+      integer :: first
 
-      associate (values => self%curve_values(last - modulo(last - 1, self%n_fastest()):last))
+      first = last - modulo(last - 1, self%n_fastest())
+      associate (values => self%curve_values(first:last))
          share = maxval(values, ieee_is_finite(values)) - minval(values, ieee_is_finite(values))
       end associate
       share = share/abs(self%curve%to - self%curve%from)
