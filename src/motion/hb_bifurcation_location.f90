@@ -3,10 +3,9 @@
 module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
-   use hb_curve_events, only: branch_event_t
    use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
-   use hb_event_search, only: find_zero, search_t, sort_by_position
+   use hb_event_search, only: search_t, sort_by_position
    use hb_kinds, only: wp
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
@@ -88,24 +87,21 @@ contains
       if (allocated(better%multipliers)) there%multipliers = better%multipliers
    end subroutine make_certain
 
-   !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation. Intersections that
-   !> the determinant reports are looked for in pairs, of which it shows no sign.
+   !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.
    subroutine find_by_kind(self, search, piece)
       class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       real(wp) :: at_ends(2)
       integer :: kind
-      logical :: is_known
 
       do kind = bifurcation%branch, bifurcation%torus
-         is_known = kind == bifurcation%branch .and. is_branch_known(self, search)
-         if (is_known .and. (size(search%folds, 2) > 0 .or. search%has_branched)) cycle
+         if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (minval(abs(at_ends)) <= rounding) cycle
          if (at_ends(1)*at_ends(2) < 0.0_wp) then
-            if (.not. is_known) call find_zero_of_kind(self, search, kind, piece, at_ends)
+            call find_zero_of_kind(self, search, kind, piece, at_ends)
          else
             call find_pair_of_kind(self, search, kind, piece, at_ends)
          end if
@@ -145,39 +141,11 @@ contains
       if (.not. allocated(half%stability(2)%multipliers)) return
       value = bifurcation_value(kind, half%stability(2)%multipliers)
       if (.not. at_ends(1)*value < 0.0_wp) return
-      if (kind == bifurcation%branch .and. finds_all_intersections(self)) then
-         call find_two_intersections(self, search, half%ends(2))
-         return
-      end if
       call find_zero_of_kind(self, search, kind, half, [at_ends(1), value])
       half%ends = [half%ends(2), piece%ends(2)]
       half%stability = [half%stability(2), piece%stability(2)]
       call find_zero_of_kind(self, search, kind, half, [value, at_ends(2)])
    end subroutine find_pair_of_kind
-
-   !> Finds two intersections with other curves on both sides of a position where the determinant has the other sign.
-   subroutine find_two_intersections(self, search, middle)
-      class(observed_motion_t), intent(inout), target :: self
-      type(search_t), intent(inout) :: search
-      real(wp), intent(in) :: middle
-      type(branch_event_t) :: event
-      real(wp) :: parts(2, 2), signs(2, 2), x(size(self%curve%x))
-      integer :: i
-      logical :: is_found, is_there
-
-      call self%curve%point_at(middle, x, is_found)
-      if (.not. is_found) return
-      event = branch_event_t(curve_kind%branch, .true.)
-      associate (curve => self%curve)
-         if (.not. event%value(curve, x)*curve%orientation < 0.0_wp) return
-         parts = reshape([0.0_wp, middle, middle, curve%last_step], [2, 2])
-         signs = reshape([1.0_wp, -1.0_wp, -1.0_wp, 1.0_wp], [2, 2])*curve%orientation
-         do i = 1, 2
-            call find_zero(self, search, event, signs(:, i), is_found, parts(:, i))
-            if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, curve%last_step], is_there)
-         end do
-      end associate
-   end subroutine find_two_intersections
 
    !> Finds the zero of the function of a kind on a piece.
    subroutine find_zero_of_kind(self, search, kind, piece, at_ends)
