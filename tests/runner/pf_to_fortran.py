@@ -72,14 +72,14 @@ ALL_CASES = """\
    end subroutine runner_cases"""
 
 
-def suite_head(module):
-    """The first line of the subroutine `<module>_suite`, with the name that it has for the linker."""
-    return f'subroutine {module}_suite() bind(c, name="{module}_suite")'
+def suite_head(suite):
+    """The first line of the subroutine that runs a suite, with the name that it has for the linker."""
+    return f'subroutine {suite}() bind(c, name="{suite}")'
 
 
 def suite_lines(file):
     """The subroutine `<module>_suite`."""
-    head = [suite_head(file.module),
+    head = [suite_head(f"{file.module}_suite"),
             "   use runner_session, only: runner_finish, runner_run, runner_skip, runner_wants"]
     if file.base == "pfunit":
         head += ["   use runner_mpi, only: runner_any_failed, runner_enter, runner_finish_mpi, runner_run_mpi, &",
@@ -93,8 +93,7 @@ def suite_lines(file):
 
 def main_lines(runner, suites):
     """The main program that runs some suites."""
-    interfaces = [line for suite in suites
-                  for line in (f"      {suite_head(suite.removesuffix('_suite'))}", f"      end subroutine {suite}")]
+    interfaces = [line for suite in suites for line in (f"      {suite_head(suite)}", f"      end subroutine {suite}")]
     calls = [f"   call {suite}()" for suite in suites]
     return ["program runner_main", f"   use {runner}, only: finish_run, start_run", "   implicit none", "   interface",
             *interfaces, "   end interface", "", "   call start_run()", *calls, "   call finish_run()",
