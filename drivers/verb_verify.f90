@@ -6,7 +6,7 @@ module verb_verify
    use hb_error, only: error_t
    use hb_integration_verdict, only: verdict, verdict_names, verdict_text
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, max_over, rank_of, sum_over
+   use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, sum_over
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
    use hb_text, only: number_of, to_text
@@ -45,9 +45,7 @@ contains
          trim(merge(" is ", " are", n_left == 1))//" left, which --points verifies")
       if (options%level < log_level%normal) return
       call say_skipped(verdicts%skipped_status, size(points) > 0)
-      do i = 1, size(verdicts)
-         if (verdicts(i)%kind /= verdict%not_done) call say("point "//to_text(i - 1)//": "//words_on(verdicts(i)))
-      end do
+      call say_verdicts(verdicts, comm)
       do i = verdict%agrees, verdict%undecided
          counts(i) = sum_over(comm, count(verdicts%kind == i))
       end do
@@ -61,6 +59,23 @@ contains
       if (len(text) > 0) text = ": "//text
       call say(number_of(sum(counts), "point")//" verified"//text)
    end subroutine run_verify
+
+   !> A line for each point that was verified, in the order of the points: the first rank writes the lines of all, for a launcher
+   !> forwards what several ranks write in any order.
+   subroutine say_verdicts(verdicts, comm)
+      type(verdict_t), intent(in) :: verdicts(:)                       !! of this rank; others are not done
+      type(comm_t), intent(in) :: comm
+      character(:), allocatable :: line
+      integer :: i, owner
+
+      do i = 1, size(verdicts)
+         owner = max_over(comm, merge(rank_of(comm), -1, verdicts(i)%kind /= verdict%not_done))
+         if (owner < 0) cycle
+         if (rank_of(comm) == owner) line = "point "//to_text(i - 1)//": "//words_on(verdicts(i))
+         call broadcast_text(comm, line, owner)
+         if (rank_of(comm) == 0) call say(line)
+      end do
+   end subroutine say_verdicts
 
    !> A line for each status of points without a motion; spare rows of curves are told only if points were named.
    subroutine say_skipped(statuses, are_named)
