@@ -19,7 +19,6 @@ module hb_session
    use hb_input_keys, only: input_groups
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
-   use hb_law_coordinates, only: law_dofs_of
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
    use hb_linear_part, only: cached_linear_parts_t
@@ -548,7 +547,7 @@ contains
       if (allocated(self%column%units_of_dof) .or. .not. self%model%is_read) return
       associate (structure => self%model%system%structure)
          self%column%units_of_dof = [character(16) :: structure%units(self%model%options%output%dofs)]
-         self%column%units_of_law_dof = [character(16) :: structure%units(law_dofs_of(self%model%system%laws))]
+         self%column%units_of_law_dof = [character(16) :: structure%units(self%model%system%dofs_of_unknowns())]
          self%column%units_of_state_dof = [character(16) :: structure%units]
       end associate
    end subroutine find_units
@@ -569,7 +568,7 @@ contains
       end if
       select case (axis)
       case ("dof"); labels = [character(64) :: self%model%system%structure%labels(self%model%options%output%dofs)]
-      case ("law_dof"); labels = [character(64) :: self%model%system%structure%labels(law_dofs_of(self%model%system%laws))]
+      case ("law_dof"); labels = [character(64) :: self%model%system%structure%labels(self%model%system%dofs_of_unknowns())]
       case ("gradient_value"); labels = self%model%options%gradient%names
       case ("law"); labels = [(adjustl([character(64) :: self%model%system%laws(i)%law%label]), i=1, size(self%model%system%laws))]
       case ("state_dof"); labels = [character(64) :: self%model%system%structure%labels]

@@ -1,6 +1,7 @@
-!> The coordinates of the unknowns of a model: those of its laws, instead of all degrees of freedom involved.
+!> The coordinates of the unknowns of a model: those of its laws, instead of all degrees of freedom involved, and degrees
+!> of freedom that are wanted, whether or not a law acts on them.
 !> Three stops on a modal beam are three coordinates. Laws that share degrees of freedom form a part; in each part the
-!> coordinates of rigid laws come first and unchanged, so that each has its own reaction, then requested degrees of
+!> coordinates of rigid laws come first and unchanged, so that each has its own reaction, then wanted degrees of
 !> freedom, then the coordinates of other laws as far as they are independent, if their number is smaller than that of
 !> the degrees of freedom. Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
@@ -12,7 +13,7 @@ module hb_law_coordinates
    use hb_thresholds, only: minor, rounding
    implicit none
    private
-   public :: law_dofs_of, laws_at, new_law_coordinates
+   public :: dofs_of_unknowns, laws_at, new_law_coordinates
 
    !> Columns found so far.
    type :: span_t
@@ -26,14 +27,15 @@ module hb_law_coordinates
 
 contains
 
-   !> Degrees of freedom of the structure on which any law acts, ascending, each once.
-   pure function law_dofs_of(laws) result(dofs)
+   !> Degrees of freedom of the structure on which any law acts or which are wanted, ascending, each once.
+   pure function dofs_of_unknowns(laws, wanted) result(dofs)
       type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: wanted(:)
       integer, allocatable :: dofs(:)
       logical, allocatable :: is_used(:)
       integer :: i, last
 
-      last = 0
+      last = max(0, maxval(wanted))
       do i = 1, size(laws)
          last = max(last, maxval(laws(i)%law%dofs))
       end do
@@ -41,8 +43,9 @@ contains
       do i = 1, size(laws)
          is_used(laws(i)%law%dofs) = .true.
       end do
+      is_used(wanted) = .true.
       dofs = pack([(i, i=1, last)], is_used)
-   end function law_dofs_of
+   end function dofs_of_unknowns
 
    !> The laws on coordinates: their degrees of freedom are indices of these.
    function laws_at(coordinates, laws) result(placed)
@@ -62,12 +65,12 @@ contains
       type(coordinates_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: wanted(:)                                !! degrees of freedom of laws requested as coordinates
+      integer, intent(in) :: wanted(:)                                !! degrees of freedom that are coordinates in any case
       type(span_t) :: span
       integer, allocatable :: dofs(:)
       integer :: i
 
-      dofs = law_dofs_of(laws)
+      dofs = dofs_of_unknowns(laws, wanted)
       if (any([(size(laws(i)%law%shape, 1) > size(laws(i)%law%shape, 2), i=1, size(laws))])) then
          call find_span(span, structure, laws, dofs, wanted)
          if (span%n < size(dofs)) then
@@ -107,7 +110,6 @@ contains
             end do
             do i = 1, merge(size(wanted), 0, pass == 1)
                associate (at => findloc(dofs, wanted(i), dim=1))
-                  if (at == 0) cycle
                   if (part_of(at) /= part) cycle
                   if (is_column(span, at)) cycle
                   call span%add(spread_over(dofs, wanted(i:i), [1.0_wp]), is_literal)

@@ -2,8 +2,7 @@
 module hb_model_laws
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_law, only: hold_t, law_box_t, place_on_dofs
-   use hb_law_cubic_spring, only: cubic_spring_t
+   use hb_law, only: hold_t, law_box_t
    use hb_law_reader, only: read_law
    use hb_model, only: model_t
    use hb_properties, only: properties_t
@@ -12,9 +11,7 @@ module hb_model_laws
    use hb_text, only: number_of, quote, shown, to_text
    implicit none
    private
-   public :: add_springs_without_force, read_laws
-
-   integer, parameter :: max_springs = 24                             ! enough to see each mode that the loads excite
+   public :: read_laws
 
 contains
 
@@ -53,33 +50,6 @@ contains
                                self%options%callbacks%may_only_integrate)
       end do
    end subroutine read_laws
-
-   !> A curve continues unknowns, those of the laws: a model without laws obtains springs without stiffness at the degrees of
-   !> freedom of its loads, at which each mode that they excite moves.
-   subroutine add_springs_without_force(self)
-      type(model_t), intent(inout) :: self                            !! with its loads
-      logical :: is_loaded(self%system%structure%n_dofs)
-      integer, allocatable :: dofs(:)
-      integer :: i
-
-      if (size(self%system%laws) > 0 .or. any(self%system%tones%is_unknown)) return
-      is_loaded = .false.
-      do i = 1, size(self%system%loads)
-         if (allocated(self%system%loads(i)%weights)) is_loaded(self%system%loads(i)%dofs) = .true.
-      end do
-      if (.not. any(is_loaded)) is_loaded = .true.
-      dofs = pack([(i, i=1, size(is_loaded))], is_loaded)
-      dofs = dofs(:min(size(dofs), max_springs))
-      deallocate (self%system%laws)
-      allocate (self%system%laws(size(dofs)))
-      self%system%law_groups = spread(0, 1, size(dofs))
-      do i = 1, size(dofs)
-         allocate (cubic_spring_t :: self%system%laws(i)%law)
-         self%system%laws(i)%law%label = "none "//trim(self%system%structure%labels(dofs(i)))
-         call place_on_dofs(self%system%laws(i)%law, dofs(i:i))
-         call self%system%laws(i)%law%derive()
-      end do
-   end subroutine add_springs_without_force
 
    !> Rejects a label that a previous group has: paths and messages would not name one law.
    subroutine check_label(before, label, group)

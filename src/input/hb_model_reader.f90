@@ -11,7 +11,7 @@ module hb_model_reader
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: model_t
-   use hb_model_laws, only: add_springs_without_force, read_laws
+   use hb_model_laws, only: read_laws
    use hb_model_loads, only: loaded_tuples, read_initial, read_loads, read_starts
    use hb_model_number, only: follower_t, followers_of_changes, has_number, model_number_t, relation_t, values_at
    use hb_model_numbers, only: set_model_numbers
@@ -225,7 +225,8 @@ contains
       call read_loads(self, document)
       call read_starts(self, document)
       if (.not. has_tones) return
-      if (self%options%callbacks%is_followed .and. document%count("normal_mode") == 0) call add_springs_without_force(self)
+      if (self%options%callbacks%is_followed .and. size(self%system%laws) == 0 .and. .not. any(self%system%tones%is_unknown)) &
+         call self%system%keep_loaded_dofs()
       call check_symmetry(self%system, self%discretisation, document%optional_group("harmonics"))
       call check_size(self, document, error)
    end subroutine read_grid_and_loads

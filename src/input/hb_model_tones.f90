@@ -7,7 +7,6 @@ module hb_model_tones
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: two_pi, wp
-   use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_properties, only: properties_t
    use hb_structure, only: max_dense
@@ -142,7 +141,7 @@ contains
       if (.not. allocated(names)) return
       self%system%phase_dofs = spread(0, 1, size(names))
       do i = 1, size(names)
-         call find_law_dof(self%system, group, "dofs", names(i)%value, self%system%phase_dofs(i))
+         call find_dof(self%system, group, "dofs", names(i)%value, self%system%phase_dofs(i))
       end do
    end subroutine read_phase
 
@@ -171,7 +170,7 @@ contains
             call group%choose("measure", measure)
          end if
          mode%is_peak = measure == 1
-         if (allocated(dof)) call find_law_dof(self%system, group, "dof", dof, mode%dof)
+         if (allocated(dof)) call find_dof(self%system, group, "dof", dof, mode%dof)
       end associate
       if (self%options%start%from_integration) &
          call group%problem_as_is(group%location()//": a normal mode is not an attractor, "// &
@@ -227,22 +226,15 @@ contains
       end associate
    end subroutine check_energy
 
-   !> Finds a degree of freedom on which a law acts: only these are unknowns.
-   subroutine find_law_dof(system, group, key, name, dof)
+   !> Finds a degree of freedom by its name.
+   subroutine find_dof(system, group, key, name, dof)
       type(system_t), intent(in) :: system
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key, name
       integer, intent(out) :: dof
       type(error_t), allocatable :: error
-      integer :: i
 
       call system%structure%find_dof(name, dof, error)
-      if (allocated(error)) then
-         call group%problem(key, error%message)
-      else if (.not. all([(allocated(system%laws(i)%law%dofs), i=1, size(system%laws))])) then
-         return                                                       ! already reported
-      else if (all(law_dofs_of(system%laws) /= dof)) then
-         call group%problem(key, "no law acts on '"//name//"', so that its motion is not among the unknowns")
-      end if
-   end subroutine find_law_dof
+      if (allocated(error)) call group%problem(key, error%message)
+   end subroutine find_dof
 end module hb_model_tones

@@ -216,7 +216,7 @@ contains
       class(followed_motion_t), intent(in) :: self
       real(wp) :: factor
 
-      factor = merge(without_laws, 1.0_wp, self%model%system%is_linear())
+      factor = merge(without_laws, 1.0_wp, size(self%model%system%laws) == 0)
       config%longest_step = factor*self%request%longest_step
       config%first_step = 0.1_wp*config%longest_step
       config%angle = factor*turn

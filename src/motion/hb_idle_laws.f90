@@ -3,7 +3,6 @@ module hb_idle_laws
    use hb_discretisation, only: discretisation_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_law_coordinates, only: law_dofs_of
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved, outcome
@@ -56,7 +55,7 @@ contains
          self%is_idle = .false.
          return
       end if
-      dofs = law_dofs_of(system%laws)
+      dofs = system%dofs_of_unknowns()
       do i = 1, size(system%laws)
          if (motion%status == outcome%integrated .and. system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts: the
          if (.not. self%is_idle(i)) cycle                             ! series lies within the gap

@@ -6,7 +6,6 @@ module hb_law_doubt
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_law_check, only: check_derivatives_at, derivative_check_t
-   use hb_law_coordinates, only: law_dofs_of
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved
@@ -44,7 +43,7 @@ contains
       if (.not. any([(is_compared(system%laws(i)%law), i=1, size(system%laws))])) return
       call sample_motion(discretisation, motion, n_samples, phases, q, v)
       if (.not. allocated(q)) return
-      dofs = law_dofs_of(system%laws)
+      dofs = system%dofs_of_unknowns()
       do i = 1, size(system%laws)
          associate (law => system%laws(i)%law)
             if (.not. is_compared(law)) cycle

@@ -55,20 +55,16 @@ contains
       end if
    end subroutine find_basis
 
-   !> The coordinates of the laws, and degrees of freedom with a given phase or amplitude.
+   !> The coordinates of the unknowns.
    function coordinates_of(system, n_laws) result(coordinates)
       type(system_t), intent(in) :: system
       integer, intent(in), optional :: n_laws                         !! only the first ones; default: all
       type(coordinates_t) :: coordinates
-      integer, allocatable :: wanted(:)
       integer :: last
 
       last = size(system%laws)
       if (present(n_laws)) last = n_laws
-      allocate (wanted(0))
-      if (allocated(system%phase_dofs)) wanted = system%phase_dofs
-      if (system%normal_mode%is_requested .and. .not. system%normal_mode%has_energy) wanted = [wanted, system%normal_mode%dof]
-      call new_law_coordinates(coordinates, system%structure, system%laws(:last), wanted)
+      call new_law_coordinates(coordinates, system%structure, system%laws(:last), system%wanted_dofs())
    end function coordinates_of
 
    !> Whether the motion is searched for among odd ones, unless a first guess from elsewhere is not odd. Loads and

@@ -198,11 +198,11 @@ contains
       n_before = self%n_unknowns
       has_slopes = self%movement%tones .or. any(self%model%system%tones%is_unknown)
       associate (model => self%model)
-         if (size(model%system%laws) == 0) then
-            call fail(error, "a curve needs at least one law")
+         coordinates = coordinates_of(model%system)
+         if (coordinates%n == 0) then
+            call fail(error, "a curve needs unknowns: a law, or a degree of freedom that is kept")
             return
          end if
-         coordinates = coordinates_of(model%system)
          keeps_stiffness = self%movement%is_of_laws() .and. self%has_stiffness .and. .not. self%follows_tones()
          if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%stiffness%coordinates)
          if (keeps_stiffness) then

@@ -12,7 +12,7 @@ module hb_motion_samples
 
 contains
 
-   !> Finds phases, displacements and velocities at the degrees of freedom of laws, ascending (law_dofs_of); not allocated if the
+   !> Finds phases, displacements and velocities at the degrees of freedom of the unknowns (system_t); not allocated if the
    !> result has no motion.
    subroutine sample_motion(discretisation, motion, n, phases, q, v)
       type(discretisation_t), intent(in) :: discretisation

@@ -3,6 +3,7 @@ module hb_system
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
+   use hb_law_coordinates, only: dofs_of_unknowns
    use hb_load, only: load_t
    use hb_model_number, only: has_number, model_number_t, tie_t
    use hb_numbers, only: numbered_t
@@ -34,24 +35,28 @@ module hb_system
       logical :: is_peak = .true.                                     !! displacement at rest at tau = 0, otherwise first harmonic
    end type normal_mode_t
 
+   integer, parameter :: max_kept = 24                             ! enough to see each mode that the loads excite
+
    type :: system_t
       class(structure_builder_t), allocatable :: builder              !! of the structure without elements
       type(element_box_t), allocatable :: elements(:)
       type(structure_t) :: structure                                  !! with them
       type(law_box_t), allocatable :: laws(:)
-      integer, allocatable :: law_groups(:)                           !! number of the group of each law; 0 for springs without
-                                                                      !! force, by which curves of linear systems are followed
+      integer, allocatable :: law_groups(:)                           !! number of the group of each law
       type(load_t), allocatable :: loads(:)                           !! as given
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that are zero, by unknown tone; size 0:
                                                                       !! integral phase conditions
       type(normal_mode_t) :: normal_mode
+      integer, allocatable :: kept_dofs(:)                            !! whose motion is unknown though no law acts on them
       type(tie_t), allocatable :: ties(:)                             !! by which numbers follow others, in their order
    contains
       procedure :: object_of => system_object_of
       procedure :: has_restitution => system_has_restitution
-      procedure :: is_linear => system_is_linear
+      procedure :: wanted_dofs => system_wanted_dofs
+      procedure :: dofs_of_unknowns => system_dofs_of_unknowns
+      procedure :: keep_loaded_dofs => system_keep_loaded_dofs
       procedure :: check_balance => system_check_balance
       procedure :: list_files => system_list_files
       procedure :: may_jump_within_period => system_may_jump_within_period
@@ -87,13 +92,41 @@ contains
       end associate
    end function system_object_of
 
-   !> Whether no law has a force.
-   pure logical function system_is_linear(self) result(is_linear)
+   !> Degrees of freedom whose motion is unknown whether or not a law acts on them: those with a given phase or amplitude, and
+   !> those that are kept.
+   pure function system_wanted_dofs(self) result(dofs)
       class(system_t), intent(in) :: self
+      integer, allocatable :: dofs(:)
 
-      is_linear = allocated(self%law_groups)
-      if (is_linear) is_linear = all(self%law_groups == 0)
-   end function system_is_linear
+      allocate (dofs(0))
+      if (allocated(self%phase_dofs)) dofs = self%phase_dofs
+      if (self%normal_mode%is_requested .and. .not. self%normal_mode%has_energy) dofs = [dofs, self%normal_mode%dof]
+      if (allocated(self%kept_dofs)) dofs = [dofs, self%kept_dofs]
+   end function system_wanted_dofs
+
+   !> Degrees of freedom of the coordinates of the unknowns, ascending, each once.
+   pure function system_dofs_of_unknowns(self) result(dofs)
+      class(system_t), intent(in) :: self
+      integer, allocatable :: dofs(:)
+
+      dofs = dofs_of_unknowns(self%laws, self%wanted_dofs())
+   end function system_dofs_of_unknowns
+
+   !> Gives unknowns to a linear system, so that a curve can be followed: the degrees of freedom of its loads, at which each mode
+   !> that they excite moves.
+   pure subroutine system_keep_loaded_dofs(self)
+      class(system_t), intent(inout) :: self
+      logical :: is_loaded(self%structure%n_dofs)
+      integer :: i
+
+      is_loaded = .false.
+      do i = 1, size(self%loads)
+         if (allocated(self%loads(i)%weights)) is_loaded(self%loads(i)%dofs) = .true.
+      end do
+      if (.not. any(is_loaded)) is_loaded = .true.
+      self%kept_dofs = pack([(i, i=1, size(is_loaded))], is_loaded)
+      self%kept_dofs = self%kept_dofs(:min(size(self%kept_dofs), max_kept))
+   end subroutine system_keep_loaded_dofs
 
    !> Fails if the system has no balance, so that it can only be integrated in time.
    pure subroutine system_check_balance(self, error)

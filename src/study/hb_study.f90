@@ -8,7 +8,6 @@ module hb_study
    use hb_followed_motion, only: n_further
    use hb_input_keys, only: input_groups
    use hb_kinds, only: wp
-   use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_model_reader, only: read_model
@@ -273,7 +272,7 @@ contains
       integer :: i
 
       associate (model => self%model, structure => self%model%system%structure, plan => self%plan)
-         allocate (law_dofs, source=law_dofs_of(model%system%laws))
+         allocate (law_dofs, source=model%system%dofs_of_unknowns())
          layout%n_points = plan%n_points
          layout%tuples = self%tuples
          if (present(n_harmonics)) layout%tuples = self%tuples(:, :n_harmonics)

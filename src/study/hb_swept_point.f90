@@ -7,7 +7,6 @@ module hb_swept_point
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_law_coordinates, only: law_dofs_of
    use hb_level, only: level_t
    use hb_model_reader, only: update_model
    use hb_motion_result, only: motion_result_t
@@ -80,7 +79,7 @@ contains
       integer, allocatable :: law_dofs(:)
       logical :: is_same
 
-      allocate (law_dofs, source=law_dofs_of(system%laws))
+      allocate (law_dofs, source=system%dofs_of_unknowns())
       is_same = size(options%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
                 .and. size(system%laws) == size(layout%law_labels) .and. size(options%output%samples) == size(layout%n_samples)
       if (is_same) then

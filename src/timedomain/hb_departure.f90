@@ -12,7 +12,6 @@ module hb_departure
    use hb_integrated_motion, only: fastest_of, has_bounds_of
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
-   use hb_law_coordinates, only: law_dofs_of
    use hb_modes, only: slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_options, only: options_t
@@ -74,7 +73,7 @@ contains
       call new_integration_state(state, equations%n_dofs, equations%laws%n_states)
       state%q = at_start(1, :)
       state%v = velocity(1, :)
-      law_dofs = law_dofs_of(system%laws)
+      law_dofs = system%dofs_of_unknowns()
       scale = maxval(sum(abs(motion%amplitudes), dim=2))
       other = state
       other%q = other%q + nearness*scale*[(cos(real(i, wp)), i=1, size(other%q))]

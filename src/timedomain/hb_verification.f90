@@ -17,7 +17,6 @@ module hb_verification
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_integration_verdict, only: decide, growing, growth_of, limit_of, n_steady, verdict
    use hb_kinds, only: two_pi, wp
-   use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_modes, only: slowest_decay
    use hb_options, only: options_t
@@ -281,7 +280,7 @@ contains
       type(steady_motion_t) :: steady
       integer :: i, k
 
-      call find_steady_motion(system, discretisation, options, law_dofs_of(system%laws), steady, error, start)
+      call find_steady_motion(system, discretisation, options, system%dofs_of_unknowns(), steady, error, start)
       if (allocated(error)) return
       result%n_periods = steady%n_periods
       result%duration = steady%n_periods*two_pi/minval(system%tones%omega)

@@ -9,7 +9,6 @@ program fuzz_input
    use, intrinsic :: iso_fortran_env, only: output_unit
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
@@ -150,7 +149,7 @@ contains
 
       is_small = model%system%structure%n_dofs <= largest_structure .and. model%discretisation%torus%n_total <= largest_samples &
                  .and. product(real(model%options%output%samples, wp)) <= largest_samples .and. &
-                 model%discretisation%harmonics%n_coefficients*size(law_dofs_of(model%system%laws)) <= largest_unknowns
+                 model%discretisation%harmonics%n_coefficients*size(model%system%dofs_of_unknowns()) <= largest_unknowns
    end function is_small
 
    subroutine write_text(path, text)
