@@ -254,7 +254,9 @@ contains
                   end do
                end do
             end do
-            if (is_repeated .and. step > 1 .and. all(now == states(1, :, step))) exit
+            if (is_repeated .and. step > 1) then                       ! before, these states are not set yet
+               if (all(now == states(1, :, step))) exit
+            end if
             states(1, :, step) = now
          end do
       end associate
