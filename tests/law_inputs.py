@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Writes small random inputs with each type of law, for runs under valgrind (tests/valgrind --laws N).
+"""Writes small random inputs with each kind of law, for runs under valgrind (tests/valgrind --laws N).
 
-usage: tests/law_inputs.py FOLDER N [--seed S]      writes FOLDER/LAW_K.nml for K from 1 to N
+usage: tests/law_inputs.py FOLDER N [--seed S] [--samples LIBRARY]      writes FOLDER/KIND_K.nml for K from 1 to N
 
-The numbers of a law are those of its example in src/laws.txt, scaled; structure, loads, one or two tones, the solver and what
-is asked for besides the motion (a curve, stability, a derivative, time integration instead of balance) are drawn. A point
-need not converge.
+The kinds are the types of src/laws.txt and what some of them are with other keys: rigid contacts, a normal load that varies,
+restitution. The numbers of a law are those of its example, scaled; structure, loads, one or two tones, the solver and what is asked
+for besides the motion (a curve, stability, a derivative, an accuracy, a record) are drawn. A point need not converge.
+`user` needs the library of tests/laws/user_law_samples.c, and is left out without it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,17 @@ import sys
 from pathlib import Path
 
 LAWS = runpy.run_path(str(Path(__file__).resolve().parent / "keys"))["laws"]
+MATRICES = {"shapes", "friction_shapes"}
+NORMAL_LOAD = {"limit": None, "friction_coefficient": [0.4], "normal_stiffness": [1.5], "preload": [0.5], "normal_dofs": ["{last}"]}
+RIGID = {"contact": ["rigid"], "stiffness": None}
+# Kinds beyond the examples: the type, and keys that are set or, by None, left out.
+VARIANTS = {
+    "blade_contact_rigid": ("blade_contact", {**RIGID, "shares": None, "gaps": [0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.2]}),
+    "contact_table_rigid": ("contact_table", {**RIGID, "gaps": [0.1, 0.2, 0.3], "friction_coefficient": [0.05]}),
+    "jenkins_normal_load": ("jenkins", NORMAL_LOAD),
+    "jenkins_2d_normal_load": ("jenkins_2d", NORMAL_LOAD),
+    "rigid_wall_restitution": ("rigid_wall", {"two_sided": None, "restitution": [0.6]}),
+}
 
 
 def shown(value: object) -> str:
@@ -37,9 +49,9 @@ def scaled(keys: dict, draw: random.Random) -> dict:
     return found
 
 
-def text_of(law, draw: random.Random) -> str:
-    keys = law.keys
-    n = max(len(law.dofs), 2 if "second_dofs" in keys else 1) + draw.choice([0, 1])
+def text_of(law, changes: dict, draw: random.Random) -> str:
+    keys = {key: values for key, values in {**law.keys, **changes}.items() if values is not None}
+    n = max(len(law.dofs), 2 if "second_dofs" in keys else 1) + ("normal_dofs" in keys) + draw.choice([0, 1])
     stiffness = [[2.0 * (i == k) - (abs(i - k) == 1) for k in range(n)] for i in range(n)]
     stiffness = [[draw.uniform(0.8, 1.2) * (i == k) + stiffness[i][k] for k in range(n)] for i in range(n)]
     n_tones = draw.choice([1, 1, 2])
@@ -57,16 +69,25 @@ def text_of(law, draw: random.Random) -> str:
     values = scaled(keys, draw)
     if "tuple" in values and n_tones == 2:
         values["tuple"] = [*values["tuple"], 0]
-    given = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
+    given = ", ".join(f"{key} = {shown(value)}" for key, value in values.items()).replace("{last}", f"x{n}")
     groups.append(f"&law type = '{law.name}', {law.place}, {given} /")
-    groups.append(f"&solver method = '{draw.choice(['newton', 'krylov', 'broyden', 'auto'])}' /")
-    more = draw.choice(["", "curve", "stability", "samples"])
+    groups.append(f"&solver method = '{draw.choice(['newton', 'krylov', 'broyden', 'auto'])}', max_fallback_work = 0.03 /")
+    more = draw.choice(["", "curve", "stability", "samples", "gradient", "accuracy", "record"])
     if more == "curve" and n_tones == 1:
         groups.append(f"&curve parameter = 'tones%frequency', from = {tones[0]!r}, to = {1.1 * tones[0]!r}, points = 6 /")
     elif more == "stability":
         groups.append("&stability method = 'integration' /")
     elif more == "samples":
         groups.append("&output samples = 8 /")
+    elif more == "gradient":
+        number = next((key for key, value in values.items() if isinstance(value[0], float) and key not in MATRICES), None)
+        place = f"law(1)%{number}" + ("(1)" if number and len(values[number]) > 1 else "")
+        groups.append(f"&gradient by = {shown(([place] if number else []) + ['tones%frequency(1)', 'load(1)%cos'])} /")
+    elif more == "accuracy":
+        groups.append("&accuracy tolerance = 0.05, max_harmonics = 60, max_work = 0.02 /")
+    elif more == "record":
+        method = draw.choice(["cvode", "runge_kutta_4", "central_differences", "generalized_alpha"])
+        groups.append(f"&integration method = '{method}', duration = 6, steps_per_period = 50 /")
     return f"! {law.name}, at random\n" + "\n".join(groups) + "\n"
 
 
@@ -75,14 +96,19 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("count", type=int)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--samples", type=Path)
     options = parser.parse_args(arguments)
     options.folder.mkdir(parents=True, exist_ok=True)
-    for law in LAWS():
-        if law.name == "user":  # needs a library
-            continue
+    laws = {law.name: law for law in LAWS()}
+    kinds = {**{name: (name, {}) for name in laws}, **VARIANTS}
+    if options.samples:
+        kinds["user"] = ("user", {"library": [str(options.samples.resolve())]})
+    else:
+        del kinds["user"]
+    for kind, (name, changes) in kinds.items():
         for k in range(1, options.count + 1):
-            draw = random.Random(f"{options.seed} {law.name} {k}")
-            (options.folder / f"{law.name}_{k}.nml").write_text(text_of(law, draw), encoding="utf-8")
+            draw = random.Random(f"{options.seed} {kind} {k}")
+            (options.folder / f"{kind}_{k}.nml").write_text(text_of(laws[name], changes, draw), encoding="utf-8")
     return 0
 
 

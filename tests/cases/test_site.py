@@ -15,8 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import nhbm
-
 ROOT = Path(__file__).resolve().parents[2]
 os.environ.setdefault("NHBM_LIBRARY", str(Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"))
 pytest.importorskip("matplotlib")
@@ -123,14 +121,6 @@ def test_sketches_are_the_formulas(laws):
     v, f = laws.forces("stribeck")
     np.testing.assert_allclose(f, (0.3 + 0.2 * np.exp(-((v / 0.4) ** 2))) * np.tanh(v / 0.05), atol=1e-12)
     assert 0.99 < v.max() < 1.01
-
-
-def test_random_inputs_with_each_law_are_read(laws, tmp_path):
-    """Those of tests/law_inputs.py, for tests/valgrind."""
-    subprocess.run([sys.executable, ROOT / "tests" / "law_inputs.py", tmp_path, "2"], check=True)
-    assert {path.stem.rpartition("_")[0] for path in tmp_path.glob("*.nml")} == set(laws.LAWS) - {"user"}
-    for path in tmp_path.glob("*.nml"):
-        nhbm.Session().read(path.read_text())
 
 
 @pytest.mark.long
