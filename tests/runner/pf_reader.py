@@ -104,6 +104,7 @@ class TestFile:
 
     def __init__(self, path):
         self.path = Path(path)
+        self.line_number = 1
         self.lines = []  # the module, directives rewritten
         self.module = None
         self.base = None  # funit or pfunit

@@ -177,6 +177,7 @@ class TestRefused(unittest.TestCase):
         self.check(PLAIN, 1, "named like its file", name="test_other.pf")
         self.check_plain("module test_thing\n   use", "module test_thing ! comment\n   use", 1, "nothing else")
         self.check(PLAIN.replace("module test_thing", ""), 9, "module named like the file")
+        self.check("", 1, "module named like the file")
         self.check_plain("end module test_thing\n", "end module\nmodule more\n", 10, "one module")
 
     def test_private_module(self):
