@@ -55,6 +55,17 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(file), f"{page.relative_to(ROOT)}: {target}: no such heading"
 
 
+def test_tests_that_pages_name_exist():
+    files = [path for folder in ("tests", "postproc/tests", "drivers/python/tests") for path in (ROOT / folder).rglob("*test_*")]
+    known = {path.stem for path in files}
+    for path in files:
+        if path.suffix in (".py", ".pf"):
+            known |= set(re.findall(r"\btest_\w+", path.read_text(encoding="utf-8")))
+    for page in [*PAGES, *ROOT.glob("docs/**/*.md")]:
+        named = {name for name in re.findall(r"\btest_\w+", page.read_text(encoding="utf-8")) if not name.endswith("_")}
+        assert named <= known, f"{page.relative_to(ROOT)}: there is no {', '.join(sorted(named - known))}"
+
+
 def test_every_picture_is_shown():
     pages = "".join(page.read_text(encoding="utf-8") for page in [*PAGES, *ROOT.glob("docs/**/*.md")])
     unused = [picture.name for picture in ROOT.glob("docs/pictures/*.png") if picture.name not in pages]
