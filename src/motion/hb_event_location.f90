@@ -165,7 +165,7 @@ contains
    subroutine find_grazes(self, search)
       class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
-      integer :: i, k, n
+      integer :: i, k, m, n
       logical :: is_found
       real(wp) :: unit
       real(wp), allocatable :: between(:), middle(:, :)
@@ -189,6 +189,10 @@ contains
                n = size(self%waiting)
                graze = grazing_event_t(curve_kind%grazing, .false., rounding_of(self), self%problem, i, k, unit)
                call find_all(self, search, graze, [before(i), behind(i)]/unit, between)
+               self%waiting(n + 1:)%extreme = i
+               self%waiting(n + 1:)%switch = k
+               if (i == 2 .and. size(self%waiting) > n) &
+                  self%waiting = pack(self%waiting, [(.not. is_repeated(self%waiting(m)), m=1, size(self%waiting))])
                do n = n + 1, size(self%waiting)
                   call find_shift_of_graze(self, graze, self%waiting(n))
                end do
@@ -215,24 +219,38 @@ contains
             if (size(middle, 2) /= size(behind, 2)) middle = middle(:, :0)
          end associate
       end subroutine find_middle
+
+      !> Whether a contact becomes permanent where it begins: on a circular orbit or at rest the distance is the same at all
+      !> phases, to rounding, and this is one event.
+      pure logical function is_repeated(point)
+         type(waiting_t), intent(in) :: point
+
+         is_repeated = point%switch == k .and. point%extreme == 2 .and. &
+                       any(self%waiting%switch == k .and. self%waiting%extreme == 1 .and. &
+                           abs(self%waiting%position - point%position) <= agreement*self%curve%last_step)
+      end function is_repeated
    end subroutine find_grazes
 
-   !> Finds by how much the value of a graze moves with a change of the extreme that is zero there.
+   !> Finds by how much the value of a graze moves with a change of the extreme that is zero there: on either side, for
+   !> the curve may have a corner there.
    subroutine find_shift_of_graze(self, graze, found)
       class(observed_motion_t), intent(inout), target :: self
       type(grazing_event_t), intent(inout) :: graze
       type(waiting_t), intent(inout) :: found
       real(wp) :: beside, change, x(size(self%curve%x))
+      integer :: side
       logical :: is_on_curve
 
-      found%extreme = graze%extreme
-      found%switch = graze%switch
-      beside = minor*self%curve%last_step
-      if (found%position + beside > self%curve%last_step) beside = -beside
-      call self%curve%point_at(found%position + beside, x, is_on_curve)
-      if (.not. is_on_curve) return
-      change = graze%unit*graze%value(self%curve, x)
-      if (abs(change) > 0.0_wp) found%shift = abs((x(size(x)) - found%x(size(x)))/change)
+      do side = -1, 1, 2
+         beside = side*minor*self%curve%last_step
+         if (side < 0) beside = max(beside, -0.5_wp*found%position)
+         if (side > 0) beside = min(beside, 0.5_wp*(self%curve%last_step - found%position))
+         if (abs(beside) < faint*self%curve%last_step) cycle          ! differences would show rounding errors
+         call self%curve%point_at(found%position + beside, x, is_on_curve)
+         if (.not. is_on_curve) cycle
+         change = graze%unit*graze%value(self%curve, x)
+         if (abs(change) > 0.0_wp) found%shift = max(found%shift, abs((x(size(x)) - found%x(size(x)))/change))
+      end do
    end subroutine find_shift_of_graze
 
    !> Finds where the branch ends because it returns to the curve that it has left: at another intersection by symmetry,

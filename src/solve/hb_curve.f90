@@ -61,6 +61,7 @@ module hb_curve
       type(report_t) :: report                                        !! the work so far
       integer, private :: last_iterations = 0                         ! of the corrector
       logical, private :: is_turned = .false.                         ! at a kink, since the previous point
+      logical, private :: is_around_kink = .false.                    ! the last step is: its planes cross the curve on both sides
       logical, private :: is_along_functional = .false.               ! the last plane was that of `functional`
       real(wp), private :: last_orientation = 0.0_wp                  ! at the previous point
       integer, private :: last_branch_points = 0                      ! up to the previous point
@@ -129,6 +130,7 @@ contains
          self%last_step = self%step
          self%last_orientation = self%orientation
          self%last_branch_points = self%n_branch_points
+         self%is_around_kink = self%is_turned
          call self%point_at(self%step, self%x, is_on_curve)
          if (is_on_curve .or. self%status /= outcome%pending) return
          call self%retreat()
@@ -184,7 +186,7 @@ contains
       if (.not. allocated(self%last_x)) return
       factor = 1.0_wp
       if (self%last_iterations <= self%config%easy_iterations) factor = self%config%growth
-      if (self%config%angle > 0.0_wp .and. self%angle*factor > self%config%angle) &
+      if (self%config%angle > 0.0_wp .and. self%angle*factor > self%config%angle .and. .not. self%is_around_kink) &
          factor = max(self%config%reduction, self%config%angle/self%angle, self%config%shortest_step/self%step)
       if (abs(factor - 1.0_wp) > 0.0_wp) self%step = min(self%config%longest_step, factor*self%step)
    end subroutine curve_turn
@@ -355,21 +357,25 @@ contains
       call self%part%rescale()
    end subroutine copy_plane_to_part
 
-   !> The tangent at a point of the curve, along the direction, and the sign of the determinant; 0 if it is not known.
+   !> The tangent at a point of the curve, along the direction, and the sign of the determinant; 0 if it is not known. On a step
+   !> around a kink it is along the direction of the step: that at its end leads back before the kink.
    subroutine curve_tangent_at(self, x, tangent, determinant_sign, is_singular)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out), contiguous :: tangent(:)
       real(wp), intent(out) :: determinant_sign
       logical, intent(out) :: is_singular
+      real(wp) :: along(size(x))
       logical :: is_possible
 
       determinant_sign = 0.0_wp
       call self%problem%move_to(x, is_possible)
       is_singular = .not. is_possible
       if (is_singular) return
-      call self%set_plane(x, self%direction, 0.0_wp)
-      call find_tangent(self%problem, x, self%report, self%direction, tangent, determinant_sign, is_singular)
+      along = self%direction
+      if (self%is_around_kink) along = self%last_direction
+      call self%set_plane(x, along, 0.0_wp)
+      call find_tangent(self%problem, x, self%report, along, tangent, determinant_sign, is_singular)
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
    end subroutine curve_tangent_at
 
@@ -396,9 +402,9 @@ contains
    end subroutine find_tangent
 
    !> Rotates the direction at a kink so sharp that no plane normal to the old direction meets the following piece.
-   !> Its direction is the tangent of the next piece, in the sense that preserves the sign of the determinant. Several
-   !> distances beyond the kink are tried: straight ahead there may be other pieces, which the curve never enters and
-   !> whose tangent leads back along the curve. Therefore a point is computed in that direction, where the sign must
+   !> Its direction is found from the tangent of the next piece, in the sense that preserves the sign of the determinant.
+   !> Several distances beyond the kink are tried: straight ahead there may be other pieces, which the curve never enters
+   !> and whose tangent leads back along the curve. Therefore a point is computed in that direction, where the sign must
    !> be the same again.
    subroutine curve_turn_at_kink(self, is_possible)
       class(curve_t), intent(inout) :: self
@@ -424,10 +430,41 @@ contains
          self%direction = -next
          call corrected_tangent(self, x, next, sign_beyond, is_singular)
          is_possible = .not. is_singular .and. sign_before*sign_beyond > 0.0_wp
-         if (is_possible) return
+         if (is_possible) then
+            call face_both_sides(self, direction, next, x)
+            return
+         end if
       end do
       self%direction = direction
    end subroutine curve_turn_at_kink
+
+   !> Takes the direction half-way between both sides of a kink: its planes meet the curve before the kink, at it and beyond it,
+   !> so that the step contains the kink and events there are located. The direction is that of the next piece if no such plane
+   !> meets that piece.
+   subroutine face_both_sides(self, before, beyond, x)
+      class(curve_t), intent(inout) :: self
+      real(wp), intent(in) :: before(:), beyond(:)                    !! tangents
+      real(wp), intent(in) :: x(:)                                    !! a point beyond the kink
+      real(wp), parameter :: sharpest = 1.0e-4_wp                     ! of the sum of both tangents: a kink of a whole turn
+      real(wp) :: half_way(size(x)), met(size(x)), next(size(x)), step
+      logical :: is_on_curve
+
+      half_way = before/norm2(before/self%units) + beyond/norm2(beyond/self%units)
+      if (norm2(half_way/self%units) < sharpest) return
+      half_way = half_way/norm2(half_way/self%units)
+      step = dot_product((x - self%x)/self%units, half_way/self%units)
+      if (.not. step > 0.0_wp) return
+      next = self%direction
+      self%last_direction = half_way
+      call self%point_at(step, met, is_on_curve)
+      if (is_on_curve) is_on_curve = norm2((met - x)/self%units) <= step
+      if (is_on_curve) then
+         self%direction = half_way
+         self%step = step
+      else
+         self%last_direction = next
+      end if
+   end subroutine face_both_sides
 
    !> As `tangent_at`, for the problem that is corrected: `part`, if there is one, since solutions that leave it may
    !> change the sign of the determinant at the same kink.
