@@ -1,9 +1,9 @@
 !> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, such as the
 !> distance to a stop, over all phases.
 !>
-!> A grid of phases shows where values are large. Each of its local extremes that may be the global one is improved by Newton's
-!> method on the torus: of several tones the tops are often ridges, such as along equal phases, on which a search in one phase
-!> after the other ends early.
+!> A grid of phases, or with many tones scattered phases, show where values are large. Each of their local extremes that may be
+!> the global one is improved by Newton's method on the torus: of several tones the tops are often ridges, such as along equal
+!> phases, on which a search in one phase after the other ends early.
 module hb_switch_extremes
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
@@ -29,8 +29,7 @@ module hb_switch_extremes
 
 contains
 
-   !> Extremes of all switches, (2, switches of all laws): smallest, largest. None if there are too many tones for a
-   !> grid.
+   !> Extremes of all switches, (2, switches of all laws): smallest, largest.
    subroutine extremes_of_switches(laws, tuples, omega, amplitudes, extremes)
       type(law_box_t), intent(inout) :: laws(:)                       !! phases are set for laws that rotate
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
@@ -44,11 +43,6 @@ contains
       allocate (extremes(2, sum([(laws(i)%law%n_switches, i=1, size(laws))])))
       if (size(extremes, 2) == 0) return
       call make_grid(tuples, each, phases)
-      if (size(phases, 2) == 0) then
-         deallocate (extremes)
-         allocate (extremes(2, 0))
-         return
-      end if
       n = 0
       do i = 1, size(laws)
          associate (law => laws(i)%law)
@@ -68,11 +62,11 @@ contains
       end do
    end subroutine extremes_of_switches
 
-   !> Phases on a grid, (n_tones, any): fine enough for the highest harmonics, or as fine as is affordable; none with too many
-   !> tones.
+   !> Phases on a grid, (n_tones, any): fine enough for the highest harmonics, or as fine as is affordable; with too many tones
+   !> for a grid the same number of scattered phases.
    pure subroutine make_grid(tuples, each, phases)
       integer, intent(in) :: tuples(:, :)
-      integer, intent(out) :: each(:)                                 !! phases of each tone
+      integer, intent(out) :: each(:)                                 !! phases of each tone; 0: they are scattered
       real(wp), allocatable, intent(out) :: phases(:, :)
       integer :: i, m, quotient
 
@@ -80,7 +74,11 @@ contains
       do while (product(real(each, wp)) > real(largest_grid, wp) .and. any(each > coarsest))
          where (each == maxval(each)) each = max(coarsest, 9*each/10)
       end do
-      if (product(real(each, wp)) > real(largest_grid, wp)) each = 0
+      if (product(real(each, wp)) > real(largest_grid, wp)) then
+         each = 0
+         call scatter(size(each), phases)
+         return
+      end if
       allocate (phases(size(each), product(each)))
       do i = 1, size(phases, 2)
          quotient = i - 1
@@ -90,6 +88,25 @@ contains
          end do
       end do
    end subroutine make_grid
+
+   !> Phases that fill the torus evenly, multiples of the powers of 1/g, where g**(n + 1) = g + 1. Source: Roberts, The unreasonable
+   !> effectiveness of quasirandom sequences, 2018.
+   pure subroutine scatter(n, phases)
+      integer, intent(in) :: n                                        !! tones
+      real(wp), allocatable, intent(out) :: phases(:, :)
+      integer, parameter :: n_rounds = 60                             ! of a contraction by more than 2 each
+      real(wp) :: g
+      integer :: i, m
+
+      g = 1.5_wp
+      do i = 1, n_rounds
+         g = (1.0_wp + g)**(1.0_wp/(n + 1))
+      end do
+      allocate (phases(n, largest_grid))
+      do i = 1, largest_grid
+         phases(:, i) = [(two_pi*modulo(i/g**m, 1.0_wp), m=1, n)]
+      end do
+   end subroutine scatter
 
    !> Values of all switches of a law, (n_switches, n_phases).
    subroutine find_values(box, motion, phases, values)
@@ -124,13 +141,13 @@ contains
          if (abs(extreme) > far*range) return
          is_left = values >= extreme - rival*range
       end associate
-      do i = 1, size(values)
+      do i = 1, merge(0, size(values), any(each == 0))
          if (is_left(i)) is_left(i) = is_local_extreme(each, values, i)
       end do
       do k = 1, min(max_rivals, count(is_left))
          i = maxloc(values, dim=1, mask=is_left)
          is_left(i) = .false.
-         call climb(box, switch, 0.5_wp*two_pi/maxval(each), phases(:, i), extreme)
+         call climb(box, switch, 0.5_wp*two_pi/max(coarsest, maxval(each)), phases(:, i), extreme)
       end do
    end subroutine locate_extreme
 
