@@ -185,6 +185,15 @@ def test_a_fold_beside_a_graze_has_its_jump():
     assert found == [(3.0, 6.0, 0.75), (2.0, 2.1, 4.0)]
 
 
+def test_a_graze_at_a_fold_has_the_stability_of_one_side():
+    # a lower branch ends at a corner, where the unstable one with contact begins: the graze is still as unstable as that
+    x = np.array([1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 2.0, 3.0, 5.0])
+    y = np.array([1.0, 2.0, 3.0, 4.0, 1.5, 0.5, 0.5, 0.4, 0.3])
+    kind = np.array("start regular regular fold regular fold grazing regular end".split())
+    found = jumps_at_folds(x, y, kind, np.array([1, 1, 1, 0, -1, -1, -1, 1, 1]), ["fold"])
+    assert (2.0, 0.5, 2.0) in found
+
+
 def test_no_jump_leads_to_the_graze_at_its_fold():
     """Both at the same place up to rounding, and the stability of both known: the jump leads to the other branch."""
     x = np.array([1.0, 2.0, 3.0, 2.5, 2.0, 2.0 - 1e-13, 2.5, 3.5])

@@ -23,9 +23,10 @@ def jumps_at_folds(
     is_passed = ~np.isin(kind, ["none", *bifurcations])
     stable = stability > 0
     for fold in np.flatnonzero(kind == "fold"):
-        if _known_beside(fold, -1, is_passed, stability) * _known_beside(fold, 1, is_passed, stability) >= 0:
-            continue
         first, last = _at_fold(x, fold)
+        beyond = np.where((kind == "grazing") & (np.arange(x.size) >= first) & (np.arange(x.size) <= last), 0, stability)
+        if _known_beside(fold, -1, is_passed, beyond) * _known_beside(fold, 1, is_passed, beyond) >= 0:
+            continue
         to = [
             y[i] + (x[fold] - x[i]) / (x[i + 1] - x[i]) * (y[i + 1] - y[i])
             for i in range(x.size - 1)
