@@ -19,12 +19,13 @@ module hb_motion_in_basis
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: cached_linear_parts_t, linear_part_t, new_linear_part
    use hb_model_basis, only: coordinates_of
-   use hb_motion_description, only: describe_motion, solution_t, store_motion
+   use hb_motion_description, only: add_stability_of, describe_motion, solution_t, store_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
+   use hb_stability, only: harmonic_motion_t
    use hb_system, only: system_t
    use hb_time_domain, only: locking_t, may_be_locked
    implicit none
@@ -191,6 +192,8 @@ contains
       if (options%error_estimate%is_on .and. result%status == outcome%converged) &
          call estimate_linear_error(result%error_estimate, system%structure, system%tones, &
                                     basis%harmonics%frequencies(system%tones%omega), discretisation%loads%at(basis%positions), c)
+      if (result%status == outcome%converged) call add_stability_of(system, discretisation, options, &
+         harmonic_motion_t(basis%harmonics%tuples, system%tones, c), result)
    end subroutine solve_linear_model
 
    !> Fails for a motion of which a coordinate drifts: no motion with a constant mean value exists.

@@ -3,6 +3,9 @@
 !>
 !> Propagation of disturbances along a motion of several tones by its linearised equations.
 !>
+!> Without laws disturbances obey the equations of the structure, which are constant: its eigenvalues give the multipliers, or a
+!> structure that loses energy in all motions is stable.
+!>
 !> The motion can be shifted in the phase of an unknown tone: such disturbances, known at each time, are removed.
 !> Beside a slow tone a disturbance may grow for a part of a period and decay on the rest: periods are divided into
 !> parts to record the largest growth.
@@ -10,6 +13,7 @@ module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_beat, only: slowest_beat
    use hb_cancellation, only: work_is_over
+   use hb_dissipation, only: loses_energy, work_of_dissipation
    use hb_error, only: error_t
    use hb_exponents, only: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
    use hb_hill, only: assess_by_hill, has_determinant, work_of_hill
@@ -90,6 +94,10 @@ contains
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       how = config
       limit = self%max_work(config, work_allowed)
+      if (size(laws) == 0 .and. .not. allocated(structure%parts)) then
+         call assess_structure(stability, structure, motion, limit)
+         return
+      end if
       stability%is_too_costly = min_work(structure%n_dofs) > limit  ! for any motion: the mass matrix is then not inverted
       if (stability%is_too_costly) return
       if (allocated(structure%parts)) then
@@ -135,6 +143,62 @@ contains
                            min(limit, work_on_demand))
       end if
    end subroutine floquet_find
+
+   !> Stability of a structure on which no law acts. Its eigenvalues are found if they take little time beside that of a point, or
+   !> were requested, or if energy does not show that it is stable.
+   subroutine assess_structure(self, structure, motion, limit)
+      type(stability_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: limit                                   !! of work, in about a nanosecond
+      real(wp), parameter :: work_of_eigenvalues = 10.0_wp            ! by the third power of the size
+      real(wp), parameter :: largest = 0.9_wp*log(huge(1.0_wp))       ! growth within a period, as a logarithm
+      type(law_box_t) :: none(0)
+      type(variation_t) :: variation
+      type(error_t), allocatable :: error
+      complex(wp), allocatable :: rates(:)
+      real(wp), allocatable :: directions(:, :), matrix(:, :)
+      real(wp) :: work
+      integer, allocatable :: retained(:)
+      integer :: i
+
+      self%is_too_costly = .not. allocated(structure%stiffness)
+      if (self%is_too_costly) return
+      work = work_of_eigenvalues*(2.0_wp*structure%n_dofs)**3
+      if (work > min(merge(minor*least_work, limit, limit < huge(limit)), work_on_demand)) then
+         if (work_of_dissipation(structure%n_dofs) <= limit) then
+            if (loses_energy(structure)) then
+               self%method = stability_method%integration
+               self%verdict = verdict%stable
+               return
+            end if
+         end if
+         self%is_too_costly = work > min(limit, work_on_demand)
+         if (self%is_too_costly) return
+      end if
+      call new_variation(variation, structure, none, motion%tuples, motion%tones%omega, motion%amplitudes, error)
+      if (allocated(error)) return
+      matrix = variation%constant
+      directions = states_of(free_motions(structure, none), size(matrix, 1))
+      if (allocated(variation%massless)) then
+         retained = pack([(i, i=1, size(matrix, 1))], .not. variation%massless%is_inert)
+         matrix = matrix(retained, retained)
+         directions = directions(retained, :)
+      end if
+      if (.not. all(ieee_is_finite(matrix))) return
+      call deflate_all(matrix, directions)
+      call eigenvalues_of(matrix, rates)
+      if (size(rates) == 0) return
+      self%method = stability_method%integration
+      associate (omega => minval(motion%tones%omega))
+         self%estimate = epsilon(1.0_wp)*variation%norm*two_pi/omega
+         rates = rates*two_pi/omega
+         rates = exp(cmplx(min(real(rates), largest), aimag(rates), wp))
+         call sort_by_size(rates)
+         call assess_multipliers(self, rates, omega)
+      end associate
+      if (motion%tones%n_tones > 1 .and. allocated(self%multipliers)) deallocate (self%multipliers)
+   end subroutine assess_structure
 
    !> Stability with parts whose stiffness depends on the frequency: of one tone, under laws without memory.
    subroutine assess_with_parts(self, variation, motion, structure, laws, max_work)
@@ -375,10 +439,18 @@ contains
       real(wp), intent(in) :: matrix(:, :)
       real(wp), intent(in) :: omega                                   !! [rad/s]
       complex(wp), allocatable :: multipliers(:)
-      real(wp) :: margin, noise
 
       call eigenvalues_of(matrix, multipliers)
-      if (size(multipliers) == 0) return
+      if (size(multipliers) > 0) call assess_multipliers(self, multipliers, omega)
+   end subroutine assess_matrix
+
+   !> Stores multipliers, the largest first, and derives the verdict, with the present estimate.
+   subroutine assess_multipliers(self, multipliers, omega)
+      type(stability_t), intent(inout) :: self
+      complex(wp), allocatable, intent(inout) :: multipliers(:)
+      real(wp), intent(in) :: omega                                   !! [rad/s]
+      real(wp) :: margin, noise
+
       noise = clearly*epsilon(1.0_wp)*abs(multipliers(1))             ! of all others
       if (noise >= minor) multipliers = pack(multipliers, abs(multipliers) >= noise)
       margin = max(rounding, clearly*self%estimate, noise)
@@ -390,7 +462,7 @@ contains
       end if
       self%multipliers = multipliers(:min(size(multipliers), max_multipliers))
       self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*omega/two_pi
-   end subroutine assess_matrix
+   end subroutine assess_multipliers
 
    !> Whether a law passes events that have no linearised equations here: rigid laws, and sliders without bounds.
    pure logical function has_to_be_integrated(laws)
@@ -413,8 +485,7 @@ contains
       complex(wp), allocatable, intent(out) :: values(:)
       real(wp), allocatable :: a(:, :), imaginary(:), real_part(:), work(:)
       real(wp) :: left(1, 1), right(1, 1)
-      integer :: i, info, k, n
-      complex(wp) :: retained
+      integer :: info, n
 
       n = size(matrix, 1)
       if (n == 0) then                                                ! no mass moves
@@ -432,7 +503,16 @@ contains
          end if
          values = cmplx(real_part, imaginary, wp)
       end if
-      do i = 2, n                                                     ! pairs stay adjacent: the sort is stable
+      call sort_by_size(values)
+   end subroutine eigenvalues_of
+
+   !> Sorts values, the largest first; pairs stay adjacent, because the sort is stable.
+   pure subroutine sort_by_size(values)
+      complex(wp), intent(inout) :: values(:)
+      complex(wp) :: retained
+      integer :: i, k
+
+      do i = 2, size(values)
          retained = values(i)
          do k = i - 1, 1, -1
             if (abs(values(k)) >= abs(retained)) exit
@@ -440,7 +520,7 @@ contains
          end do
          values(k + 1) = retained
       end do
-   end subroutine eigenvalues_of
+   end subroutine sort_by_size
 
    !> Eigenvalues of a matrix of two rows, without cancellation.
    pure function eigenvalues_of_two(a) result(values)
