@@ -14,7 +14,7 @@ module hb_integrate_to_tolerance
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_harmonics, set_to_level
-   use hb_model_basis, only: coordinates_of
+   use hb_model_basis, only: coordinates_of, measure_of
    use hb_modes, only: slowest_decay
    use hb_motion, only: start_from
    use hb_motion_in_basis, only: status_of_ended
@@ -176,7 +176,7 @@ contains
       apart = 0.0_wp
       if (.not. is_struck) then                                       ! then it is the same motion
          estimate = estimate_of(integrated)
-         apart = distance(top, found, .false.)
+         apart = distance(top, found, measure_of(system), .false.)
          if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
             result%message = "time integration from this motion leads to another one, relative distance "//rounded(apart)
             return

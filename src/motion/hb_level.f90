@@ -9,7 +9,9 @@ module hb_level
    use hb_harmonics, only: harmonics_t, new_box, new_harmonics
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
+   use hb_law_measure, only: law_measure_t
    use hb_memory_estimate, only: check_memory, sizes_of
+   use hb_model_basis, only: measure_of
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: options_t
    use hb_reduced_base, only: grid_share
@@ -104,7 +106,7 @@ contains
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
       if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
-         call apply_first_order_correction(result, top, next)
+         call apply_first_order_correction(system, result, top, next)
    end subroutine choose_next
 
    !> Samples of a level that only checks the estimate of a motion, relative to those of that motion: as many as the permitted work
@@ -121,7 +123,8 @@ contains
    end function affordable_growth
 
    !> Removes first-order errors from the start on a level if they are small, whatever the estimate is.
-   subroutine apply_first_order_correction(result, top, next)
+   subroutine apply_first_order_correction(system, result, top, next)
+      type(system_t), intent(in) :: system
       type(motion_result_t), intent(in) :: result                     !! on `top`
       type(level_t), intent(in) :: top
       type(level_t), intent(inout) :: next                            !! with the motion of `top`
@@ -130,7 +133,7 @@ contains
       corrected%set = next%set
       corrected%unknowns = transferred(result%error_estimate%around, next%set, [result%error_estimate%first_order, &
                                        top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], top%set%n_tones)
-      if (distance(next, corrected, .false.) < max_removable) next%unknowns = corrected%unknowns
+      if (distance(next, corrected, measure_of(system), .false.) < max_removable) next%unknowns = corrected%unknowns
    end subroutine apply_first_order_correction
 
    !> Chooses the set of the next level.
@@ -397,22 +400,24 @@ contains
       end associate
    end function transferred
 
-   !> Distance of the motions of two levels relative to the second; of their amplitudes if phases are free.
-   pure real(wp) function distance(lower, upper, has_free_phases)
+   !> Distance of the motions of two levels relative to the second, as errors are estimated; of their amplitudes if phases are free.
+   pure real(wp) function distance(lower, upper, measure, has_free_phases)
       type(level_t), intent(in) :: lower, upper
+      type(law_measure_t), intent(in) :: measure
       logical, intent(in) :: has_free_phases
       type(level_t) :: moved
-      real(wp), allocatable :: u(:, :)
+      real(wp), allocatable :: seen(:, :), there(:, :)
 
       moved%set = upper%set
       moved%unknowns = on_other_set(lower, upper%set)
-      allocate (u, source=coefficients_of(upper))
+      allocate (there, source=measure%seen(coefficients_of(moved)))
+      allocate (seen, source=measure%seen(coefficients_of(upper)))
       if (has_free_phases) then
-         distance = norm2(moved%set%norms(coefficients_of(moved)) - upper%set%norms(coefficients_of(upper)))
+         distance = norm2(upper%set%norms(there) - upper%set%norms(seen))
       else
-         distance = norm2(coefficients_of(moved) - u)
+         distance = norm2(there - seen)
       end if
-      distance = distance/max(norm2(u), tiny(1.0_wp))
+      distance = distance/max(norm2(seen), tiny(1.0_wp))
    end function distance
 
    !> Estimated error of a motion, from its error estimate or from the level below.

@@ -16,14 +16,15 @@ module hb_model_basis
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_law_coordinates, only: new_law_coordinates
+   use hb_law_coordinates, only: laws_at, new_law_coordinates
+   use hb_law_measure, only: law_measure_t, new_law_measure
    use hb_options, only: options_t
    use hb_system, only: system_t
    use hb_torus, only: torus_t
    implicit none
    private
    public :: asymmetry, coordinates_of, even_part, find_basis, half_of_odd, is_solved_odd, max_even, &
-      why_not_odd
+      measure_of, why_not_odd
 
    real(wp), parameter :: max_even = 1.0e-10_wp                      !! negligible even part of a motion, relative; 1e-9 would
                                                                       !! take curves beside branch points for symmetric ones
@@ -66,6 +67,16 @@ contains
       if (present(n_laws)) last = n_laws
       call new_law_coordinates(coordinates, system%structure, system%laws(:last), system%wanted_dofs())
    end function coordinates_of
+
+   !> The norm of motions at the coordinates of the unknowns: what the laws see of them.
+   function measure_of(system) result(measure)
+      type(system_t), intent(in) :: system
+      type(law_measure_t) :: measure
+      type(coordinates_t) :: coordinates
+
+      coordinates = coordinates_of(system)
+      measure = new_law_measure(laws_at(coordinates, system%laws), coordinates%n)
+   end function measure_of
 
    !> Whether the motion is searched for among odd ones, unless a first guess from elsewhere is not odd. Loads and
    !> first guesses that are not read yet count as zero.

@@ -12,6 +12,7 @@ module hb_motion_ridge
    use hb_kinds, only: pi, wp
    use hb_level, only: distance, level_of, level_t
    use hb_model, only: model_t
+   use hb_model_basis, only: measure_of
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
@@ -335,7 +336,8 @@ contains
       end associate
       is_found = .not. self%has_left
       if (is_found) &
-         is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
+         is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), measure_of(self%model%system), &
+                             .false.) <= largest_change
    end subroutine try
 
    !> Grazes and similar points have no direction for the continuation of curves; the ridge has one.

@@ -15,6 +15,7 @@ module hb_refined_motion
       margin, max_failures, min_goal, trim_for_neighbour, trim_set
    use hb_level_solver, only: level_solver_t, solver_tolerance
    use hb_level_stability, only: add_stability
+   use hb_model_basis, only: measure_of
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
    use hb_outcome, only: is_answer => is_solved, outcome
@@ -144,7 +145,7 @@ contains
       real(wp), allocatable :: outputs_raw(:)
 
       associate (system => self%system, top => self%top, next => self%next)
-         self%difference = distance(top, next, any(system%tones%is_unknown))
+         self%difference = distance(top, next, measure_of(system), any(system%tones%is_unknown))
          self%is_checked = self%own_estimate < reliable
          raw = estimate_of_motion(trial)
          allocate (outputs_raw, source=estimates_of_outputs(trial))

@@ -18,8 +18,9 @@ module hb_integrated_motion
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
+   use hb_law_measure, only: law_measure_t
    use hb_line_fit, only: line_fit_t, new_line_fit, unresolved_by
-   use hb_model_basis, only: coordinates_of
+   use hb_model_basis, only: coordinates_of, measure_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_newton, only: solve_newton
@@ -75,6 +76,7 @@ module hb_integrated_motion
       type(integration_system_t) :: equations
       type(integration_config_t) :: config
       type(coordinates_t) :: coordinates                              ! of the laws
+      type(law_measure_t) :: measure                                  ! of motions at these
       real(wp), allocatable :: frequencies(:)                         ! [rad/s], of the set, or of the candidates
       integer :: n_first = 0                                          ! periods of the first one
       real(wp) :: period = 0.0_wp                                     ! [s] of the slowest tone
@@ -343,6 +345,7 @@ contains
 
       self%frequencies = discretisation%harmonics%frequencies(system%tones%omega)
       self%coordinates = coordinates_of(system)
+      self%measure = measure_of(system)
       call system%structure%check_matrices("integration", max_dense, error)
       if (allocated(error)) return
       associate (equations => self%equations)
@@ -401,11 +404,14 @@ contains
       if (allocated(error)) return
       if (finds_lines) then
          self%remainder = reshape([(z(:, i) - self%fit%series(averages(:, i)), i=1, size(z, 2))], shape(z))
-         steady%spread = largest_in_parts(self%remainder, z)
+         steady%spread = max(largest_in_parts(self%remainder, z), &
+                             largest_in_parts(self%measure%seen(self%remainder), self%measure%seen(z)))
          self%unresolved = maxval([(unresolved_by(self%step*size(z, 1), self%frequencies, averages(:, i), steady%spread), &
                                       i=1, size(z, 2))])
       else if (allocated(steady%averages)) then
-         steady%spread = maxval(distance_of(averages, steady%averages, 0.0_wp))
+         steady%spread = max(maxval(distance_of(averages, steady%averages, 0.0_wp)), &
+                             self%measure%norm(as_real(averages - steady%averages))/ &
+                             max(self%measure%norm(as_real(averages)), tiny(1.0_wp)))
       else
          steady%spread = huge(1.0_wp)
       end if
@@ -664,6 +670,15 @@ contains
 
       importance = 1.0_wp/(1 + sum(abs(discretisation%harmonics%tuples), dim=1))
    end function importance_of
+
+   !> Real and imaginary parts below each other.
+   pure function as_real(c) result(parts)
+      complex(wp), intent(in) :: c(:, :)                              !! (n_harmonics, n_coordinates)
+      real(wp) :: parts(2*size(c, 1), size(c, 2))
+
+      parts(:size(c, 1), :) = real(c)
+      parts(size(c, 1) + 1:, :) = aimag(c)
+   end function as_real
 
    !> Differences of motions relative to the first, by coordinate, for coefficients above `least`.
    pure function distance_of(c, other, least) result(distance)
