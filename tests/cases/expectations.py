@@ -9,7 +9,8 @@
 SUBJECT is a coefficient, `DOF (j1,j2,...) cos|sin|amplitude`, the frequency of a tone, `tone M frequency`, or one of
 penetration, residual, iterations, n_harmonics, truncation_estimate, aliasing_estimate.
 TOLERANCE is relative; N estimates are N times the error that the file estimates of a frequency, or of a coefficient, relative
-to it, by truncation and aliasing; `<` compares the magnitude. Parameters are named as in the result file (law_1_gap) and
+to it, by truncation and aliasing, and of a given frequency at which a point of a curve was located also by `level_estimate`; `<`
+compares the magnitude. Parameters are named as in the result file (law_1_gap) and
 select points, as does curve_kind (fold, peak, ...) where there are curves; without any, the line is about every point. It
 must hold at each selected point, and there must be one. `solved` counts the points whose equations are solved, well enough
 for the error estimate or not, and lets the others end as they do.
@@ -89,10 +90,11 @@ class Expectation:
         """Difference that a tolerance of 1 allows: as large as the number, or what the file estimates."""
         if not self.in_estimates:
             return abs(self.number)
-        if self.tone:
+        if self.tone and results.frequency_estimate(point)[self.tone - 1] > 0.0:
             return float(results.frequency_estimate(point)[self.tone - 1])
         estimates = (results.per_point(name)[point] for name in ("truncation_estimate", "aliasing_estimate"))
-        return math.hypot(*estimates) * abs(self.number)
+        of_motion = math.hypot(*estimates)
+        return abs(self.number) * (max(of_motion, results.per_point("level_estimate")[point]) if self.tone else of_motion)
 
     def holds_for(self, value: float, unit: float) -> bool:
         """Whether a value is as expected; NaN never is."""
