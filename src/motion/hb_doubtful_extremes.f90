@@ -46,7 +46,7 @@ contains
             if (.not. curve_kinds(point%kind)%is_extreme) cycle
             extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
             extreme%sense = curve_kinds(point%kind)%sense
-            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))* &
+            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, first_rise(self))* &
                                            (-1)**count(self%waiting(self%first_waiting:i - 1)%kind == curve_kind%fold)
             call raise_error(self, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
@@ -60,6 +60,19 @@ contains
       call self%update_units()
       if (.not. all(is_retained)) self%waiting = pack(self%waiting, is_retained)
    end subroutine remove_doubtful_extremes
+
+   !> How the value moves to the first fold of the step: along the direction at its start, which around a kink is that of the
+   !> step and not of the curve.
+   pure real(wp) function first_rise(self) result(rise)
+      class(observed_motion_t), intent(in) :: self
+      integer :: i
+
+      associate (curve => self%curve, n => size(self%curve%x))
+         rise = curve%last_direction(n)
+         i = findloc(self%waiting(self%first_waiting:)%kind, curve_kind%fold, dim=1) + self%first_waiting - 1
+         if (curve%is_around_kink) rise = self%waiting(i)%x(n) - curve%last_x(n)
+      end associate
+   end function first_rise
 
    !> The function at a point of the curve: the moving value, or the square of a response.
    real(wp) function function_at(self, response, x) result(value)

@@ -57,11 +57,11 @@ module hb_curve
       integer :: n_branch_points = 0                                  !! passed so far
       real(wp), allocatable :: last_x(:), last_direction(:)           !! the previous point
       real(wp) :: last_step = 0.0_wp                                  !! length of the step from there to x
+      logical :: is_around_kink = .false.                             !! the last step is: its planes cross the curve on both sides
       integer :: status = outcome%pending                             !! `stalled`: no further step; `singular`: no tangent
       type(report_t) :: report                                        !! the work so far
       integer, private :: last_iterations = 0                         ! of the corrector
       logical, private :: is_turned = .false.                         ! at a kink, since the previous point
-      logical, private :: is_around_kink = .false.                    ! the last step is: its planes cross the curve on both sides
       logical, private :: is_along_functional = .false.               ! the last plane was that of `functional`
       real(wp), private :: last_orientation = 0.0_wp                  ! at the previous point
       integer, private :: last_branch_points = 0                      ! up to the previous point
