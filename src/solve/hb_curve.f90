@@ -445,7 +445,7 @@ contains
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: before(:), beyond(:)                    !! tangents
       real(wp), intent(in) :: x(:)                                    !! a point beyond the kink
-      real(wp), parameter :: sharpest = 1.0e-4_wp                     ! of the sum of both tangents: a kink of a whole turn
+      real(wp), parameter :: sharpest = 1.0e-4_wp                     ! sum of both tangents: the curve would go back along itself
       real(wp) :: half_way(size(x)), met(size(x)), next(size(x)), step
       logical :: is_on_curve
 
