@@ -95,13 +95,16 @@ contains
    !> From now on, before any long operation, a signal requests the end of a run between two points. A worker receives
    !> one from a terminal, as its group does, and again from the process that has started it.
    subroutine expect_signals()
+      character(*), parameter :: words = "nhbm: ended by a second signal"
+      real(wp) :: shortest
+
       if (.not. (allocated(options%verb) .and. allocated(options%input))) return
-      if (options%verb == "census") &
-         call catch_signals("nhbm: ended by a second signal", incomplete, error, 0.0_wp)
-      if (options%verb /= "solve" .and. options%verb /= "resume") return
-      call catch_signals("nhbm: ended by a second signal; nhbm resume "// &
-         printable(options%result_path())//" continues it", incomplete, error, &
-         merge(pause, 0.0_wp, options%n_workers > 1))
+      shortest = merge(pause, 0.0_wp, options%n_workers > 1)
+      if (any(options%verb == [character(9) :: "census", "check", "integrate", "verify"])) then
+         call catch_signals(words, incomplete, error, shortest)
+      else if (options%verb == "solve" .or. options%verb == "resume") then
+         call catch_signals(words//"; nhbm resume "//printable(options%result_path())//" continues it", incomplete, error, shortest)
+      end if
    end subroutine expect_signals
 
    !> Writes an error, if there is one, and sets this status for the end of the program.

@@ -3,24 +3,43 @@ module run_texts
    use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
+   use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text, reason
    use hb_point_kinds, only: curve_kind, curve_kind_names, curve_kinds, response_keys
    use hb_results_layout, only: rank_times_t, times_of_row
    use hb_results_record, only: message_of
    use hb_run_summary, only: has_answer, number_answered, run_summary_t
+   use hb_signals, only: signal_caught, signal_name
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: add_string, number_of, string_t, to_text
    use hb_thresholds, only: agreement
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: answers_text, curve_lines, find_gaps, found_frequency, is_regular_end, max_line, stability_text, timing_lines
+   public :: answers_text, curve_lines, ending_text, find_gaps, found_frequency, is_regular_end, max_line, stability_text
+   public :: timing_lines
 
    integer, parameter :: max_line = 160                               !! length of the lines that are returned
    integer, parameter :: max_points = 60                             ! of curves
 
 contains
+
+   !> What has ended a run early.
+   function ending_text(kind) result(text)
+      integer, intent(in) :: kind                                     !! one of `interruption`
+      character(:), allocatable :: text
+
+      select case (kind)
+      case (interruption%time_limit)
+         text = "stopped by the time limit"
+      case (interruption%signal)
+         text = "stopped by a signal"
+         if (signal_caught()) text = "stopped by "//signal_name()
+      case default
+         text = "ended early"
+      end select
+   end function ending_text
 
    !> Text with the frequency, or range of frequencies, of an unknown tone.
    function found_frequency(summary, tone, tones) result(text)

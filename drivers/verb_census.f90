@@ -9,6 +9,7 @@ module verb_census
    use hb_census_starts, only: start_kind, start_kind_names
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_target
+   use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, size_of
    use hb_outcome, only: is_solved, outcome_name
@@ -18,6 +19,7 @@ module verb_census
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
    use result_location, only: place_result
+   use run_texts, only: ending_text
    use verb_integrate, only: choose_point
    use verb_solve, only: load_study
    implicit none
@@ -83,11 +85,12 @@ contains
          return
       end if
       call write_census(alone, census, path, options%overwrite, comm, error)
-      if (allocated(error) .or. options%level < log_level%normal) return
+      if (allocated(error)) return
+      if (census%n_left > 0) call print_error(ending_text(merge(interruption%signal, interruption%time_limit, signal_caught()))// &
+                                              ": "//number_of(census%n_left, "random start")//" not made")
+      if (options%level < log_level%normal) return
       call write_table(alone, census)
       call write_completeness(census, config)
-      if (census%n_left > 0) call print_error("stopped by "//trim(merge("a signal      ", "the time limit", signal_caught()))// &
-                                              ": "//number_of(census%n_left, "random start")//" not made")
       call say("results in "//path)
    end subroutine run_census
 

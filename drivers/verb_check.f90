@@ -6,11 +6,12 @@ module verb_check
    use exit_status, only: incomplete, not_all_right, success
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_basis, only: basis_t
-   use hb_cancellation, only: cancellation_t
+   use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_crash_handler, only: install_crash_handler, remove_crash_handler
    use hb_error, only: error_t
+   use hb_interruption, only: interruption
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_law_check, only: check_derivatives, derivative_check_t
@@ -24,13 +25,21 @@ module verb_check
    use hb_mpi, only: comm_t, rank_of
    use hb_natural_frequencies, only: find_natural_frequencies, max_dofs
    use hb_outcome, only: outcome, outcome_name
+   use hb_signals, only: signal_caught, wait_for_points
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
+   use run_texts, only: ending_text
    use verb_solve, only: load_study
    implicit none
    private
    public :: run_check
+
+   !> Ends a point at a signal.
+   type, extends(cancellation_t) :: until_signal_t
+   contains
+      procedure :: wants_end => until_signal_wants_end
+   end type until_signal_t
 
    !> Warnings about the points of a study.
    type :: doubts_t
@@ -52,35 +61,47 @@ contains
       character(:), allocatable :: implausible
       real(wp) :: end_of_time
       logical :: all_right
-      integer :: point, stride
+      integer :: n_checked, point, stride
 
       status = success
       end_of_time = wall_clock() + options%time_limit
       call load_study(options, comm, study, error)
       if (allocated(error)) return
+      call wait_for_points()
       stride = 1
       if (allocated(study%plan%curve)) stride = study%plan%n_fastest()
       do point = 1, study%plan%n_points, stride                       ! of curves, their starts
          call check_point(study, point, doubts, error)
          if (allocated(error)) return
-         if (wall_clock() < end_of_time .or. point + stride > study%plan%n_points) cycle
-         if (rank_of(comm) == 0) call print_error("stopped by the time limit after "// &
-            number_of((point - 1)/stride + 1, "point")//" of "//to_text((study%plan%n_points - 1)/stride + 1))
+         if (point + stride > study%plan%n_points) exit
+         if (.not. signal_caught() .and. wall_clock() < end_of_time) cycle
          status = incomplete
+         if (rank_of(comm) == 0) call print_error(why_stopped()//" after "//number_of((point - 1)/stride + 1, "point")//" of "// &
+            to_text((study%plan%n_points - 1)/stride + 1)//", which can be read")
          return
       end do
       if (rank_of(comm) > 0) return
       call describe(study)
-      call check_laws(study%model%system%laws, study%model%system%tones%n_tones, all_right)
-      call write_doubts(study, doubts)
+      associate (laws => study%model%system%laws)
+         call check_laws(laws, study%model%system%tones%n_tones, all_right, n_checked)
+         call write_doubts(study, doubts)
+         if (n_checked < size(laws)) call print_error(why_stopped()//" after the derivatives of "//to_text(n_checked)//" of "// &
+            number_of(size(laws), "law"))
+         if (n_checked < size(laws)) status = incomplete
+      end associate
       if (.not. all_right) status = not_all_right
-      if (.not. all_right) return
+      if (status /= success) return
       call study%model%system%check_balance(no_balance)
       if (allocated(no_balance)) then
          call say("the input is valid for nhbm integrate alone: "//no_balance%message)
          return
       end if
       call write_cost(study, end_of_time - wall_clock())
+      if (signal_caught()) then
+         status = incomplete
+         call print_error(why_stopped()//" before the cost of the tolerance was measured")
+         return
+      end if
       call describe_implausible(study%model%system, study%model%options, implausible)
       if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
@@ -88,6 +109,13 @@ contains
          call say("the input is valid")
       end if
    end subroutine run_check
+
+   !> What has ended the verb early.
+   function why_stopped() result(text)
+      character(:), allocatable :: text
+
+      text = ending_text(merge(interruption%signal, interruption%time_limit, signal_caught()))
+   end function why_stopped
 
    !> Reads a point and records its warnings.
    subroutine check_point(study, point, doubts, error)
@@ -193,7 +221,7 @@ contains
       type(study_t), intent(in) :: study
       real(wp), intent(in) :: seconds_left                            !! of the verb [s]
       real(wp), parameter :: limit = 1.0_wp                           !! [s] of the processor
-      type(cancellation_t), target :: cancellation
+      type(until_signal_t), target :: cancellation
       type(error_t), allocatable :: error
       type(level_t) :: level
       type(motion_result_t) :: result
@@ -206,7 +234,7 @@ contains
       call solve_to_tolerance(study%model, result, error, level)
       call cancellation%leave()
       seconds = wall_clock() - started
-      if (allocated(error)) return                                    ! solve says it
+      if (allocated(error) .or. result%status == outcome%interrupted) return   ! solve reports the error
       if (result%status == outcome%timed_out) then
          call say("cost        the first point takes longer than "//to_text(nint(limit))//" s; a small sweep and "// &
                   "`nhbm plan --cost-from` tell more")
@@ -218,6 +246,12 @@ contains
       if (result%status /= outcome%converged .and. result%status /= outcome%integrated) &
          call say("            the fallbacks of solve take longer; a small sweep and `nhbm plan --cost-from` tell more")
    end subroutine write_cost
+
+   logical function until_signal_wants_end(self) result(wants_end)
+      class(until_signal_t), intent(inout) :: self
+
+      wants_end = signal_caught() .or. self%verdict == verdict%interrupted
+   end function until_signal_wants_end
 
    !> What all points of a sweep take at that rate; empty for a single point.
    function of_all(study, seconds) result(text)
@@ -370,29 +404,33 @@ contains
    end function tone_text
 
    !> Checks the derivatives of all laws of the first point and prints them as a table, with the names of wrong ones.
-   subroutine check_laws(laws, n_tones, all_right)
+   subroutine check_laws(laws, n_tones, all_right, n_checked)
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: n_tones
-      logical, intent(out) :: all_right
+      logical, intent(out) :: all_right                               !! of those that were checked
+      integer, intent(out) :: n_checked                               !! a signal ends the check early
       type(derivative_check_t) :: check
-      character(:), allocatable :: verdict
+      character(:), allocatable :: text
       character(12) :: difference
       integer :: i, width
 
       all_right = .true.
+      n_checked = 0
       if (size(laws) == 0) return
       width = max(11, maxval([(len(laws(i)%law%label), i=1, size(laws))]))
       call say("")
       call say(pad("derivatives", width)//"  difference  skipped       verdict")
       do i = 1, size(laws)
+         if (signal_caught()) exit
          call install_crash_handler("law '"//laws(i)%law%label//"' has ended the process")
          call check_derivatives(laws(i)%law, check, n_tones)
          call remove_crash_handler()
          write (difference, "(es12.1)") check%difference
-         call check%describe(verdict)
+         call check%describe(text)
          call say(pad(laws(i)%law%label, width)//difference//"  "// &
-            pad(to_text(check%n_skipped)//" of "//to_text(check%n_compared), 14)//verdict)
+            pad(to_text(check%n_skipped)//" of "//to_text(check%n_compared), 14)//text)
          all_right = all_right .and. check%is_sound()
+         n_checked = i
       end do
       call say("difference: largest relative deviation of a derivative from finite differences; "// &
          "skipped: samples near kinks")

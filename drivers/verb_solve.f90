@@ -8,7 +8,6 @@ module verb_solve
    use hb_error, only: error_t
    use hb_file_location, only: check_source
    use hb_idle_laws, only: idle_law_text
-   use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
    use hb_model, only: model_t
@@ -20,7 +19,6 @@ module verb_solve
    use hb_progress, only: log_level
    use hb_results_record, only: numbers_of, read_record, record_t
    use hb_run_summary, only: number_answered, number_solved, run_summary_t
-   use hb_signals, only: signal_caught, signal_name
    use hb_stability, only: stability_method
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
@@ -31,7 +29,8 @@ module verb_solve
    use model_warnings, only: free_text, frozen_speed_text, model_text, repeated_value_text, varies_loads
    use next_step, only: command_for_cut_curve, run_names_t, shell_word
    use result_location, only: place_result
-   use run_texts, only: answers_text, curve_lines, found_frequency, is_regular_end, max_line, stability_text, timing_lines
+   use run_texts, only: answers_text, curve_lines, ending_text, found_frequency, is_regular_end, max_line, stability_text, &
+      timing_lines
    use switched_inputs, only: switched_input
    implicit none
    private
@@ -116,7 +115,7 @@ contains
       if (rank_of(comm) == 0 .and. .not. is_reported .and. allocated(summary%law_doubt)) &
          call print_error("warning: "//summary%law_doubt)
       if (is_reported .and. options%level >= log_level%verbose) call write_times(summary)
-      if (rank_of(comm) == 0 .and. status == incomplete) call print_error(reason(summary)//": "// &
+      if (rank_of(comm) == 0 .and. status == incomplete) call print_error(ending_text(summary%interruption)//": "// &
          number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &
          " left; nhbm resume "//path//" solves "//trim(merge("it  ", "them", summary%n_left == 1))// &
          trim(merge(chain_note, repeat(" ", len(chain_note)), study%n_chains() > 0 .and. study%n_chains() < study%plan%n_points)))
@@ -309,22 +308,6 @@ contains
       command = command_for_cut_curve(names_of(study, path), plan, study%document)
       if (len(command) > 0) call say("  try: "//command)
    end subroutine write_curves
-
-   !> The reason why a run has ended early.
-   function reason(summary)
-      type(run_summary_t), intent(in) :: summary
-      character(:), allocatable :: reason
-
-      select case (summary%interruption)
-      case (interruption%time_limit)
-         reason = "stopped by the time limit"
-      case (interruption%signal)
-         reason = "stopped by a signal"
-         if (signal_caught()) reason = "stopped by "//signal_name()
-      case default
-         reason = "ended early"
-      end select
-   end function reason
 
    subroutine write_times(summary)
       type(run_summary_t), intent(in) :: summary

@@ -9,8 +9,10 @@ module verb_verify
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, sum_over
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
-   use hb_text, only: number_of, to_text
-   use hb_verify, only: verdict_t, verification_options_t, verify_points
+   use hb_text, only: add_string, join, number_of, string_t, to_text
+   use hb_verify, only: unverified_t, verdict_t, verification_options_t, verify_points
+   use next_step, only: shell_word
+   use run_texts, only: ending_text
    implicit none
    private
    public :: run_verify
@@ -28,6 +30,7 @@ contains
       type(verdict_t), allocatable :: verdicts(:)
       integer, allocatable :: points(:)
       character(:), allocatable :: text
+      type(unverified_t) :: unverified
       integer :: counts(verdict%agrees:verdict%undecided), i, n_left, n_wrong
 
       status = success
@@ -35,14 +38,13 @@ contains
       if (allocated(options%points)) call read_numbers("--points", options%points, 0, points, error)
       if (allocated(error)) return
       call verify_points(options%input, points, options%n_periods, comm, verdicts, error, &
-                         verification_options_t(options%time_limit, options%level), n_left)
+                         verification_options_t(options%time_limit, options%level), unverified)
       if (allocated(error)) return
       n_wrong = count(verdicts%kind /= verdict%not_done .and. verdicts%kind /= verdict%agrees)
-      n_left = sum_over(comm, n_left)
+      n_left = sum_over(comm, size(unverified%points))
       if (max_over(comm, n_wrong) > 0 .or. sum_over(comm, count(verdicts%kind /= verdict%not_done)) == 0) status = not_all_right
       if (n_left > 0) status = incomplete
-      if (n_left > 0 .and. rank_of(comm) == 0) call print_error("stopped by the time limit: "//number_of(n_left, "point")// &
-         trim(merge(" is ", " are", n_left == 1))//" left, which --points verifies")
+      if (n_left > 0) call say_left(unverified, size(verdicts), n_left, options%input, comm)
       if (options%level < log_level%normal) return
       call say_skipped(verdicts%skipped_status, size(points) > 0)
       call say_verdicts(verdicts, comm)
@@ -59,6 +61,27 @@ contains
       if (len(text) > 0) text = ": "//text
       call say(number_of(sum(counts), "point")//" verified"//text)
    end subroutine run_verify
+
+   !> What has ended the run, and how the points that are left are verified.
+   subroutine say_left(unverified, n_points, n_left, path, comm)
+      type(unverified_t), intent(in) :: unverified
+      integer, intent(in) :: n_points                                  !! of the file
+      integer, intent(in) :: n_left
+      character(*), intent(in) :: path                                 !! of the file
+      type(comm_t), intent(in) :: comm
+      integer, parameter :: most = 100                                 ! numbers in the line
+      type(string_t), allocatable :: numbers(:)
+      integer :: i
+
+      allocate (numbers(0))
+      do i = 1, n_points
+         if (max_over(comm, merge(1, 0, any(unverified%points == i))) == 0) cycle
+         if (size(numbers) < most) call add_string(numbers, to_text(i - 1))
+      end do
+      if (rank_of(comm) == 0) call print_error(ending_text(unverified%interruption)//": "//number_of(n_left, "point")// &
+         trim(merge(" is ", " are", n_left == 1))//" left: nhbm verify "//shell_word(path)//" --points "//join(numbers, ",")// &
+         trim(merge(",...", "    ", n_left > most)))
+   end subroutine say_left
 
    !> A line for each point that was verified, in the order of the points: the first rank writes the lines of all, for a launcher
    !> forwards what several ranks write in any order.

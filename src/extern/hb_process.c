@@ -47,7 +47,7 @@ static double seconds_now(void)
 static void on_signal(int number)
 {
    if (ends_at_once) {
-      static const char words[] = "nhbm: ended by a signal before the first point was begun\n";
+      static const char words[] = "nhbm: ended by a signal before there was a result\n";
       if (unfinished[0] != '\0') (void)unlink(unfinished);
       if (write(STDERR_FILENO, words, sizeof words - 1) < 0) hb_exit_at_once(last_status);
       hb_exit_at_once(last_status);

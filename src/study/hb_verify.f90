@@ -12,11 +12,12 @@ module hb_verify
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_movement, only: follow_frequencies
-   use hb_mpi, only: barrier, comm_t, new_work_counter, rank_of, share_error, size_of, work_counter_t
+   use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, work_counter_t
    use hb_outcome, only: is_integrated, is_solved
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results_record, only: read_record, record_t, refuse_damaged_rows
    use hb_run_callbacks, only: run_callbacks
+   use hb_signals, only: wait_for_points
    use hb_stored_rows, only: stored_file_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
@@ -24,13 +25,19 @@ module hb_verify
    use hb_watched_interruption, only: watched_t
    implicit none
    private
-   public :: verdict_t, verification_options_t, verify_points
+   public :: unverified_t, verdict_t, verification_options_t, verify_points
 
    !> How to verify points.
    type :: verification_options_t
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
       integer :: level = log_level%quiet                              !! log level, hb_progress
    end type verification_options_t
+
+   !> What a run that has ended early has not verified.
+   type :: unverified_t
+      integer, allocatable :: points(:)                               !! of this rank, from 1
+      integer :: interruption = interruption%none                     !! why, hb_interruption; the same on all ranks
+   end type unverified_t
 
    !> An interruption that shows the progress whenever it is examined: integrations examine it at each step.
    type, extends(watched_t) :: watched_integration_t
@@ -51,8 +58,8 @@ module hb_verify
 contains
 
    !> Integrates from points of a result file and writes the verdicts to it. The points are distributed over the
-   !> ranks. A point that a time limit ends has no verdict.
-   subroutine verify_points(path, points, n_periods, comm, verdicts, error, options, n_left)
+   !> ranks. A point that a signal or a time limit ends has no verdict; those of the points before are written.
+   subroutine verify_points(path, points, n_periods, comm, verdicts, error, options, unverified)
       character(*), intent(in) :: path
       integer, intent(in) :: points(:)                                !! from 0; empty: all. Unsolved points are skipped
       integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay
@@ -60,7 +67,7 @@ contains
       type(verdict_t), allocatable, intent(out) :: verdicts(:)        !! (n_points), of the points of this rank
       type(error_t), allocatable, intent(out) :: error
       type(verification_options_t), intent(in), optional :: options   !! default: no time limit, nothing is shown
-      integer, intent(out), optional :: n_left                        !! points of this rank without a verdict
+      type(unverified_t), intent(out), optional :: unverified         !! points without a verdict
       type(verification_options_t) :: how
       type(watched_integration_t), target :: ending
       type(progress_t), target :: progress
@@ -68,10 +75,10 @@ contains
       type(stored_t) :: stored
       type(h5_file_t) :: file
       logical, allocatable :: is_wanted(:)
-      integer :: i, n_ended
+      integer, allocatable :: left(:)
+      integer :: i
 
       if (present(options)) how = options
-      if (present(n_left)) n_left = 0
       call read_stored(path, stored, error)
       if (.not. allocated(error)) call check_points(stored, points, error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, stored%status, points, error)
@@ -88,13 +95,14 @@ contains
       call new_progress(progress, count(is_wanted), how%level, rank_of(comm) == 0)
       ending%progress => progress
       ending%counter => counter
+      call wait_for_points()
       call ending%enter(huge(1.0_wp))
-      call verify_share(stored, pack([(i, i=1, size(verdicts))], is_wanted), n_periods, comm, ending, verdicts, n_ended, error)
+      call verify_share(stored, pack([(i, i=1, size(verdicts))], is_wanted), n_periods, comm, ending, verdicts, left, error)
       call ending%leave()
       call finish_progress(progress, counter, comm)
       call ending%destroy()
       call counter%destroy()
-      if (present(n_left)) n_left = n_ended
+      if (present(unverified)) unverified = unverified_t(left, max_over(comm, ending%reason))
       call share_error(comm, error)
       if (allocated(error)) return
       call open_file_parallel(file, path, comm, error)
@@ -106,25 +114,25 @@ contains
    end subroutine verify_points
 
    !> Integrates from those of some points that belong to this rank.
-   subroutine verify_share(stored, points, n_periods, comm, ending, verdicts, n_ended, error)
+   subroutine verify_share(stored, points, n_periods, comm, ending, verdicts, left, error)
       type(stored_t), intent(in) :: stored
       integer, intent(in) :: points(:)                                !! of all ranks, from 1
       integer, intent(in) :: n_periods
       type(comm_t), intent(in) :: comm
       type(watched_integration_t), intent(inout) :: ending
       type(verdict_t), intent(inout) :: verdicts(:)
-      integer, intent(out) :: n_ended                                 !! without a verdict
+      integer, allocatable, intent(out) :: left(:)                    !! points of this rank without a verdict, from 1
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      n_ended = 0
+      allocate (left(0))
       do i = 1 + rank_of(comm), size(points), size_of(comm)
          associate (point => points(i))
             if (.not. ending%is_due()) call verify_point(stored, point, n_periods, verdicts(point), error)
             if (ending%reason /= interruption%none) then
                if (allocated(error)) deallocate (error)
                verdicts(point) = verdict_t()
-               n_ended = n_ended + 1
+               left = [left, point]
                cycle
             end if
             call annotate(error, "point "//to_text(point - 1))

@@ -111,6 +111,16 @@ def seconds_of(process: subprocess.Popen) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def wait_until_caught(process: subprocess.Popen, number: int) -> None:
+    """Waits until the program has installed its handler, which precedes every long operation (Linux)."""
+    for _ in range(100_000):
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        if int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1:
+            return
+        time.sleep(0.005)
+    raise AssertionError("no handler")
+
+
 def wait_until_taken(process: subprocess.Popen, number: int) -> None:
     """Waits until a signal that was sent to a process is no longer pending there (Linux)."""
     while process.poll() is None:

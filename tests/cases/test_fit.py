@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
+import signal
 import subprocess
 import sys
+import time
 import types
 import warnings
 
@@ -286,6 +289,19 @@ def test_the_command_fits(tmp_path):
 
     def run(*more):
         return subprocess.run([os.environ["NHBM"], *words, *more], cwd=tmp_path, env=environment, capture_output=True, text=True)
+
+    waiting = tmp_path / "waiting.csv"
+    os.mkfifo(waiting)  # which nobody writes
+    interrupted = [os.environ["NHBM"], "fit", waiting, *words[2:]]
+    started = subprocess.Popen(interrupted, cwd=tmp_path, env=environment, stderr=subprocess.PIPE)
+    for _ in range(6000):
+        with contextlib.suppress(OSError):  # until the command reads
+            writer = os.open(waiting, os.O_WRONLY | os.O_NONBLOCK)
+            break
+        time.sleep(0.01)
+    started.send_signal(signal.SIGINT)
+    assert b"nhbm: ended by SIGINT before there was a result\n" == started.communicate(timeout=600)[1] and started.returncode == 3
+    os.close(writer)
 
     done = run("--write", "fitted.nml", "--picture", "fit.png")
     assert done.returncode == 0, done.stderr

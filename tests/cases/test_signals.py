@@ -2,9 +2,11 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import time
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -37,7 +39,7 @@ from ended_runs import (
 from faults import run_with_fault
 from program import (
     ALL_CONVERGED, INCOMPLETE, NOT_ALL_CONVERGED, command, environment, read, run, seconds_of, seconds_of_children,
-    wait_until_taken,
+    wait_until_caught, wait_until_taken,
 )  # fmt: skip
 
 
@@ -144,6 +146,56 @@ def test_signal_to_one_rank_ends_all_ranks(tmp_path):
     status, text = finish(process)
     assert status == INCOMPLETE and "stopped by" in text
     assert 0 < (read(result, "status") == PENDING).sum() < N_SWEPT
+
+
+RINGING = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0, damping = 1e-5 /
+&tones frequency = 2.0 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+&sweep parameter = 'load(1)%cos', values = 0.5, 1.0, 1.5 /
+"""
+
+
+def is_at_work(process, ranks):
+    """Whether all ranks have begun a long work: the start takes a tenth of a second."""
+    pids = ranks_of(process) if ranks else [process.pid]
+    return len(pids) == (ranks or 1) and all(seconds_of(SimpleNamespace(pid=pid)) > 1.0 for pid in pids)
+
+
+@on_linux
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_a_signal_keeps_the_verdicts_of_verify(ranks, tmp_path):
+    """Disturbances hardly decay: the first point is verified over 30 periods, the others would take days."""
+    source = write(tmp_path, RINGING)
+    assert run("solve", source, cwd=tmp_path).status == ALL_CONVERGED
+    assert run("verify", "case.h5", "--points", "0", "--periods", "30", cwd=tmp_path).status != INCOMPLETE
+    before = read(tmp_path / "case.h5", "integration_verdict")
+    process = begin(tmp_path, "verify", "case.h5", "--points", "1,2", "--periods", "100000000", ranks=ranks)
+    wait_for(process, lambda: is_at_work(process, ranks))
+    process.send_signal(signal.SIGUSR1)
+    status, text = finish(process)
+    assert status == INCOMPLETE, text
+    assert "stopped by SIGUSR1: 2 points are left: nhbm verify case.h5 --points 1,2\n" in text
+    assert before[0] != 0 and (read(tmp_path / "case.h5", "integration_verdict") == before).all()
+
+
+@on_linux
+def test_a_signal_ends_check_and_integrate_with_a_message(tmp_path):
+    sweep = RINGING.replace("values = 0.5, 1.0, 1.5", "from = 0.5, to = 1.5, n = 1000000")
+    process = begin(tmp_path, "check", write(tmp_path, sweep))
+    wait_for(process, lambda: is_at_work(process, None))
+    process.send_signal(signal.SIGTERM)
+    status, text = finish(process)
+    assert status == INCOMPLETE and re.search(r"stopped by SIGTERM after \d+ points of 1000000, which can be read\n", text), text
+    endless = RINGING.split("&sweep")[0] + "&integration duration = 1e9, decimation = 1000000 /\n"
+    process = begin(tmp_path, "integrate", write(tmp_path, endless))
+    wait_until_caught(process, signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    status, text = finish(process)
+    assert status == INCOMPLETE and "ended by a signal before there was a result" in text, text
+    assert [path.name for path in tmp_path.iterdir()] == ["case.nml"]
 
 
 @pytest.mark.parametrize("ranks", [None, 2])

@@ -23,12 +23,13 @@ import h5py
 SECONDS, SECONDS_A_BYTE = 0.5, 2.0e-7  # of processor time that one call of the library may take, by the size of the file
 _TEXT_SIZE = 4096
 _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
-_TERMINATION = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_TERMINATION = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2)
 _unfinished: mmap.mmap | None = None  # path of the file that the child process is writing
 
 
-def run_in_child_process(main: Any, program: str) -> int:
-    """Exit status of the command; 2 and a line on standard error if the process crashed or exceeded its time in the library."""
+def run_in_child_process(main: Any, program: str, interrupted: int | None = None) -> int:
+    """Exit status of the command; 2 and a line on standard error if the process crashed or exceeded its time in the library.
+    After a signal `interrupted`, by default 128 plus its number."""
     global _unfinished
     if not hasattr(os, "fork"):
         return main()
@@ -77,6 +78,9 @@ def run_in_child_process(main: Any, program: str) -> int:
             os.unlink(left)
     for number, handler in before.items():
         signal.signal(number, handler)
+    if interrupted is not None and os.WIFSIGNALED(status) and os.WTERMSIG(status) in _TERMINATION:
+        print(f"{program}: ended by {signal.Signals(os.WTERMSIG(status)).name} before there was a result", file=sys.stderr)
+        return interrupted
     return _ending(status, program, location[:].partition(b"\0")[0].decode(errors="replace"))
 
 

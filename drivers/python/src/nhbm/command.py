@@ -19,7 +19,7 @@ from nhbm.errors import Implausible, ModelError, NotConverged
 from nhbm.factors import dense_modes, symmetric_part
 from nhbm.structure import MATRICES, Structure
 
-OK, NOT_GOOD, WRONG = 0, 1, 2
+OK, NOT_GOOD, WRONG, INTERRUPTED = 0, 1, 2, 3
 _UNITS = {"young": "[Pa]", "density": "[kg/m3]"} | dict.fromkeys(
     ("length", "width", "height", "thickness", "hub", "rim", "platform", "tip", "inner", "outer"), "[m]"
 )
@@ -27,7 +27,8 @@ _UNITS = {"young": "[Pa]", "density": "[kg/m3]"} | dict.fromkeys(
 
 def main_in_child_process() -> int:
     """The command `nhbm-model`."""
-    return run_in_child_process(main, _program(sys.argv[1:]))
+    program = _program(sys.argv[1:])
+    return run_in_child_process(main, program, INTERRUPTED if program == "nhbm" else None)
 
 
 def _program(arguments: Any) -> str:
