@@ -5,10 +5,10 @@ module arguments
    use hb_kinds, only: wp
    use hb_progress, only: log_level, log_level_names
    use hb_similar_word, only: closest_word
-   use hb_text, only: add_string, join, parse_integer, parse_real, split, string_t, to_text
+   use hb_text, only: add_string, join, lower, parse_integer, parse_real, split, string_t, to_text
    implicit none
    private
-   public :: argument_list, arguments_t, read_arguments, read_numbers
+   public :: argument_list, arguments_t, is_more_points, read_arguments, read_numbers
 
    type :: arguments_t
       character(:), allocatable :: verb
@@ -245,12 +245,15 @@ contains
    subroutine check_combination(self, error)
       type(arguments_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
-      logical :: is_resume
+      logical :: changes, is_resume
+      integer :: i
 
       is_resume = .false.
       if (allocated(self%verb)) is_resume = self%verb == "resume"
-      if (is_resume .and. (allocated(self%output) .or. size(self%overrides) > 0)) then
-         call fail(error, "resume takes the input from the result file and continues in it: no --output, no --set, no --unset")
+      changes = .not. all([(is_more_points(self%overrides(i)%value), i=1, size(self%overrides))])
+      if (is_resume .and. (allocated(self%output) .or. changes)) then
+         call fail(error, "resume takes the input from the result file and continues in it: no --output, no --unset, "// &
+                   "no --set but curve%points=N, more points for its curves")
       else if (is_resume .and. self%overwrite) then
          call fail(error, "resume continues a result file; solve --overwrite makes it anew")
       else if (self%resumes .and. self%overwrite) then
@@ -261,6 +264,13 @@ contains
          if (any(verb_names() == self%verb) .and. .not. self%wants_help) call refuse_others(self, error)
       end if
    end subroutine check_combination
+
+   !> Whether path=value gives curves another number of points.
+   pure logical function is_more_points(assignment)
+      character(*), intent(in) :: assignment
+
+      is_more_points = lower(adjustl(assignment(:index(assignment, "=") - 1))) == "curve%points"
+   end function is_more_points
 
    !> Rejects options that the verb does not have.
    subroutine refuse_others(self, error)

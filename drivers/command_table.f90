@@ -56,8 +56,9 @@ module command_table
          "end the run after this time; nhbm resume solves the remaining points"), &
       option_t("--workers", "", "N", "solve resume verify", &
          "processes of this computer that share the points, where nhbm was built without MPI (pip); else mpirun -n N"), &
-      option_t("--set", "", "PATH=VALUE", "solve check plan integrate census", &
-         "change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden'; may be given several times"), &
+      option_t("--set", "", "PATH=VALUE", "solve resume check plan integrate census", &
+         "change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden'; repeatable; for resume "// &
+         "curve%points=N alone, for curves that have reached their limit of points"), &
       option_t("--unset", "", "PATH", "solve check plan integrate census", &
          "remove one key of the input, such as harmonics%order"), &
       option_t("--quiet", "", "", all_verbs, "print errors only, neither progress nor summary; as --log-level quiet"), &

@@ -61,7 +61,7 @@ contains
       type(run_t) :: run
 
       text = ""
-      if (kind_of_file(names%input) == file_kind%none) return         ! the input of a motion that leaves a curve has no file
+      if (kind%reason /= reason%points .and. kind_of_file(names%input) == file_kind%none) return  ! of a motion that leaves a curve
       here = document
       call plan%apply(kind%first, here)
       call here%begin()
@@ -111,7 +111,8 @@ contains
       text = ""
       associate (why => run%kind%reason)
          if (why == reason%points) then
-            text = solve_with(run, "curve%points="//to_text(enough_points(run%plan, run%kind%first)))
+            text = "nhbm resume "//shell_word(run%names%result)//" --set curve%points="// &
+                   to_text(enough_points(run%plan, run%kind%first))
             return
          end if
          select case (run%kind%status)

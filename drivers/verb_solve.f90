@@ -1,14 +1,15 @@
 !> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: continues a result file.
 module verb_solve
-   use arguments, only: arguments_t
+   use arguments, only: arguments_t, is_more_points
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
    use explanation, only: status_lines
    use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_file_location, only: check_source
    use hb_idle_laws, only: idle_law_text
    use hb_kinds, only: wp
+   use hb_longer_curves, only: lengthen_curves
    use hb_memory, only: available_memory
    use hb_model, only: model_t
    use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
@@ -23,7 +24,7 @@ module verb_solve
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: join, number_of, split, string_t, to_text
+   use hb_text, only: add_string, join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
    use model_warnings, only: free_text, frozen_speed_text, model_text, repeated_value_text, varies_loads
@@ -69,8 +70,13 @@ contains
       type(study_t) :: study
 
       status = success
-      call load_stored_study(options%input, comm, study, error)
+      call load_stored_study(options%input, comm, study, error, options%overrides)
       if (allocated(error)) return
+      if (size(options%overrides) > 0) then
+         if (rank_of(comm) == 0) call lengthen_curves(study, options%input, error)
+         call share_error(comm, error)
+         if (allocated(error)) return
+      end if
       call run(study, options, options%input, .true., comm, status, error)
       if (.not. allocated(error)) call run_switched(study, options, options%input, comm, status, error)
    end subroutine run_resume
@@ -463,12 +469,13 @@ contains
                       may_only_integrate=any(options%verb == [character(9) :: "check", "integrate"]))
    end subroutine load_study
 
-   !> Creates the study of the input that is stored in a result file.
-   subroutine load_stored_study(path, comm, study, error)
+   !> Creates the study of the input that is stored in a result file, with further overrides, for more points of its curves.
+   subroutine load_stored_study(path, comm, study, error, overrides_of_curve)
       character(*), intent(in) :: path
       type(comm_t), intent(in) :: comm
       type(study_t), intent(out) :: study
       type(error_t), allocatable, intent(out) :: error
+      type(string_t), intent(in), optional :: overrides_of_curve(:)
       type(record_t) :: record
       type(string_t), allocatable :: overrides(:)
       character(:), allocatable :: lines, name, text
@@ -479,7 +486,10 @@ contains
             name = record%input_name                               ! files that it names are relative to the folder of the run
             if (kind_of_file(record%input_folder) == file_kind%folder) name = record%input_folder//last_name(name)
             text = record%input_text
-            lines = join(record%overrides, new_line("a"))
+            overrides = record%overrides
+            if (present(overrides_of_curve)) call add_overrides(overrides, overrides_of_curve, record, path, error)
+            lines = join(overrides, new_line("a"))
+            if (allocated(overrides)) deallocate (overrides)
             if (has_changed(name, text)) call print_error("note: "//name//" has changed; the run continues with the input that "// &
                path//" contains")
          end if
@@ -493,6 +503,26 @@ contains
       if (len(lines) > 0) call split(lines, new_line("a"), overrides)
       call make_study(study, name, text, overrides, comm, error)
    end subroutine load_stored_study
+
+   !> Adds overrides of `&curve` to those of a file, in place of those of the same keys; fails if the file has no curve.
+   subroutine add_overrides(overrides, added, record, path, error)
+      type(string_t), allocatable, intent(inout) :: overrides(:)
+      type(string_t), intent(in) :: added(:)
+      type(record_t), intent(in) :: record
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      if (size(added) == 0) return
+      if (index(record%input_complete, "&curve") == 0) then
+         call fail(error, "--set "//added(1)%value//": '"//path//"' has no curve")
+         return
+      end if
+      overrides = pack(overrides, [(.not. is_more_points(overrides(i)%value), i=1, size(overrides))])
+      do i = 1, size(added)
+         call add_string(overrides, added(i)%value)
+      end do
+   end subroutine add_overrides
 
    !> Whether the input file is still there and has another text.
    logical function has_changed(name, text)

@@ -3,11 +3,11 @@
 !> its size.
 module hb_padding
    use hb_error, only: error_t
-   use hb_hdf5, only: h5_file_t, open_file
+   use hb_hdf5, only: open_file
    use hb_kinds, only: wp
    use hb_progress, only: progress_t
    use hb_result_columns, only: measure_row, new_plan, plan_t
-   use hb_results_file, only: make_file
+   use hb_results_file, only: copied_file_t, make_file
    use hb_results_layout, only: results_layout_t
    use hb_results_record, only: open_points, read_record, record_t
    use hb_study, only: describe_layout, row_of_study, study_t
@@ -31,19 +31,19 @@ contains
       type(results_layout_t) :: layout
       type(record_t) :: record
       type(plan_t) :: plan
-      type(h5_file_t) :: file
+      type(copied_file_t) :: source
       type(error_t), allocatable :: error
       integer, allocatable :: n_harmonics(:)
       real(wp) :: narrow, wide
-      integer :: n_datasets
+      integer :: i, n_datasets
 
       if (.not. study%model%options%accuracy%grows_set) return
       call read_record(record, path, error)
       if (allocated(error)) return
       if (size(open_points(record, .true.)) > 0) return
-      call open_file(file, path, error)
+      call open_file(source%file, path, error)
       if (allocated(error)) return
-      call file%get("n_harmonics", n_harmonics, error)
+      call source%file%get("n_harmonics", n_harmonics, error)
       if (.not. allocated(error)) then
          call describe_layout(study, record%n_ranks, layout, min(size(record%tuples, 2), max(1, maxval(n_harmonics))))
          call new_plan(plan, layout)
@@ -54,10 +54,11 @@ contains
                call progress%say("complete; without time to remove its unused room, which nhbm resume "//path//" does")
             else
                if (record%n_points > many) call progress%say("removing unused room from "//path)
-               call make_file(path, layout, plan, .true., error, file)
+               source%rows = [(i, i=1, record%n_points)]
+               call make_file(path, layout, plan, .true., error, source)
             end if
          end if
       end if
-      call file%close(error)
+      call source%file%close(error)
    end subroutine remove_padding
 end module hb_padding

@@ -1,7 +1,7 @@
 !> Creates a complete result file before the first point is solved; by one process.
 module hb_results_file
    use, intrinsic :: iso_fortran_env, only: int8
-   use hb_checksum, only: checksum
+   use hb_checksum, only: checksum, checksum_of_zeros
    use hb_error, only: annotate, error_t, fail
    use hb_file_columns, only: amplitude_convention
    use hb_file_location, only: check_target, give_final_name
@@ -15,7 +15,13 @@ module hb_results_file
    use hb_text, only: to_text
    implicit none
    private
-   public :: make_file, schema_version
+   public :: copied_file_t, make_file, schema_version
+
+   !> A file whose rows are copied into a new one.
+   type :: copied_file_t
+      type(h5_file_t) :: file
+      integer, allocatable :: rows(:)                                 !! of this file, for each row of the new one; 0: none yet
+   end type copied_file_t
 
    real(wp), parameter :: max_bytes = 1.6e7_wp                       ! [B] of rows that are copied together
 
@@ -33,7 +39,7 @@ contains
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
-      type(h5_file_t), intent(in), optional :: source   !! of the rows, with at least as many harmonics; else none yet
+      type(copied_file_t), intent(in), optional :: source             !! of rows; else there are none yet
       character(:), allocatable :: temporary
       integer(int64) :: n_bytes
       integer :: descriptor
@@ -111,7 +117,7 @@ contains
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
-      type(h5_file_t), intent(in), optional :: source
+      type(copied_file_t), intent(in), optional :: source
       type(h5_file_t) :: file
 
       call create_file(file, path, .true., error)
@@ -317,62 +323,122 @@ contains
       if (present(text)) or_empty = text
    end function or_empty
 
-   !> Copies the rows of all points and ranks. Of the elements for harmonics, and for the continuation of curves, the
-   !> first ones are copied, as many as the new file has; checksums are computed again.
+   !> Copies the rows of points, and those of all ranks. Of the elements for harmonics, and for the continuation of curves, the
+   !> first ones are copied, as many as both files have; checksums are computed again.
    subroutine copy_rows(source, plan, error)
-      type(h5_file_t), intent(in) :: source
+      type(copied_file_t), intent(in) :: source
       type(plan_t), intent(in) :: plan                                !! of the new file, with its datasets
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: stored(:), sums(:)
-      integer :: first, i, n_at_once, n_datasets, n_points
+      integer :: first, i, last, n_at_once, n_datasets
+      logical :: is_repeated
       real(wp) :: n_bytes
 
-      n_points = plan%axes(1)%length
       call measure_row(plan, 0, n_bytes, n_datasets)
       n_at_once = max(1, int(max_bytes/n_bytes))
-      do first = 1, n_points, n_at_once
-         allocate (sums(min(n_at_once, n_points - first + 1)), source=0)
-         do i = 1, size(plan%columns)
-            call copy(source, plan%columns(i), first, sums, error)
+      first = 1
+      do while (first <= size(source%rows))
+         last = end_of_rows(source%rows, first, n_at_once)
+         if (source%rows(first) > 0) then
+            allocate (sums(last - first + 1), source=0)
+            is_repeated = last > first .and. source%rows(last) == source%rows(first)
+            do i = 1, size(plan%columns)
+               call copy(source%file, plan%columns(i), source%rows(first), first, sums, error, is_repeated)
+               if (allocated(error)) return
+            end do
+            associate (of_rows => plan%columns(plan%index_of("checksum"))%dataset)
+               allocate (stored, mold=sums)
+               call of_rows%read(stored, error, first)
+               if (.not. allocated(error)) call of_rows%write(merge(sums, 0, stored /= 0), error, first)
+            end associate
             if (allocated(error)) return
-         end do
-         associate (of_rows => plan%columns(plan%index_of("checksum"))%dataset)
-            allocate (stored, mold=sums)
-            call of_rows%read(stored, error, first)
-            if (.not. allocated(error)) call of_rows%write(merge(sums, 0, stored /= 0), error, first)
-         end associate
-         if (allocated(error)) return
-         deallocate (stored, sums)
+            deallocate (stored, sums)
+         end if
+         first = last + 1
       end do
       do i = 1, size(plan%times)
          allocate (sums(product(plan%times(i)%dataset%get_extents())))
-         call copy(source, plan%times(i), 1, sums, error)
+         call copy(source%file, plan%times(i), 1, 1, sums, error)
          if (allocated(error)) return
          deallocate (sums)
       end do
    end subroutine copy_rows
 
-   !> Copies as many rows of a dataset as there are checksums, which are continued over columns that they include.
-   subroutine copy(source, column, first, sums, error)
+   !> Last of the rows from `first` on that are copied together: consecutive ones of the source, one of them repeated, or none.
+   pure integer function end_of_rows(rows, first, most) result(last)
+      integer, intent(in) :: rows(:), first
+      integer, intent(in) :: most
+      integer :: step
+
+      last = first
+      if (first == size(rows)) return
+      step = merge(1, 0, rows(first + 1) /= rows(first))
+      do while (last < size(rows) .and. (rows(first) == 0 .or. last - first + 1 < most))
+         if (rows(last + 1) /= rows(last) + step .or. (step == 1 .and. rows(last) == 0)) exit
+         last = last + 1
+      end do
+   end function end_of_rows
+
+   !> Copies as many rows of a dataset as there are checksums, which are continued over columns that they include. Of elements of
+   !> which rows use a part, the zeros behind it are not written: the rest of a sparse file has no room on the disk.
+   subroutine copy(source, column, from, first, sums, error, is_repeated)
       type(h5_file_t), intent(in) :: source
       type(column_t), intent(in) :: column
-      integer, intent(in) :: first
+      integer, intent(in) :: from, first                              !! first row of the source, and of the new file
       integer, intent(inout) :: sums(:)
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: is_repeated                    !! the first row of the source; default: no
       type(h5_dataset_t) :: old
-      integer(int8), allocatable :: rows(:, :)
-      integer, allocatable :: n_used                                  ! not allocated: passed on as not present
-      integer :: k
+      character(:), allocatable :: meanings
+      integer(int8), allocatable :: rows(:, :, :)                     ! bytes of all elements, blocks of them, rows
+      integer, allocatable :: extents(:), old_extents(:)
+      integer :: i, k, n, n_entry, n_padding, n_rows, part
 
       call source%open_dataset(column%name, old, error)
       if (allocated(error)) return
-      associate (extents => column%dataset%get_extents())
-         if (column%is_part_used) n_used = extents(min(2, size(extents) - 1))
-         allocate (rows(bytes_of_kind(column%kind)*product(extents(:size(extents) - 1)), size(sums)))
-      end associate
-      call old%read(rows, error, first, n_used)
-      if (column%is_checked) sums = [(checksum(sums(k), rows(:, k)), k=1, size(sums))]
-      if (.not. allocated(error)) call column%dataset%write(rows, error, first)
+      if (allocated(column%flags)) then
+         call old%get_attribute("flag_meanings", meanings, error)
+         if (.not. allocated(error) .and. meanings /= column%flags) &
+            call fail(error, "its numbers mean other things than in this version of the program")
+         call annotate(error, "'"//column%name//"'")
+         if (allocated(error)) return
+      end if
+      n_rows = size(sums)
+      if (present(is_repeated)) n_rows = merge(1, n_rows, is_repeated)
+      extents = column%dataset%get_extents()
+      old_extents = old%get_extents()
+      extents = extents(:size(extents) - 1)
+      if (column%is_part_used) then
+         part = min(2, size(extents))                                 ! the axis of which rows use a part
+         n = min(extents(part), old_extents(part))
+         n_entry = bytes_of_kind(column%kind)*product(extents(:part - 1))
+         n_padding = n_entry*(extents(part) - n)
+         allocate (rows(n_entry*n, product(extents(part + 1:)), n_rows))
+         call old%read(rows, error, from, n)
+      else
+         n = 1
+         n_entry = bytes_of_kind(column%kind)*product(extents)
+         n_padding = 0
+         allocate (rows(n_entry, 1, n_rows))
+         call old%read(rows, error, from)
+      end if
+      if (n_rows < size(sums)) rows = spread(rows(:, :, 1), 3, size(sums))
+      do k = 1, merge(size(sums), 0, column%is_checked .and. .not. allocated(error))
+         do i = 1, size(rows, 2)
+            sums(k) = checksum_of_zeros(checksum(sums(k), rows(:, i, k)), n_padding)
+         end do
+      end do
+      if (.not. allocated(error)) then
+         if (column%is_part_used) then
+            do while (n > 0)
+               if (any(rows((n - 1)*n_entry + 1:n*n_entry, :, :) /= 0_int8)) exit
+               n = n - 1
+            end do
+            if (n > 0) call column%dataset%write(rows(:n*n_entry, :, :), error, first, n)
+         else
+            call column%dataset%write(rows, error, first)
+         end if
+      end if
       call annotate(error, "'"//column%name//"'")
    end subroutine copy
 end module hb_results_file

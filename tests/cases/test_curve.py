@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
-from curve_models import DUFFING, FOLD, PENDING, SOLUTION, UNUSED, assert_same_bits
-from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, read, run, solve
+from curve_models import DUFFING, FOLD, PENDING, SOLUTION, STOP, UNUSED, assert_same_bits
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, read, run, solve
 
 STEPS = "points = 300, max_step = 0.1"
 CURVE = DUFFING + f"&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, start = 1.2, values = 1.0, {STEPS} /\n"
@@ -250,14 +250,68 @@ def test_budget_of_points_is_kept(tmp_path):
     values = read(path, "tones_frequency").ravel()
     share = int(100 * np.ptp(values) / 2.0)
     line = f"1 curve reached the limit of 7 points at tones%frequency = {values[-1]:.12g}"[:-5]
-    command = r"try: (nhbm solve short.nml --set curve%points=(\d+) -o short_points_\2.h5)"
+    command = r"try: (nhbm resume short.h5 --set curve%points=\d+)"
     for text in (done.stdout, run("info", "short.h5", cwd=tmp_path).stdout):
         found = re.search(rf"{line}\d* rad/s, with {share} % of the range covered: increase 'points' of &curve\n *{command}", text)
         assert found, text
     assert found[1] in run("why", "short.h5", cwd=tmp_path).stdout
-    assert run(*found[1].split()[1:], cwd=tmp_path).status == ALL_CONVERGED
-    assert read(tmp_path / found[1].split()[-1], "tones_frequency")[:7].ravel().tolist() == values.tolist()
     assert (read(path, "status") == 1).all() and "end" not in Results(path).curve_kind()
+    assert run(*found[1].split()[1:], cwd=tmp_path).status == ALL_CONVERGED
+    assert read(path, "tones_frequency")[:7].ravel().tolist() == values.tolist()
+
+
+LONGER = {
+    "order": CURVE,
+    "tolerance": STOP,
+    "family": FAMILY,
+    "ridge": DUFFING + f"&curve {RIDGE}, over = 'tones%frequency', over_from = 0.8, over_to = 1.6, points = 300 /\n",
+    "separate": CURVE.replace("values = 1.0", "others = 1.0"),
+}
+
+
+@pytest.mark.parametrize("name", LONGER)
+def test_a_cut_curve_is_continued_with_more_points(name, tmp_path):
+    """To the bits of a run that had them from the start; curves that have ended stay as they are."""
+    (tmp_path / "case.nml").write_text(LONGER[name])
+    run("solve", "case.nml", "-o", "whole.h5", cwd=tmp_path)
+    n_used = np.count_nonzero(read(tmp_path / "whole.h5", "status").reshape(-1, 300) != UNUSED, axis=1)
+    for n in sorted({2, n_used.min(), n_used.max() - 1}):
+        run("solve", "case.nml", "-o", "cut.h5", "--overwrite", "--set", f"curve%points={n}", cwd=tmp_path)
+        for longer in (n + 3, 300):
+            done = run("resume", "cut.h5", "--set", f"curve%points={longer}", cwd=tmp_path)
+            assert done.status in (ALL_CONVERGED, NOT_ALL_CONVERGED), done.stderr
+        assert_same_bits(tmp_path / "whole.h5", tmp_path / "cut.h5", "tones_frequency" if name != "ridge" else "load_1_cos")
+        assert "all rows are as they were written" in run("info", "cut.h5", "--check", cwd=tmp_path).stdout
+        assert b"curve%points=300" in read(tmp_path / "cut.h5", "input_overrides")
+        assert_same_bits(tmp_path / "whole.h5", tmp_path / "cut.h5", "reason")
+
+
+def test_a_longer_curve_may_end_early_and_go_on(tmp_path):
+    (tmp_path / "case.nml").write_text(CURVE)
+    run("solve", "case.nml", cwd=tmp_path)
+    run("solve", "case.nml", "-o", "cut.h5", "--set", "curve%points=7", cwd=tmp_path)
+    done = run("resume", "cut.h5", "--set", "curve%points=300", "--time-limit", "0", cwd=tmp_path)
+    assert done.status == INCOMPLETE and (read(tmp_path / "cut.h5", "status")[:6] == 1).all()
+    assert run("resume", "cut.h5", cwd=tmp_path, ranks=2).status == ALL_CONVERGED
+    assert_same_bits(tmp_path / "case.h5", tmp_path / "cut.h5")
+
+
+def test_what_gives_a_curve_no_more_points_is_refused(tmp_path):
+    (tmp_path / "case.nml").write_text(CURVE)
+    run("solve", "case.nml", "--set", "curve%points=20", cwd=tmp_path)
+    (tmp_path / "point.nml").write_text(DUFFING)
+    run("solve", "point.nml", cwd=tmp_path)
+    before = (tmp_path / "case.h5").read_bytes()
+    for words, says in (
+        (("case.h5", "--set", "curve%points=19"), "'case.h5' have room for 20 points; give more, not 19"),
+        (("case.h5", "--set", "curve%points=1e3"), "points = 1e3 must be an integer"),
+        (("case.h5", "--set", "curve%to=3"), "no --set but curve%points=N"),
+        (("case.h5", "--unset", "curve%points"), "resume has no option --unset"),
+        (("point.h5", "--set", "curve%points=30"), "'point.h5' has no curve"),
+    ):
+        done = run("resume", *words, cwd=tmp_path)
+        assert done.status == BAD_INPUT and len(done.messages) == 1 and says in done.stderr, done.stderr
+    assert (tmp_path / "case.h5").read_bytes() == before
 
 
 def test_a_linear_model_has_a_curve(tmp_path):
