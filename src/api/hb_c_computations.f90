@@ -6,7 +6,7 @@ module hb_c_computations
    use hb_c_handles, only: c_status, release_handle
    use hb_c_model, only: address_of_reals, any_null, begin_call, end_call, end_call_with_text, handle_t
    use hb_census, only: census_config_t
-   use hb_error, only: error_t, fail
+   use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved
@@ -114,6 +114,24 @@ contains
       call handle%session%curve_begin(error)
       status = end_call(model, error, c_status%invalid_input)
    end function nhbm_curve_begin
+
+   integer(c_int) function nhbm_curve_lengthen(model, n_points) bind(c, name="nhbm_curve_lengthen") result(status)
+      type(c_ptr), value :: model
+      integer(c_size_t), value :: n_points
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_curve_lengthen", handle, needs_input=.true.)
+      if (status /= c_status%success) return
+      if (.not. handle%session%is_cut()) then
+         call fail(error, "nhbm_curve_lengthen: no curve has ended at its number of points, or a later call has ended it")
+         status = end_call(model, error, c_status%invalid_state)
+         return
+      end if
+      call handle%session%curve_lengthen(int(min(n_points, int(huge(1), c_size_t))), error)
+      call annotate(error, "nhbm_curve_lengthen")
+      status = end_call(model, error, c_status%invalid_argument)
+   end function nhbm_curve_lengthen
 
    integer(c_int) function nhbm_curve_next(model, has_point) bind(c, name="nhbm_curve_next") result(status)
       type(c_ptr), value :: model, has_point

@@ -29,10 +29,11 @@ module hb_session
    use hb_motion_doubt, only: describe_doubt
    use hb_motion_result, only: motion_result_t
    use hb_movement, only: follow_frequencies
+   use hb_namelist, only: set_text
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
    use hb_options, only: callbacks_t
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_parameter_path, only: identifier
    use hb_point_runner, only: run_model
    use hb_record_columns, only: record_columns, verdict_columns
@@ -88,6 +89,7 @@ module hb_session
       procedure :: idle_laws => session_idle_laws
       procedure :: solve => session_solve
       procedure :: curve_begin => session_curve_begin
+      procedure :: curve_lengthen => session_curve_lengthen
       procedure :: curve_next => session_curve_next
       procedure :: take_census => session_take_census
       procedure :: select_motion => session_select_motion
@@ -95,6 +97,7 @@ module hb_session
       procedure :: verify => session_verify
       procedure :: verify_motion => session_verify_motion
       procedure :: has_begun_curve => session_has_begun_curve
+      procedure :: is_cut => session_is_cut
       procedure :: has_time_columns => session_has_time_columns
       procedure :: may_verify => session_may_verify
       procedure :: find_column => session_find_column
@@ -348,6 +351,36 @@ contains
       call self%runner%prepare()
       self%has_curve = .true.
    end subroutine session_curve_begin
+
+   !> Gives a curve that has ended at its number of points more of them, in its input too.
+   subroutine session_curve_lengthen(self, n_points, error)
+      class(session_t), intent(inout), target :: self
+      integer, intent(in) :: n_points                                 !! of the whole curve
+      type(error_t), allocatable, intent(out) :: error
+      type(curve_plan_t), allocatable :: longer
+      type(document_t) :: document
+
+      if (n_points <= self%plan%n_points) then
+         call fail(error, "the curve has "//to_text(self%plan%n_points)//" points; give more, not "//to_text(n_points))
+         return
+      end if
+      allocate (longer)
+      document = self%input%document
+      call set_text(document, "curve%points", to_text(n_points), error)
+      if (.not. allocated(error)) call read_curve_plan(longer, document, error)   ! refuses too many
+      if (.not. allocated(error)) call self%input%set_key("curve%points", to_text(n_points), error)
+      if (allocated(error)) return
+      self%plan%n_points = n_points
+      call self%runner%lengthen(n_points)
+      self%has_curve = .not. self%runner%is_done
+   end subroutine session_curve_lengthen
+
+   !> Whether the curve has ended because it has no room for more points.
+   logical function session_is_cut(self) result(is_cut)
+      class(session_t), intent(in) :: self
+
+      is_cut = self%runner%is_prepared() .and. .not. self%has_curve .and. self%result%reason == reason%points
+   end function session_is_cut
 
    !> Makes the next point of the curve the result; `has_curve` is false if it was the last. An error ends the curve.
    subroutine session_curve_next(self, error)

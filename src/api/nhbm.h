@@ -254,6 +254,10 @@ NHBM_EXPORT int nhbm_curve_begin(nhbm_model *model);
  * NHBM_INVALID_STATE: no curve has begun, or another function has ended it. Other errors end the curve. */
 NHBM_EXPORT int nhbm_curve_next(nhbm_model *model, int *has_point);
 
+/* Gives a curve that has ended at `points` of &curve more of them: nhbm_curve_next goes on, as if it had had them from the start.
+ * NHBM_INVALID_STATE: no curve has ended so. NHBM_INVALID_ARGUMENT: it has as many already, or they are too many. */
+NHBM_EXPORT int nhbm_curve_lengthen(nhbm_model *model, size_t n_points);
+
 /* Integrates the model in time according to the group &integration, which must specify the duration; nhbm_get_time_column then
  * returns the record by the names of the file that `nhbm integrate` writes (docs/user/schema.md). Ends a curve. */
 NHBM_EXPORT int nhbm_integrate(nhbm_model *model);

@@ -57,6 +57,7 @@ module hb_motion_curve
       procedure :: continue_from => motion_curve_continue_from
       procedure :: next => motion_curve_next
       procedure :: search_for => motion_curve_search_for
+      procedure :: lengthen => motion_curve_lengthen
       procedure :: measure => motion_curve_measure
       procedure :: system_at => motion_curve_system_at
       procedure :: start_branch => motion_curve_start_branch
@@ -525,6 +526,15 @@ contains
       self%is_done = .true.
       if (is_solved(result%status)) result%reason = reason%points
    end subroutine find_next
+
+   !> Continues a curve that has ended at its number of points: it may have more of them.
+   subroutine motion_curve_lengthen(self, n_points)
+      class(motion_curve_t), intent(inout) :: self
+      integer, intent(in) :: n_points                                 !! of the whole curve
+
+      self%request%n_points = n_points
+      self%is_done = self%n_reported >= n_points
+   end subroutine motion_curve_lengthen
 
    !> Follows the curve to the first point of a kind, within a number of steps, and returns that point alone.
    subroutine motion_curve_search_for(self, kind, result, is_found, error)

@@ -32,6 +32,7 @@ module hb_curve_runner
       procedure :: prepare => curve_runner_prepare
       procedure :: continue_from => curve_runner_continue_from
       procedure :: is_prepared => curve_runner_is_prepared
+      procedure :: lengthen => curve_runner_lengthen
       procedure :: next => curve_runner_next
       procedure :: system_at => curve_runner_system_at
       procedure :: destroy => curve_runner_destroy
@@ -81,6 +82,16 @@ contains
 
       is_prepared = allocated(self%curve)
    end function curve_runner_is_prepared
+
+   !> Continues a curve that has ended at its number of points.
+   subroutine curve_runner_lengthen(self, n_points)
+      class(curve_runner_t), intent(inout) :: self
+      integer, intent(in) :: n_points                                 !! of the whole curve
+
+      self%request%n_points = n_points
+      call self%curve%lengthen(n_points)
+      self%is_done = self%curve%is_done
+   end subroutine curve_runner_lengthen
 
    !> Returns the next point; with the status `interrupted`, and without an error, if the work ends first. An error ends the
    !> curve.

@@ -95,6 +95,7 @@ static int set_progress_callback(nhbm_model *m) { return nhbm_set_progress_callb
 static int solve(nhbm_model *m) { return nhbm_solve(m, NHBM_COLD_START); }
 static int set_point_count(nhbm_model *m) { return nhbm_set_point_count(m, 1); }
 static int curve_begin(nhbm_model *m) { return nhbm_curve_begin(m); }
+static int curve_lengthen(nhbm_model *m) { return nhbm_curve_lengthen(m, 1000); }
 static int curve_next(nhbm_model *m) { return nhbm_curve_next(m, &has_point); }
 static int integrate(nhbm_model *m) { return nhbm_integrate(m); }
 static int verify(nhbm_model *m) { return nhbm_verify(m, 1); }
@@ -129,7 +130,7 @@ static const struct {
 } functions[] = {
    {get_input, true}, {set_key, true}, {find_parameter, true}, {set_parameter, true}, {set_structure_callback, false},
    {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false}, {curve_begin, true},
-   {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
+   {curve_lengthen, true}, {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
    {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
    {verify_motion, true}, {take_census, true}, {select_census_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
    {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {input_add_group, true}, {input_set_text, true},
@@ -347,6 +348,18 @@ int order_step(void)
       n += has_point;
    } while (has_point);
    CHECK(n > 1 && nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 0);
+   CHECK(nhbm_set_key(model, "curve%points", "3") == NHBM_SUCCESS);
+   CHECK(curve_lengthen(model) == NHBM_INVALID_STATE && SAYS("number of points"));
+   CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS);
+   do CHECK(nhbm_curve_next(model, &has_point) == NHBM_SUCCESS);
+   while (has_point);
+   CHECK(nhbm_curve_lengthen(model, 3) == NHBM_INVALID_ARGUMENT && SAYS("has 3 points"));
+   CHECK(nhbm_curve_lengthen(model, 10000000) == NHBM_INVALID_ARGUMENT && SAYS("points"));
+   CHECK(nhbm_curve_lengthen(model, 5) == NHBM_SUCCESS && curve_lengthen(model) == NHBM_INVALID_STATE);
+   CHECK(nhbm_get_input(model, &text) == NHBM_SUCCESS && strstr(text, "points = 5"));
+   CHECK(nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 1);
+   CHECK(nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 1);
+   CHECK(nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 0);
    CHECK(nhbm_verify(model, 0) == NHBM_INVALID_STATE);
    for (int i = 0; i < 4; ++i) { /* what ends a curve */
       CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS && nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 1);

@@ -102,7 +102,7 @@ def test_each_verb_has_its_help(tmp_path, verb):
     assert done.stdout.startswith(f"usage: nhbm {verb} ")
     assert re.findall(r"nhbm (\w+) (?:INPUT|RESULT)", done.stdout.split("options:")[0]).count(verb) >= 1
     assert ("--cost-from" in done.stdout) == (verb == "plan")
-    assert ("--set" in done.stdout) == (verb in ("solve", "check", "plan", "integrate"))
+    assert ("--set" in done.stdout) == (verb in ("solve", "resume", "check", "plan", "integrate"))
     assert max(map(len, done.stdout.splitlines())) <= 120
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 
@@ -210,11 +211,33 @@ def test_a_curve_that_is_cut_says_how_far_it_came(operation):
     values = {"curve": ("tones[0]", 0.5, 1.5), "peak": ("x1 (1)", "tones[0]", 0.5, 1.5)}[operation]
     with pytest.warns(NotConverged, match=r"reached the limit of 12 points at tones%frequency = ") as warned:
         getattr(duffing(), operation)(*values, order=5, points=12)
-    share, points = re.search(r", with (\d+)% of the range covered: give points=(\d+)", str(warned[0].message)).groups()
+    share, points = re.search(r", with (\d+)% of the range covered: call again with points=(\d+)", str(warned[0].message)).groups()
     assert 5 < int(share) < 60 and 24 <= int(points) <= 200
     with warnings.catch_warnings():
         warnings.simplefilter("error", NotConverged)
         getattr(duffing(), operation)(*values, order=5, points=int(points))
+
+
+@pytest.mark.filterwarnings("ignore::nhbm.NotConverged")
+def test_a_cut_curve_is_continued_by_the_same_call(monkeypatch, tmp_path):
+    """With more points: to the bits of one that had them from the start. A value that has changed begins it anew."""
+    whole = duffing().curve("tones[0]", 0.5, 1.5, order=5, points=200)
+    model = duffing()
+    begun = []
+    begin_curve = nhbm.session.Session.begin_curve
+    monkeypatch.setattr(nhbm.session.Session, "begin_curve", lambda session: (begun.append(session), begin_curve(session)))
+    for points in (12, 12, 20, 200):
+        curve = model.curve("tones[0]", 0.5, 1.5, order=5, points=points)
+    assert len(begun) == 2, "the second call has as many points as the first"
+    for name in set(whole.variables) - {name for name in whole.variables if str(name).endswith("_seconds")}:
+        assert whole[name].equals(curve[name]), name
+    curve.nhbm.save(tmp_path / "curve.h5")
+    with h5py.File(tmp_path / "curve.h5") as file:
+        assert b"points = 200" in file["input_complete"][()]
+    model.curve("tones[0]", 0.5, 1.5, order=5, points=12)
+    model["load[0].cos"] = 0.05
+    other = model.curve("tones[0]", 0.5, 1.5, order=5, points=200)
+    assert len(begun) == 4 and float(other.nhbm.amplitude("x1")[0]) < 0.6 * float(whole.nhbm.amplitude("x1")[0])
 
 
 def test_a_linear_model_has_a_curve():

@@ -229,6 +229,7 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "solve": (pointer, number),
         "set_point_count": (pointer, count),
         "curve_begin": (pointer,),
+        "curve_lengthen": (pointer, count),
         "curve_next": (pointer, numbers),
         "integrate": (pointer,),
         "verify": (pointer, number),

@@ -8,7 +8,7 @@ import re
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -136,6 +136,7 @@ class Description(Laws):
         self._warned: set[str] = set()  # warnings about the model that were issued
         self._is_trial = False  # its values are those of a search, of which no warning is issued
         self._solved: Settings | None = None  # which has the motion found last
+        self._cut: CutCurve | None = None
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Self:
@@ -513,6 +514,19 @@ class Description(Laws):
             doubts.warn_of_model(session, self._warned)
         return session
 
+    def _continue_cut(self, settings: Settings) -> CutCurve | None:
+        """The last curve, with more points in its session, if it has ended at their number and no other setting differs."""
+        cut, self._cut = self._cut, None
+        if cut is None or self._sessions.get(cut.live.settings) is not cut.live or cut.live.n_changes != self._n_changes:
+            return None
+        (before, _), (now, points) = cut.live.settings.without("curve", "points"), settings.without("curve", "points")
+        if before != now or not isinstance(points, int) or not cut.live.session.lengthen_curve(points):
+            return None
+        del self._sessions[cut.live.settings]
+        cut.live.settings = self._used = settings
+        self._sessions[settings] = cut.live
+        return cut
+
     def _resolved(self, path: Any) -> str:
         """The one spelling of a path."""
         return str(self._groups.resolved(path))
@@ -551,7 +565,7 @@ class Description(Laws):
     @exclusive
     def __getstate__(self) -> dict[str, Any]:
         state = {name: value for name, value in self.__dict__.items() if name != "_lock"}
-        return {**state, "_groups": self._groups.copied(), "_changes": {}, "_n_changes": 0, "_sessions": {}}
+        return {**state, "_groups": self._groups.copied(), "_changes": {}, "_n_changes": 0, "_sessions": {}, "_cut": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -570,6 +584,15 @@ def _dofs(dof: str | Iterable[str]) -> dict[str, Any]:
 def _size_of(structure: Group) -> int:
     """A measure of the size of a structure that the solver builds."""
     return max([int(value) for key, value in structure.keys.items() if key in _SIZES and isinstance(value, int)], default=0)
+
+
+class CutCurve(NamedTuple):
+    """A curve that has ended at its number of points: its session, and what was found there."""
+
+    live: _Live
+    points: list[Any]  # datasets
+    doubtful: list[tuple[str, str]]
+    idle: list[str] | None
 
 
 class _Live:

@@ -84,7 +84,7 @@ def warn_of_end(session: Session, path: str, values: list[float], extent: float)
         digit = 10 ** int(math.log10(wanted))
         text = (
             f"the curve reached the limit of {len(values)} points at {path} = {values[-1]:.7g}, with {share:.0%} of the range "
-            f"covered: give points={digit * math.ceil(wanted / digit)}"
+            f"covered: call again with points={digit * math.ceil(wanted / digit)}, which continues it"
         )
     elif reason == dataset.GRAZED:
         text = "the curve ended where a wall is grazed: no motion was found beyond"

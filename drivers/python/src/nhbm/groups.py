@@ -363,6 +363,11 @@ class Settings(NamedTuple):
         keys = dict(self.items).get(path.group, ())
         return keys is None or path.key in dict(keys)
 
+    def without(self, group: str, key: str) -> tuple[Settings, Any]:
+        """The settings without a key of a group, and its value; None if there is none."""
+        rest = tuple((name, keys and tuple(item for item in keys if (name, item[0]) != (group, key))) for name, keys in self.items)
+        return Settings(rest), dict(dict(self.items).get(group) or ()).get(key)
+
 
 def request(tolerance: float | None = None, order: Any = None, **groups: Mapping[str, Any]) -> Settings:
     """The settings of an operation: a tolerance chooses the harmonics, an order fixes them."""

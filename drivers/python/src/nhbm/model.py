@@ -12,7 +12,7 @@ import xarray as xr
 
 from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
-from nhbm.description import Description, exclusive
+from nhbm.description import CutCurve, Description, exclusive
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError
 from nhbm.groups import SETS, Group, Settings, changed_values, described, identifier, numbers_of, path_of, plain, request
@@ -331,7 +331,8 @@ class Model(Description):
             True: a progress bar of tqdm; a function is called with the number of points.
         **keys
             Keys of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``; its `start`, a value between
-            the ends from which both directions are traced, is called `first` here.
+            the ends from which both directions are traced, is called `first` here. A curve that has reached its number of
+            `points` is continued by the same call with more of them, if no value of the model has changed.
 
         Returns
         -------
@@ -359,12 +360,20 @@ class Model(Description):
         for key in keys_of("curve").values():
             if key.type == "list of texts":  # responses, of all kinds of located points
                 refuse_largest(*np.atleast_1d(keys.get(key.name, ())).tolist())
-        session = self._begin(request(tolerance, order, curve={"parameter": path, **_range(start, stop, keys)}))
+        settings = request(tolerance, order, curve={"parameter": path, **_range(start, stop, keys)})
+        cut = self._continue_cut(settings) if on_point is None else None
         points: list[xr.Dataset] = []
         doubtful: list[tuple[str, str]] = []
         has_warned, is_stopped, idle = False, False, None  # laws without force on all points
-        session.begin_curve()
+        if cut is None:
+            session = self._begin(settings)
+            session.begin_curve()
+        else:
+            session, points, doubtful, idle = cut.live.session, cut.points, cut.doubtful, cut.idle
+            points[-1] = points[-1].assign(reason=points[-1]["reason"] * 0)  # there is room for more
         with Progress(progress, "curve") as bar:
+            for _ in points:
+                bar.update()
             while session.next():
                 points.append(dataset.motion_of(session))
                 doubtful += [(dataset.status_of(session), text) for text in [doubts.doubt_of(session)] if text]
@@ -377,6 +386,8 @@ class Model(Description):
             else:
                 values = [float(point[identifier(path)]) for point in points if identifier(path) in point]
                 has_warned = doubts.warn_of_end(session, path, values, stop - start)
+                if has_warned and dataset.number(session, "reason") == dataset.CUT_SHORT:
+                    self._cut = CutCurve(self._sessions[self._used], [*points], [*doubtful], idle)
         if not points:
             raise ModelError(session.message or "the curve has no points")
         source = self._source(session)

@@ -165,6 +165,14 @@ class Session:
         """Starts the curve of the group &curve."""
         self._call("curve_begin")
 
+    def lengthen_curve(self, points: int) -> bool:
+        """Gives a curve that has ended at its number of points more of them; false if the last one has not ended so."""
+        try:
+            self._call("curve_lengthen", points)
+        except ModelError:
+            return False
+        return True
+
     def next(self) -> bool:
         """Computes the next point of the curve as the last motion; false after its end."""
         has_point = ctypes.c_int()
