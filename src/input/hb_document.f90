@@ -440,7 +440,8 @@ contains
       n_tones = 0
       i = number_of_key(self, parameter)
       associate (group => self%groups%holders(parameter%i_group)%group)
-         if (i == 0 .or. group%name /= "tones" .or. parameter%key /= "frequency" .or. parameter%element(1) > 0) return
+         if (i == 0 .or. group%name /= "tones" .or. parameter%element(1) > 0) return
+         if (all(parameter%key /= [character(9) :: "frequency", "hertz"])) return
          n_tones = max(group%content%keys(i)%n_listed, group%content%keys(i)%n_elements)
       end associate
    end function document_n_tones_of

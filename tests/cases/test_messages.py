@@ -336,10 +336,11 @@ def test_control_characters_do_not_reach_the_terminal(verb, tmp_path):
         assert "\ufffd" not in said, (words, said)
 
 
-@pytest.mark.parametrize("group", ["&curve parameter = 'tones%frequency'", "&sweep n = 5, parameter = 'tones%frequency'"])
-def test_what_moves_all_of_two_tones_is_asked_which(group, tmp_path):
+@pytest.mark.parametrize("key", ["frequency", "hertz"])
+@pytest.mark.parametrize("group", ["&curve", "&sweep n = 5,"])
+def test_what_moves_all_of_two_tones_is_asked_which(group, key, tmp_path):
     """It replaced both frequencies, and loads were reported to have too many tuples."""
-    two = STOP.replace("frequency = 0.2 /", "frequency = 0.2, 0.3 /").replace("tuple = 1,", "tuple = 1, 0,")
-    done = run("solve", write(tmp_path, two + f"{group}, from = 0.1, to = 0.2 /\n"), cwd=tmp_path)
+    two = STOP.replace("frequency = 0.2 /", f"{key} = 0.2, 0.3 /").replace("tuple = 1,", "tuple = 1, 0,")
+    done = run("solve", write(tmp_path, two + f"{group} parameter = 'tones%{key}', from = 0.1, to = 0.2 /\n"), cwd=tmp_path)
     assert done.status == BAD_INPUT
-    assert "there are 2 tones; say which" in done.stderr and "'tones%frequency(1)'" in done.stderr and "&load" not in done.stderr
+    assert "there are 2 tones; say which" in done.stderr and f"'tones%{key}(1)'" in done.stderr and "&load" not in done.stderr
