@@ -48,6 +48,7 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().load("x1", 1.5), "tuple_ must be whole numbers"),
     (lambda: duffing().start("x1", None), "tuple_ must be whole numbers"),
     (lambda: duffing().law("cubic_spring", 5), "dof must be a label such as 'x1'"),
+    (lambda: duffing()["law(spring).stiffness"], r"is no path; .*; did you mean 'spring.stiffness'\?"),
     (lambda: duffing().curve("tones[0]", "low", 2.0), "start must be a number, not 'low'"),
     (lambda: duffing().peak("x1", "tones[0]", 0.5, None), "stop must be a number, not None"),
     (lambda: duffing().curve(3, 0.5, 2.0), "a path is a text such as 'wall.gap'"),
@@ -89,6 +90,7 @@ def test_wrong_arguments_are_named(made, message):
 
 @pytest.mark.parametrize("call, message", [
     (lambda model: model.tie("stop.gap", to="tones[0]", by=2.0), r"Model.tie\(\) .*'by'; its arguments: path, to, factor, offset"),
+    (lambda model: model.law("elastic_stop", "x1", "x2"), r"a list, dofs=\['x1', 'x2'\]$"),
     (lambda model: model.solve(ordr=3), r"Model.solve\(\) .*'ordr'; its arguments: tolerance, order, warm"),
     (lambda model: model.curve("tones[0]", 1.0), r"Model.curve\(\) .*'stop'; its arguments: path, start, stop, "),
 ])  # fmt: skip

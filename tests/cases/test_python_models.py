@@ -95,6 +95,17 @@ def test_what_is_wrong_is_said():
         Model.from_namelist(DUFFING + "&solver max_iterations = 1, fallback = .false. /\n").solve(order=7)
 
 
+def test_a_label_names_a_bearing_too():
+    """A tie took every label for that of a law."""
+    model = Model(nhbm.Matrices(mass=np.eye(2), damping=np.eye(2), stiffness=np.eye(2)), tones=[1.5])
+    model.load("x1", 1, cos=0.1)
+    table = {"speeds": [0.0, 2.0], "stiffness": [[1.0, 0.0, 0.0, 1.0], [3.0, 0.0, 0.0, 3.0]]}
+    model.bearing(["x1", "x2"], **table, speed=0.5, label="seal")
+    model.tie("seal.speed", "tones[0]")
+    x = 0.1 / abs(1.0 + 2.5 - 1.5**2 + 1.5j)  # at its speed of 1.5 rad/s
+    assert float(model.solve(order=1).nhbm.amplitude("x1")) == pytest.approx(x, rel=1e-9)
+
+
 def test_models_are_made_of_values():
     same(duffing().solve()["coefficients"].values, Model.from_namelist(DUFFING).solve()["coefficients"].values, "coefficients")
     wall = Model(

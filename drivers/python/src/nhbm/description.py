@@ -60,7 +60,10 @@ def exclusive(method: _Method) -> _Method:
                 signature.bind(self, *arguments, **options)
             except TypeError as error:
                 names = ", ".join(list(signature.parameters)[1:]) or "none"
-                raise TypeError(f"{type(self).__name__}.{method.__name__}() {error}; its arguments: {names}") from None
+                text = f"{type(self).__name__}.{method.__name__}() {error}; its arguments: {names}"
+                if "dof" in signature.parameters and len(arguments) > 2 and isinstance(arguments[2], str):
+                    text += f"; several degrees of freedom are a list, dofs={list(arguments[1:])}"
+                raise TypeError(text) from None
             raise
 
     return cast(_Method, call)
@@ -362,7 +365,7 @@ class Description(Laws):
                 value_at(at, Groups.of_text(self.to_namelist()))  # raises what is wrong with the path
         if self._resolved(path) == self._resolved(to):
             raise ModelError(f"&tie: '{path}' cannot follow itself")
-        paths = str(path_of(path)), str(path_of(to))
+        paths = str(self._groups.located(path)), str(self._groups.located(to))
         self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
     @exclusive

@@ -119,7 +119,9 @@ def path_of(path: Any) -> InputPath:
         return InputPath(group.lower(), number, key.lower(), tuple(int(i) for i in written if i))
     match = _OF_PYTHON.fullmatch(path)
     if match is None:
-        raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are")
+        mixed = re.fullmatch(r"\s*\w+\(([^()]+)\)\.(\w+)\s*", path)
+        hint = f"; did you mean '{mixed[1]}.{mixed[2]}'?" if mixed and not mixed[1].isdigit() else ""
+        raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are{hint}")
     name, number, key, element, column = match.groups()
     if key is None:
         if name != "tones":
@@ -273,13 +275,18 @@ class Groups:
             found = [group for group in found if group.label == path.which]
         return found[0] if len(found) == 1 else None
 
-    def resolved(self, path: str) -> InputPath:
-        """The one spelling of a path: groups by their label or, without one, their number; the only tone without an index."""
+    def located(self, path: str) -> InputPath:
+        """A path as it is written, with the group that has its label."""
         found = path_of(path)
-        if found.group == "law" and isinstance(found.which, str) and self.find(found) is None:  # a label of another group?
+        if found.group == "law" and isinstance(found.which, str) and self.find(found) is None:
             others = [group for group in self._all if group.label == found.which and group.name in repeated_groups()]
             if len(others) == 1:
-                found = found._replace(group=others[0].name)
+                return found._replace(group=others[0].name)
+        return found
+
+    def resolved(self, path: str) -> InputPath:
+        """The one spelling of a path: groups by their label or, without one, their number; the only tone without an index."""
+        found = self.located(path)
         group = self.find(found)
         if group is None:
             return found
