@@ -225,7 +225,7 @@ contains
       do i = 1, size(parts)
          call parse_integer(parts(i)%value, numbers(i), is_number)
          if (is_number .and. numbers(i) >= least) cycle
-         call fail(error, option//" needs numbers from "//to_text(least)//" on, not '"//text//"'")
+         call fail(error, option//" needs whole numbers, "//to_text(least)//" or more, separated by commas, not '"//text//"'")
          return
       end do
    end subroutine read_numbers

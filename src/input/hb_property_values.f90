@@ -259,15 +259,24 @@ contains
       if (i_key > 0) is_given = self%keys(i_key)%n > 0
    end function content_is_given
 
-   !> Adds advice to a message if a value of a key of real numbers looks like the first half of a number with a
-   !> decimal comma, `1,5e-3` is two values, or like the unit of the number before it.
+   !> Adds advice to a message if a value of a key of real numbers has a sign of another language, or looks like the first half
+   !> of a number with a decimal comma, `1,5e-3` is two values, or like the unit of the number before it.
    pure subroutine content_add_advice(self, i_key, message)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_key
       character(:), allocatable, intent(inout) :: message
       integer :: comma, k
+      logical :: is_found
 
+      is_found = .false.
       associate (key => self%keys(i_key))
+         do k = 1, merge(key%n - key%n_elements, 0, key%is_real)
+            associate (value => key%values(k))
+               if (value%kind == kind_of%none .and. value%last >= value%first) &
+                  call add_sign_advice(self%spelling(value%first:value%last), message, is_found)
+               if (is_found) return
+            end associate
+         end do
          do k = 1, merge(key%n - key%n_elements - 1, 0, key%is_real)
             associate (value => key%values(k), next => key%values(k + 1))
                if (next%kind == kind_of%none .and. any(value%kind == [kind_of%whole, kind_of%number])) then
@@ -284,6 +293,23 @@ contains
          end do
       end associate
    end subroutine content_add_advice
+
+   !> Adds advice on a word in the place of a number that has signs of another language.
+   pure subroutine add_sign_advice(word, message, is_found)
+      character(*), intent(in) :: word
+      character(:), allocatable, intent(inout) :: message
+      logical, intent(out) :: is_found
+      character(*), parameter :: minus = char(226)//char(136)//char(146), dash = char(226)//char(128)//char(147) ! in UTF-8
+      character(:), allocatable :: advice
+
+      advice = ""
+      if (index(word, minus) + index(word, dash) > 0) advice = "its minus is another character than '-'"
+      if (index(word, ";") > 0) advice = "separate numbers by commas or blanks, not by ';'"
+      if (scan(word, "[](){}") > 0) advice = "lists of numbers have no brackets"
+      if (scan(word, "*^") > 0) advice = "there are no products or powers; 3*0.5 repeats 0.5 three times"
+      is_found = len(advice) > 0
+      if (is_found) message = message//"; "//advice
+   end subroutine add_sign_advice
 
    !> Returns a word without its quotes, doubled quotes made single.
    pure subroutine content_get_word(self, i_key, k, word)

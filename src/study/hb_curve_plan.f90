@@ -233,7 +233,8 @@ contains
                               model%system%tones%n_tones, error)
             if (.not. (allocated(error) .or. model%options%accuracy%grows_set .or. &
                        response%is_in(model%discretisation%harmonics))) &
-               call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple")
+               call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple; raise the order of "// &
+                         "&harmonics")
             if (curve_kinds(response%kind)%needs_load .and. .not. allocated(error)) &
                call check_loads(model%system, model%discretisation, response, error)
             if (allocated(error)) then

@@ -80,7 +80,7 @@ contains
 
       if (present(options)) how = options
       call read_stored(path, stored, error)
-      if (.not. allocated(error)) call check_points(stored, points, error)
+      if (.not. allocated(error)) call check_points(path, stored, points, error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, stored%status, points, error)
       call share_error(comm, error)
       if (allocated(error)) return
@@ -162,7 +162,8 @@ contains
       wants_end = self%interruption_t%wants_end()
    end function watched_integration_wants_end
 
-   subroutine check_points(stored, points, error)
+   subroutine check_points(path, stored, points, error)
+      character(*), intent(in) :: path
       type(stored_t), intent(in) :: stored
       integer, intent(in) :: points(:)
       type(error_t), allocatable, intent(out) :: error
@@ -176,7 +177,8 @@ contains
       end if
       do i = 1, size(points)
          if (points(i) < size(stored%status)) cycle
-         call fail(error, "there is no point "//to_text(points(i))//"; the file has 0 to "//to_text(size(stored%status) - 1))
+         call fail(error, "there is no point "//to_text(points(i))//" in '"//path//"'; it has 0 to "// &
+                   to_text(size(stored%status) - 1))
          return
       end do
    end subroutine check_points

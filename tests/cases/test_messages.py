@@ -344,3 +344,20 @@ def test_what_moves_all_of_two_tones_is_asked_which(group, key, tmp_path):
     done = run("solve", write(tmp_path, two + f"{group} parameter = 'tones%{key}', from = 0.1, to = 0.2 /\n"), cwd=tmp_path)
     assert done.status == BAD_INPUT
     assert "there are 2 tones; say which" in done.stderr and f"'tones%{key}(1)'" in done.stderr and "&load" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("1.0;2.0", "by commas or blanks, not by ';'"),
+        ("[1.0]", "lists of numbers have no brackets"),
+        ("\u22121.0", "its minus is another character than '-'"),
+        ("2*3.14*0.15", "there are no products or powers; 3*0.5 repeats 0.5 three times"),
+        ("10**-1", "there are no products or powers"),
+        ("10^-3", "there are no products or powers"),
+    ],
+)
+def test_signs_of_other_languages_are_named(value, says, tmp_path):
+    """Brackets were taken for a decimal comma, another minus for a unit."""
+    done = run("check", write(tmp_path, STOP.replace("gap = 0.1", f"gap = {value}")), cwd=tmp_path)
+    assert done.status == BAD_INPUT and "&law: gap" in done.stderr and says in done.stderr, done.stderr

@@ -90,8 +90,8 @@ def test_chains_are_solved_by_one_rank(source):
 @pytest.mark.parametrize(
     "options, message",
     [
-        (["--ranks", "2,x"], "--ranks needs numbers from 1 on, not '2,x'"),
-        (["--ranks", "0"], "--ranks needs numbers from 1 on, not '0'"),
+        (["--ranks", "2,x"], "--ranks needs whole numbers, 1 or more, separated by commas, not '2,x'"),
+        (["--ranks", "0"], "--ranks needs whole numbers, 1 or more, separated by commas, not '0'"),
         (["--points", "many"], "--points: 'many' is not a number"),
         (["--cost", "-1.0"], "--cost: '-1.0' is not a number greater than 0"),
         (["--cost-from", "none.h5"], "--cost-from 'none.h5'"),

@@ -361,7 +361,9 @@ class Description(Laws):
         """
         for one in (path, to):
             at = self._groups.resolved(one)
-            if self._groups.find(at) is None or self._key_at(at) is None:
+            group = self._groups.find(at)
+            is_beyond = group is not None and at.key in group.keys and group.get(at.key, at.indices) is None
+            if group is None or self._key_at(at) is None or is_beyond:
                 value_at(at, Groups.of_text(self.to_namelist()))  # raises what is wrong with the path
         if self._resolved(path) == self._resolved(to):
             raise ModelError(f"&tie: '{path}' cannot follow itself")

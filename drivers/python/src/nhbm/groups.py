@@ -517,6 +517,8 @@ def _square(name: str, matrix: Any, n: int = 0) -> Any:
     try:
         if np.iscomplexobj(matrix):
             raise ModelError(f"{name} must be real; viscous damping is a matrix of its own, `damping`")
+        if getattr(np.asarray(matrix), "dtype", np.dtype(float)).kind in "SU":  # NumPy reads "1e3" as a number
+            raise ValueError
         full = np.atleast_2d(np.asarray(matrix, dtype=float))
     except (TypeError, ValueError):
         if getattr(getattr(matrix, "dtype", None), "kind", "") == "O":  # of scipy.io.loadmat, by default

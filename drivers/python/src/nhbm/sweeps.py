@@ -125,6 +125,8 @@ _MAKERS = {"executor": "concurrent.futures", "comm": "mpi4py.MPI"}
 
 def _line_of(path: str, line: Any) -> list[Any]:
     """The values of one path; ModelError if they are no list."""
+    if isinstance(line, (set, frozenset, dict)):
+        raise ModelError(f"'{path}': the values of a sweep are a list of numbers, in their order, not a {type(line).__name__}")
     if np.ndim(line) > 1:
         raise ModelError(f"'{path}': the values of a sweep are a list of numbers, not an array of {np.ndim(line)} dimensions")
     return list(np.atleast_1d(list(np.atleast_1d(line))))
