@@ -46,8 +46,7 @@ contains
             if (.not. curve_kinds(point%kind)%is_extreme) cycle
             extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
             extreme%sense = curve_kinds(point%kind)%sense
-            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, first_rise(self))* &
-                                           (-1)**count(self%waiting(self%first_waiting:i - 1)%kind == curve_kind%fold)
+            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, first_rise(self))*(-1)**n_folds_between(self, i)
             call raise_error(self, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
@@ -73,6 +72,18 @@ contains
          if (curve%is_around_kink) rise = self%waiting(i)%x(n) - curve%last_x(n)
       end associate
    end function first_rise
+
+   !> Number of folds between the start of the step and the beginning of the arc that ends at a fold. Folds that a change
+   !> of the set has left behind the start have negative positions.
+   pure integer function n_folds_between(self, i) result(n)
+      class(observed_motion_t), intent(in) :: self
+      integer, intent(in) :: i                                        !! of the waiting points, the fold
+
+      associate (points => self%waiting(self%first_waiting:))
+         n = abs(count(self%waiting(self%first_waiting:i - 1)%kind == curve_kind%fold) &
+                 - count(points%kind == curve_kind%fold .and. points%position < 0.0_wp))
+      end associate
+   end function n_folds_between
 
    !> The function at a point of the curve: the moving value, or the square of a response.
    real(wp) function function_at(self, response, x) result(value)

@@ -120,6 +120,24 @@ def test_branch_points_are_found_where_the_set_grows(tolerance, tmp_path):
     assert energies == pytest.approx([40.9748, 2730.785, 6684.03], rel=3e-4)
 
 
+TWO_SIDED = """
+&structure type='matrices', n_dofs=1, mass=0.42702484810638125, damping=0.039705637095564364, stiffness=1.4177400819188144 /
+&tones frequency=1.8220980168741574 /
+&law type='elastic_stop', dof='x1', stiffness=7.67785976176595, gap=0.7606551219119453, two_sided=.true. /
+&law type='cubic_spring', dof='x1', stiffness=0.5303497073300805 /
+&load dof='x1', tuple=1, cos=0.8597255690663158 /
+&curve parameter='tones%frequency', from=0.5466294050622472, to=5.466294050622472, points=125 /
+"""
+
+
+@pytest.mark.parametrize("tolerance", ["1e-3", "8e-4"])
+def test_folds_are_found_where_the_set_grows(tolerance, tmp_path):
+    """By 1e-3 the set grows from 17 to 30 tuples where the fold is ahead on the small set and behind on the large one."""
+    with Results(solve(TWO_SIDED + f"&accuracy tolerance={tolerance} /\n", tmp_path)) as results:
+        folds = results.curve.values[results.select({"curve_kind": "fold"})]
+    assert folds == pytest.approx([0.76457, 0.70872], rel=3e-5)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), (0.72, "'x1'")])
 def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
