@@ -7,6 +7,7 @@ module hb_tuple_choice
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_harmonics
    use hb_kinds, only: int64, wp
+   use hb_sorting, only: sort_descending
    implicit none
    private
    public :: chosen_tuples, largest_indices, lowest_order, new_doubled_set, new_lowest_set, shifted, tuple_union_t
@@ -217,45 +218,6 @@ contains
       is_taken(order(:min(n, max(1, capacity)))) = .true.
       positions = pack([(i, i=1, size(order))], is_taken)
    end function largest_indices
-
-   !> Order of numbers from the largest to the smallest, stable: a merge sort.
-   pure subroutine sort_descending(values, order)
-      real(wp), intent(in) :: values(:)
-      integer, intent(out) :: order(:)
-      integer :: merged(size(values)), first, i, j, k, last, middle, width
-
-      order = [(i, i=1, size(values))]
-      width = 1
-      do while (width < size(values))
-         do first = 1, size(values), 2*width
-            middle = min(first + width, size(values) + 1)
-            last = min(first + 2*width, size(values) + 1)
-            i = first
-            j = middle
-            do k = first, last - 1
-               if (takes_first(i, j)) then
-                  merged(k) = order(i)
-                  i = i + 1
-               else
-                  merged(k) = order(j)
-                  j = j + 1
-               end if
-            end do
-         end do
-         order = merged
-         width = 2*width
-      end do
-
-   contains
-
-      pure logical function takes_first(i, j)
-         integer, intent(in) :: i, j
-
-         takes_first = j >= last
-         if (i >= middle) return
-         if (.not. takes_first) takes_first = values(order(i)) >= values(order(j))
-      end function takes_first
-   end subroutine sort_descending
 
    !> Adds the tuples that are not in the union.
    pure subroutine tuple_union_add(self, tuples)

@@ -12,6 +12,7 @@ module hb_line_fit
    use hb_error, only: error_t
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: two_pi, wp
+   use hb_sorting, only: sort_descending
    use hb_torus, only: cheap_size
    implicit none
    private
@@ -150,22 +151,25 @@ contains
       real(wp), intent(in) :: frequencies(:)                          !! w [rad/s], (n_lines)
       complex(wp), intent(in) :: coefficients(:)                      !! (n_lines)
       real(wp), intent(in) :: misfit                                  !! of the series, relative as the result
-      real(wp) :: beat, moving, turns(size(frequencies))
-      integer :: i, k
+      real(wp) :: amplitude, beat, moving, squares, turns(size(frequencies))
+      integer :: i, k, order(size(frequencies))
 
       share = 0.0_wp
       moving = norm2(pack(abs(coefficients), abs(frequencies) > 0.0_wp))
       if (moving <= 0.0_wp) return
       turns = duration*abs(frequencies)
+      call sort_descending(turns, order)
+      squares = 0.0_wp
       do i = 2, size(turns)
-         do k = 1, i - 1
-            beat = abs(turns(i) - turns(k))
-            if (beat >= two_pi .or. beat <= one_line) cycle
-            share = hypot(share, min(abs(coefficients(i))/moving, abs(coefficients(k))/moving, &
-                                     misfit*curved/beat**2))
+         amplitude = abs(coefficients(order(i)))
+         do k = i - 1, 1, -1                                          ! from the nearest line on
+            beat = turns(order(k)) - turns(order(i))
+            if (beat >= two_pi) exit
+            if (beat <= one_line) cycle
+            squares = squares + (min(amplitude/moving, abs(coefficients(order(k)))/moving, misfit*curved/beat**2))**2
          end do
       end do
-      share = sqrt(6.0_wp)*share
+      share = sqrt(6.0_wp*squares)
    end function unresolved_by
 
    !> Frees the memory of FFTW; safe to call twice.
