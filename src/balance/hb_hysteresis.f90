@@ -23,10 +23,11 @@ module hb_hysteresis
    type :: hysteresis_t
       class(hysteretic_law_t), pointer :: law => null()               !! of `new_hysteresis`, which must outlive this
       type(slider_states_t) :: sliders                                !! over the torus
-      real(wp), allocatable :: response(:, :, :, :)                   !! (width, 2, n_coordinates, n_samples) to a block of
+      real(wp), allocatable :: response(:, :, :, :)                   !! (n_samples, width, 2, n_coordinates) to a block of
                                                                       !! columns
       type(line_tangent_t), allocatable, private :: line           ! under one tone, after the first `prepare_line`
       type(memory_tangent_t), allocatable, private :: tangent         ! after the first use
+      real(wp), allocatable, private :: by_sample(:, :)               ! as `response`, all columns of one sample after the other
       type(slider_derivative_t), allocatable, private :: derivative ! after the first use
       real(wp), allocatable, private :: f_along(:, :)                 ! (n_samples, n_coordinates)
       integer(int64), private :: motion = -1                          ! of whose samples the states are; -1: none
@@ -61,7 +62,7 @@ contains
    pure subroutine hysteresis_forget_tones(self)
       class(hysteresis_t), intent(inout) :: self
 
-      if (allocated(self%tangent)) deallocate (self%tangent, self%response)
+      if (allocated(self%tangent)) deallocate (self%tangent, self%response, self%by_sample)
       if (allocated(self%line)) deallocate (self%line)
       self%motion = -1
    end subroutine hysteresis_forget_tones
@@ -191,7 +192,8 @@ contains
          allocate (self%tangent)
          call new_memory_tangent(self%tangent, characteristic, harmonics, torus, frequencies, size(self%law%shape, 2), &
                                  self%law%n_states)
-         allocate (self%response(width, 2, size(self%law%shape, 2), torus%n_total))
+         allocate (self%response(torus%n_total, width, 2, size(self%law%shape, 2)))
+         allocate (self%by_sample(2*width*size(self%law%shape, 2), torus%n_total))
       end if
       call self%tangent%prepare(self%sliders, self%law, characteristic)
    end subroutine hysteresis_prepare_response
@@ -244,8 +246,24 @@ contains
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: coordinate, block
 
-      call self%tangent%respond(self%sliders, characteristic, block, coordinate, self%response)
+      call self%tangent%respond(self%sliders, characteristic, block, coordinate, self%by_sample)
+      call transpose_in_parts(self%by_sample, self%response)
    end subroutine hysteresis_find_block_response
+
+   !> Transposes a matrix that does not fit into the cache: a few of its columns at a time.
+   pure subroutine transpose_in_parts(matrix, transposed)
+      real(wp), intent(in), contiguous :: matrix(:, :)
+      real(wp), intent(out) :: transposed(size(matrix, 2), size(matrix, 1))
+      integer, parameter :: n_together = 32
+      integer :: first, i, last
+
+      do first = 1, size(matrix, 2), n_together
+         last = min(first + n_together - 1, size(matrix, 2))
+         do i = 1, size(matrix, 1)
+            transposed(first:last, i) = matrix(i, first:last)
+         end do
+      end do
+   end subroutine transpose_in_parts
 
    !> Error of the states after `evaluate`; empty if they are periodic.
    pure function hysteresis_failure(self) result(text)

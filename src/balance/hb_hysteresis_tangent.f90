@@ -190,7 +190,7 @@ contains
       type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
-      real(wp), intent(out), contiguous :: df(:, :, :, :)             !! [N/m], (width, 2, n_coordinates, n_samples)
+      real(wp), intent(out) :: df(width, 2, size(memory%path, 2), *)  !! [N/m], (.., n_samples)
       integer :: round
       real(wp) :: change
 
@@ -245,7 +245,7 @@ contains
       type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
-      real(wp), intent(inout), contiguous, optional :: df(:, :, :, :)
+      real(wp), intent(inout), optional :: df(width, 2, size(memory%path, 2), *)
       real(wp), parameter :: per_value = 2.0_wp, per_neighbour = 0.3_wp ! see hb_solver_types%unit_of_work
       integer :: i, p, slice
       real(wp) :: wave(width, 2)
@@ -321,7 +321,7 @@ contains
       class(memory_tangent_t), intent(in) :: self
       integer, intent(in) :: sample, slice, p, coordinate
       real(wp), intent(in) :: wave(width, 2)
-      real(wp), intent(inout), contiguous :: df(:, :, :, :)
+      real(wp), intent(inout) :: df(width, 2, size(self%df_dz, 2), *)
       integer :: a, k
 
       do a = 1, size(df, 3)

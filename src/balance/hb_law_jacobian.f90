@@ -396,7 +396,7 @@ contains
          if (row == 0) return
          associate (shape => laws(i)%law%shape)
             do a = 1, size(shape, 2)
-               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*laws(i)%hysteresis%response(h, part, a, :)
+               if (abs(shape(row, a)) > 0.0_wp) to = to + weight*shape(row, a)*laws(i)%hysteresis%response(:, h, part, a)
             end do
          end associate
       end subroutine add_force_on

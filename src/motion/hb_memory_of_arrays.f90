@@ -252,7 +252,7 @@ contains
          n = law%n_states
          if (law%n_states > 0) then
             self%per_sample = self%per_sample + (n_path_parts*c + n)*(n + 1) + c
-            self%answers_per_sample = self%answers_per_sample + c*c + c*n + 2*width*c
+            self%answers_per_sample = self%answers_per_sample + c*c + c*n + 4*width*c
             self%states = self%states + c*n
             return
          end if
