@@ -60,7 +60,7 @@ program nhbm
    integer :: status
    real(wp), parameter :: pause = 0.5_wp                              !! [s] see expect_signals
 
-   call retain_freed_memory()
+   call retain_freed_memory(64)
    call use_one_blas_thread()
    call survive_failed_writes()
    words = argument_list()

@@ -10,7 +10,7 @@ module verb_solve
    use hb_idle_laws, only: idle_law_text
    use hb_kinds, only: wp
    use hb_longer_curves, only: lengthen_curves
-   use hb_memory, only: available_memory
+   use hb_memory, only: available_memory, retain_freed_memory
    use hb_model, only: model_t
    use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
@@ -551,6 +551,7 @@ contains
       integer :: i
 
       memory = memory_share(comm)
+      call retain_freed_memory(retained_mebibytes(memory))
       if (rank_of(comm) == 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate)
       call share_error(comm, error)
       if (allocated(error)) return
@@ -578,6 +579,16 @@ contains
 
       memory_share = -max_over(comm, -available_memory()/ranks_on_node(comm))
    end function memory_share
+
+   !> Freed memory [MiB] that a process retains of its share [bytes]: what one level of a point with three tones needs, if that is
+   !> a small part.
+   pure integer function retained_mebibytes(memory) result(n)
+      real(wp), intent(in) :: memory
+      real(wp), parameter :: mebibyte = 1048576.0_wp, part = 0.125_wp
+      integer, parameter :: least = 64, most = 1024
+
+      n = max(least, int(min(part*memory/mebibyte, real(most, wp))))
+   end function retained_mebibytes
 
    !> Text with the number of harmonics of the points, or with their requested accuracy.
    function set_text(study) result(text)

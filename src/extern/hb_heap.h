@@ -2,7 +2,7 @@
 #ifndef HB_HEAP_H
 #define HB_HEAP_H
 
-/* Lets this process retain up to 64 MiB of freed memory. */
-void hb_retain_freed_memory(void);
+/* Lets this process retain so much freed memory, less than 2 GiB. */
+void hb_retain_freed_memory(int n_mebibytes);
 
 #endif

@@ -22,9 +22,11 @@ module hb_memory
          type(limits_t), intent(out) :: limits
       end function c_getrlimit
 
-      !> Lets this process retain up to 64 MiB of freed memory: each point allocates as much as the previous one, and new
-      !> pages from the system must first be cleared. Source of the interface: hb_heap.h.
-      subroutine retain_freed_memory() bind(c, name="hb_retain_freed_memory")
+      !> Lets this process retain so much freed memory: each level, error estimate and point allocates as much as the previous
+      !> one, and new pages from the system must first be cleared. Source of the interface: hb_heap.h.
+      subroutine retain_freed_memory(n_mebibytes) bind(c, name="hb_retain_freed_memory")
+         import :: c_int
+         integer(c_int), value :: n_mebibytes                         !! < 2048
       end subroutine retain_freed_memory
    end interface
 

@@ -26,7 +26,7 @@ program nhbm_bench
    character(:), allocatable :: input
    integer :: i, status
 
-   call retain_freed_memory()
+   call retain_freed_memory(64)
    call use_one_blas_thread()
    call start_mpi()
    comm = world()
