@@ -237,13 +237,10 @@ contains
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(stability_t), intent(out) :: stability
-      integer :: n_laws                                               ! that have a force
 
       if (system%normal_mode%is_requested .or. config%method == stability_method%off) return
       if (.not. allocated(options%callbacks%stability_finder)) return
-      n_laws = size(system%laws)
-      if (system%is_linear()) n_laws = 0
-      call options%callbacks%stability_finder%find(stability, config, motion, system%structure, system%laws(:n_laws), &
+      call options%callbacks%stability_finder%find(stability, config, motion, system%structure, system%laws, &
                                                  excitation_t(discretisation%loads, &
                                                               discretisation%harmonics%frequencies(motion%tones%omega), &
                                                               options%integration%restitution), work_allowed)
