@@ -189,7 +189,7 @@ def test_a_signal_ends_check_and_integrate_with_a_message(tmp_path):
     process.send_signal(signal.SIGTERM)
     status, text = finish(process)
     assert status == INCOMPLETE and re.search(r"stopped by SIGTERM after \d+ points of 1000000, which can be read\n", text), text
-    endless = RINGING.split("&sweep")[0] + "&integration duration = 1e9, decimation = 1000000 /\n"
+    endless = RINGING.split("&sweep")[0] + "&integration duration = 1e7, decimation = 1000000 /\n"
     process = begin(tmp_path, "integrate", write(tmp_path, endless))
     wait_until_caught(process, signal.SIGINT)
     process.send_signal(signal.SIGINT)
