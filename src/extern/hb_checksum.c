@@ -1,9 +1,10 @@
 #ifndef _GNU_SOURCE
-#define _GNU_SOURCE /* for dladdr */
+#define _GNU_SOURCE /* for dladdr, SEEK_DATA */
 #endif
 #include "hb_checksum.h"
 
 #include <dlfcn.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <stdlib.h>
@@ -14,6 +15,15 @@
 #define N_TABLES 8
 #define BUFFER_BYTES 1048576
 #define MIN_ZEROS 256
+#define MIN_SPARSE_BYTES 65536
+
+#ifdef SEEK_DATA
+#define FINDS_PARTS 1
+#else /* all parts count as stored */
+#define FINDS_PARTS 0
+#define SEEK_DATA (-1)
+#define SEEK_HOLE (-2)
+#endif
 
 static uint32_t table[N_TABLES][256];
 static pthread_once_t has_tables = PTHREAD_ONCE_INIT;
@@ -97,17 +107,51 @@ uint32_t hb_add_to_checksum(uint32_t checksum, const void *bytes, size_t n_bytes
 
 uint32_t hb_add_zeros_to_checksum(uint32_t checksum, size_t n_bytes) { return ~after_zeros(~checksum, n_bytes); }
 
+/* Where the next part of the file begins that is stored (`whence` SEEK_DATA) or is not (SEEK_HOLE), `end` at most; without support
+   by the file system, all of it is stored. */
+static off_t next_part(int descriptor, off_t from, off_t end, int whence)
+{
+   const off_t found = FINDS_PARTS ? lseek(descriptor, from, whence) : -1;
+
+   if (found >= 0) return found < end ? found : end;
+   if (whence == SEEK_HOLE || (FINDS_PARTS && errno == ENXIO)) return end; /* nothing behind it is stored */
+   return from;
+}
+
+/* A long row, of which the file may store little: what it does not store is zero and is not read. */
+static int add_sparse_row(int descriptor, off_t from, off_t end, unsigned char *buffer, uint32_t *checksum)
+{
+   while (from < end) {
+      const off_t first = next_part(descriptor, from, end, SEEK_DATA);
+      *checksum = hb_add_zeros_to_checksum(*checksum, (size_t)(first - from));
+      from = first < end ? next_part(descriptor, first, end, SEEK_HOLE) : end;
+      for (off_t at = first; at < from;) {
+         const size_t n = from - at < BUFFER_BYTES ? (size_t)(from - at) : BUFFER_BYTES;
+         if (pread(descriptor, buffer, n, at) != (ssize_t)n) return -1;
+         *checksum = hb_add_to_checksum(*checksum, buffer, n);
+         at += (off_t)n;
+      }
+   }
+   return 0;
+}
+
 int hb_checksum_rows(const char *path, long long offset, long long row_bytes, long long n_rows, uint32_t *checksums)
 {
    if (row_bytes < 1) return 0;
    const int descriptor = open(path, O_RDONLY | O_CLOEXEC);
    if (descriptor < 0) return -1;
-   const long long rows_at_once = row_bytes < BUFFER_BYTES ? BUFFER_BYTES / row_bytes : 1;
-   unsigned char *const buffer = malloc((size_t)(rows_at_once * row_bytes));
-   int status = buffer == NULL ? -1 : 0;
+   const int is_sparse = row_bytes >= MIN_SPARSE_BYTES;
+   const long long rows_at_once = is_sparse ? 1 : BUFFER_BYTES / row_bytes;
+   unsigned char *const buffer = malloc(BUFFER_BYTES);
+   int status = buffer == NULL || lseek(descriptor, 0, SEEK_END) < offset + n_rows * row_bytes ? -1 : 0;
    for (long long first = 0; first < n_rows && status == 0; first += rows_at_once) {
+      const off_t from = (off_t)(offset + first * row_bytes);
+      if (is_sparse) {
+         status = add_sparse_row(descriptor, from, from + (off_t)row_bytes, buffer, &checksums[first]);
+         continue;
+      }
       const long long n = n_rows - first < rows_at_once ? n_rows - first : rows_at_once;
-      if (pread(descriptor, buffer, (size_t)(n * row_bytes), (off_t)(offset + first * row_bytes)) != n * row_bytes) status = -1;
+      if (pread(descriptor, buffer, (size_t)(n * row_bytes), from) != n * row_bytes) status = -1;
       for (long long i = 0; i < n && status == 0; i++)
          checksums[first + i] = hb_add_to_checksum(checksums[first + i], buffer + i * row_bytes, (size_t)row_bytes);
    }

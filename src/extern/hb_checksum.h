@@ -11,8 +11,8 @@ uint32_t hb_add_to_checksum(uint32_t checksum, const void *bytes, size_t n_bytes
 /* Continues a checksum over bytes that are zero. */
 uint32_t hb_add_zeros_to_checksum(uint32_t checksum, size_t n_bytes);
 
-/* Continues the checksum of each row over its bytes in a part of a file in which rows are contiguous. Returns 0, or -1 if the file
-   cannot be read there. */
+/* Continues the checksum of each row over its bytes in a part of a file in which rows are contiguous; parts that the file does not
+   store are zero and are not read. Returns 0, or -1 if the file cannot be read there. */
 int hb_checksum_rows(const char *path, long long offset, long long row_bytes, long long n_rows, uint32_t *checksums);
 
 /* Checksum and length of the file from which the code of a function was loaded. Returns 0, or -1 if it cannot be read. */
