@@ -4,8 +4,7 @@
 usage: pictures.py [NAME ...]      writes docs/pictures/NAME.png; without NAME all, in about half an hour
 
 A page with code is run as the tests run it. The commands of the others are in `DRAWN` below. Not here, as they measure or need
-other programs: `accuracy_*` (tests/accuracy draw), `growth` and `releases` (tests/performance), `benchmark_convergence`
-(tests/benchmarks), `layers` (tests/layers); `response` (postproc/README.md) shows sweeps whose points failed in an earlier version.
+other programs: `MEASURED` (drawn by tests/accuracy, tests/performance, tests/benchmarks and tests/layers).
 NHBM and NHBM_LIBRARY name the program and libnhbm.so. Look at each picture before you commit it.
 """
 
@@ -16,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,6 +37,17 @@ def model(name: str, *drawings: str) -> list[str]:
         *(f"nhbm-post {drawing}" for drawing in drawings),
     ]
 
+
+def commands_on(page: str, word: str, output: str) -> list[str]:
+    """The indented block of a page whose last line has `word`, which then writes `output`."""
+    blocks = re.findall(r"(?:^    .*\n)+", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE)
+    found = [block for block in blocks if block.strip().splitlines()[-1].strip().startswith(word) and "nhbm solve" in block]
+    assert len(found) == 1, page
+    return [f"nhbm() {{ command nhbm \"$@\" || [ $? = 4 ]; }}\n{textwrap.dedent(found[0]).rstrip()} -o {output}"]
+
+
+#: First letters of the names of pictures that scripts of measurements draw.
+MEASURED = ("accuracy_", "benchmark_convergence", "growth", "layers", "releases")
 
 #: The names of pictures, and the commands that draw them in an empty folder with the links `inputs`, `drivers` and `docs`.
 DRAWN = {
@@ -69,6 +80,7 @@ DRAWN = {
         " --set sweep%to=3.2",
         'nhbm-post response "0.06 N:0.06.h5" "0.12 N:0.12.h5" "0.18 N:0.18.h5" backbone:b.h5 --tuple 1 --dpi 80 -o curve.png',
     ],
+    ("response",): commands_on("postproc/README.md", "nhbm-post response", output="response.png"),
     ("bouncing_curve",): [
         "nhbm solve inputs/gallery/bouncing_curve.nml",
         "nhbm-post response bouncing_curve.h5 --tuple 1 --dpi 80 -o bouncing_curve.png",

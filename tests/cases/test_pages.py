@@ -7,6 +7,7 @@ import fnmatch
 import io
 import os
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -70,6 +71,17 @@ def test_every_picture_is_shown():
     pages = "".join(page.read_text(encoding="utf-8") for page in [*PAGES, *ROOT.glob("docs/**/*.md")])
     unused = [picture.name for picture in ROOT.glob("docs/pictures/*.png") if picture.name not in pages]
     assert not unused, f"no page shows {', '.join(unused)}"
+
+
+def test_every_picture_has_an_origin():
+    """A page that draws it, commands in docs/site/pictures.py, or a script of measurements."""
+    script = runpy.run_path(str(ROOT / "docs" / "site" / "pictures.py"))
+    drawn = {name for names in script["DRAWN"] for name in names}
+    for page in script["PAGES"]:
+        code = re.sub(r"!\[.*|<img.*", "", page.read_text(encoding="utf-8"))
+        drawn |= {name for name in script["shown_on"](page) if f"{name}." in code}
+    unknown = [picture.stem for picture in ROOT.glob("docs/pictures/*.png") if picture.stem not in drawn]
+    assert [name for name in unknown if not name.startswith(script["MEASURED"])] == []
 
 
 def test_index_lists_every_page():
