@@ -61,6 +61,19 @@ def test_abaqus(chain, tmp_path):
     assert_same(importing.from_abaqus(paths), chain)
 
 
+def test_abaqus_in_its_own_order(chain, tmp_path):
+    """One entry of each pair, in the order of Abaqus' equations, which is not that of the nodes; constrained nodes have 1e36."""
+    for name in ("mass", "stiffness"):
+        matrix = getattr(chain, name)
+        lines = [(i, j, v) if (i + j) % 3 else (j, i, v) for i, j, v in lower(matrix)]
+        if name == "stiffness":
+            lines += [(99, 99, 1e36), (99, lines[0][0], -5.0)]
+        else:
+            lines.append((99, 99, 1.0))
+        (tmp_path / f"{name}.mtx").write_text("".join(f"{i:d},3, {j:d},3, {v:.17g}\n" for i, j, v in lines))
+    assert_same(importing.from_abaqus({name: tmp_path / f"{name}.mtx" for name in ("mass", "stiffness")}), chain)
+
+
 def test_nastran(chain, tmp_path):
     pytest.importorskip("pyNastran")
     lines = []
@@ -233,6 +246,10 @@ ALWAYS = {
         (ABAQUS, "bad.mtx", "*HEADING\n", "holds no entries"),
         (ABAQUS, "bad.mtx", "1,3,1,3,1.0\n2,3,2", "line 2 has 3 numbers, expected 5"),
         (ABAQUS, "bad.mtx", "1,9,1,9,1.0\n", "node 1, direction 9: only nodes from 1 and directions 1 to 6 are known"),
+        (ABAQUS, "bad.mtx", "1 1 1.0\n", "expected 5; it may be of FORMAT=COORDINATE, which has no nodes"),
+        (ABAQUS, "bad.mtx", "-1,3,-1,3,1.0\n", "node -1, direction 3: nodes below 0 are internal to Abaqus"),
+        (ABAQUS, "bad.mtx", "1,3,1,3,1e36\n2,3,2,3,1e36\n", "all degrees of freedom are constrained"),
+        (MATRIX_MARKET, "bad.mtx", "1,3,1,3,1.0\n2,3,2,3,1.0\n", "if Abaqus wrote it, add --abaqus"),
         (ABAQUS, "bad.mtx", "inf,3,1,3,1.0\n", "line 1: inf is not an integer"),
         (ABAQUS, "bad.mtx", b"\xff\xfe", "is no text"),
         (LABELS, "labels", "a\na\n", "degrees of freedom 1 and 2 both have the label 'a'"),

@@ -21,6 +21,8 @@ from nhbm.structure import Structure, check_labels
 DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 ANGLES = ("rx", "ry", "rz")
 _OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open}  # as mmread takes them
+_CONSTRAINED = 1e30  # [N/m]: what Abaqus adds to the stiffness of constrained degrees of freedom, 1e36, and no structure has
+_COORDINATES = {3: "it may be of FORMAT=COORDINATE, which has no nodes; write FORMAT=MATRIX INPUT, the default"}
 _SMALL, _MOST_COMPRESSED = 2**26, 50  # bytes, and bytes a compressed byte, of matrices; those of finite elements have up to 30
 
 
@@ -48,7 +50,7 @@ def read_matrix(path: Any) -> sp.csr_matrix:
         matrix = sp.csr_matrix(matrix)
     except (ValueError, TypeError, OSError, KeyError, IndexError, MemoryError, EOFError, NotImplementedError, zipfile.BadZipFile,
             zlib.error) as error:  # fmt: skip
-        raise ModelError(f"file '{path}' holds no sparse matrix: {error}") from None
+        raise ModelError(f"file '{path}' holds no sparse matrix: {error}{_of_abaqus(path)}") from None
     if matrix.dtype.kind not in "fiub":
         kind = "complex" if matrix.dtype.kind == "c" else f"of type {matrix.dtype}"
         raise ModelError(f"file '{path}': the matrix is {kind}, not real; give an imaginary part of K as --structural")
@@ -59,6 +61,17 @@ def read_matrix(path: Any) -> sp.csr_matrix:
         e = int(np.argmin(np.isfinite(at.data)))
         raise ModelError(f"file '{path}': the entry in row {at.row[e] + 1}, column {at.col[e] + 1} is not a finite number")
     return matrix
+
+
+def _of_abaqus(path: Path) -> str:
+    """A hint for a file that is no Matrix Market but a table of Abaqus."""
+    try:
+        with open(path, "rb") as file:
+            lines = [line for line in file.read(2**12).decode().splitlines()[:-1] if line.strip() and not line.startswith("*")]
+        is_table = len(lines) > 0 and all(len([float(word) for word in line.split(",")]) == 5 for line in lines)
+    except (OSError, ValueError):
+        return ""
+    return "; if Abaqus wrote it, add --abaqus" if is_table else ""
 
 
 def _check_size(path: Path) -> None:
@@ -155,31 +168,44 @@ def _triangle(path: Any, n: Any) -> sp.csr_matrix:
 
 
 def _symmetric(row: Any, column: Any, value: Any, n: Any) -> sp.csr_matrix:
-    """Both triangles of a matrix from one; entries that stand on both sides already are taken as they are."""
-    if (row < column).any() and (row > column).any():
-        return sp.csr_matrix((value, (row, column)), shape=(n, n))
-    half = sp.coo_matrix((value, (row, column)), shape=(n, n)).tocsr()
-    return sp.csr_matrix(half + half.T - sp.diags(half.diagonal()))
+    """A symmetric matrix of one entry of each pair, in either triangle; with both entries of pairs it is taken as it is."""
+    given = sp.coo_matrix((value, (row, column)), shape=(n, n)).tocsr()
+    diagonal = sp.diags(given.diagonal())
+    pattern = sp.csr_matrix(given - diagonal)
+    pattern.eliminate_zeros()
+    pattern.data[:] = 1.0
+    if pattern.multiply(pattern.T).nnz > 0:
+        return given
+    return sp.csr_matrix(given + given.T - diagonal)
 
 
 def from_abaqus(paths: dict[str, Path], **more: Any) -> Structure:
-    """Structure of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line."""
-    tables = {name: _table(path, 5, 4) for name, path in paths.items()}
+    """Structure of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line.
+    Constrained degrees of freedom, whose stiffness Abaqus writes as 1e36, are omitted."""
+    tables = {name: _table(path, 5, 4, _COORDINATES) for name, path in paths.items()}
     pairs = np.unique(np.concatenate([t[:, pair] for t in tables.values() for pair in ([0, 1], [2, 3])]), axis=0)
     index = {(int(node), int(direction)): i for i, (node, direction) in enumerate(pairs)}
     for node, direction in index:
         if direction not in DIRECTIONS or node < 1:
             at = [t[:, pair] == (node, direction) for t in tables.values() for pair in ([0, 1], [2, 3])]
             path = list(paths.values())[next(i for i, found in enumerate(at) if found.all(axis=1).any()) // 2]
-            raise ModelError(
-                f"file '{path}': node {node}, direction {direction}: only nodes from 1 and directions 1 to 6 are known"
-            )
+            why = "only nodes from 1 and directions 1 to 6 are known"
+            if node < 0:
+                why = "nodes below 0 are internal to Abaqus, of couplings, connectors or hybrid elements; avoid these"
+            raise ModelError(f"file '{path}': node {node}, direction {direction}: {why}")
     matrices = {}
     for name, table in tables.items():
         row = np.array([index[int(a), int(b)] for a, b in table[:, :2]])
         column = np.array([index[int(a), int(b)] for a, b in table[:, 2:4]])
         matrices[name] = _symmetric(row, column, table[:, 4], len(index))
-    labels = [f"n{node}.{DIRECTIONS[direction]}" for node, direction in index]
+    is_free = np.ones(len(index), dtype=bool)
+    if "stiffness" in matrices:
+        is_free = matrices["stiffness"].diagonal() < _CONSTRAINED
+    if not is_free.any():
+        raise ModelError(f"file '{paths['stiffness']}': all degrees of freedom are constrained")
+    free = np.flatnonzero(is_free)
+    matrices = {name: matrix[free][:, free] for name, matrix in matrices.items()}
+    labels = [f"n{node}.{DIRECTIONS[direction]}" for (node, direction), known in zip(index, is_free) if known]
     return Structure(**matrices, **nodes_of_labels(labels), **more)
 
 
@@ -284,8 +310,9 @@ def _abaqus_numbers(path: Path) -> np.ndarray | None:
     return np.array(numbers)
 
 
-def _table(path: Any, n_columns: Any, n_whole: Any) -> np.ndarray:
-    """Numbers of a text file, a row a line, the first of them whole; lines that begin with * or # are no data."""
+def _table(path: Any, n_columns: Any, n_whole: Any, hints: dict[int, str] | None = None) -> np.ndarray:
+    """Numbers of a text file, a row a line, the first of them whole; lines that begin with * or # are no data. `hints` explain
+    other numbers of columns."""
     rows = []
     for number, line in enumerate(_text(path).splitlines(), start=1):
         if not line.strip() or line.lstrip()[0] in "*#%":
@@ -296,7 +323,8 @@ def _table(path: Any, n_columns: Any, n_whole: Any) -> np.ndarray:
         except ValueError:
             raise ModelError(f"file '{path}', line {number}: '{line.strip()}' are no numbers") from None
         if len(words) != n_columns:
-            raise ModelError(f"file '{path}', line {number} has {len(words)} numbers, expected {n_columns}")
+            hint = (hints or {}).get(len(words), "")
+            raise ModelError(f"file '{path}', line {number} has {len(words)} numbers, expected {n_columns}{hint and '; '}{hint}")
         for word, value in zip(words[:n_whole], rows[-1]):
             if not (value.is_integer() and abs(value) < 2**53):
                 raise ModelError(f"file '{path}', line {number}: {word} is not an integer")
