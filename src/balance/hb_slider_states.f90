@@ -24,7 +24,7 @@ module hb_slider_states
    integer, parameter :: max_rounds = 1000
    integer, parameter :: few_rounds = 10, many_rounds = 40, between_jumps = 4, few_to_close = 3
    integer, parameter :: not_known = -1, no = 0, yes = 1
-   real(wp), parameter :: per_value = 25.0_wp, per_clamp = 4.0_wp, per_neighbour = 1.0_wp    ! see hb_solver_types%unit_of_work
+   real(wp), parameter :: per_clamp = 4.0_wp, per_neighbour = 1.0_wp  ! see hb_solver_types%unit_of_work
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples are stored slice by slice: (n_slice, ..., n_steps).
@@ -168,7 +168,8 @@ contains
       real(wp), intent(out) :: largest_move                           !! of any state within a step
       integer :: i, last, n
 
-      call spend_work(characteristic%work_of_round(size(self%states, 2), merge(2, 1, with_derivatives)*per_value, per_neighbour))
+      call spend_work(characteristic%work_of_round(size(self%states, 2), merge(2, 1, with_derivatives)*law%work_of_advance, &
+                                                   per_neighbour))
       n = characteristic%n_steps
       largest_move = 0.0_wp
       self%before = self%states(:, :, 1)
@@ -312,7 +313,7 @@ contains
          allocate (self%pusher(size(self%states, 1), size(self%states, 2), size(self%states, 3)))
       end if
       self%has_slopes = .false.
-      call spend_work(2*per_value*size(self%states))
+      call spend_work(2*law%work_of_advance*size(self%states))
       far = huge(1.0_wp)
       do i = 1, size(self%states, 3)
          call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i))
@@ -334,7 +335,7 @@ contains
             allocate (self%low_slope(n(1), n_states, n(2), n(3), n(4)), self%high_slope(n(1), n_states, n(2), n(3), n(4)))
          end associate
       end if
-      call spend_work(4*per_value*size(self%states))
+      call spend_work(4*law%work_of_advance*size(self%states))
       far = huge(1.0_wp)
       do i = 1, size(self%states, 3)
          call law%advance(-far, self%path(:, :, :, i), self%low(:, :, i), by_start, self%low_slope(:, :, :, :, i))

@@ -25,6 +25,7 @@ module hb_hysteretic_law
    !> At rest all states are zero: sliders relaxed, no force.
    type, extends(law_t), abstract :: hysteretic_law_t
       logical :: has_bounds = .false.                                 !! each state is the position of a slider between two `bounds`
+      real(wp) :: work_of_advance = 25.0_wp                           !! of a state over one step, in about a nanosecond
    contains
       procedure(advance_law), deferred :: advance
       procedure(force_of_law), deferred :: force

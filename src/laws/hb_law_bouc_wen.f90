@@ -34,6 +34,7 @@ module hb_law_bouc_wen
 
    real(wp), parameter :: edge = 0.5_wp                               ! of |r| |u|**n, up to which the power series is used
    real(wp), parameter :: yielding = 50.0_wp                          ! v from which u is 1 to rounding
+   real(wp), parameter :: of_decays = 25.0_wp, of_squares = 270.0_wp, of_powers = 600.0_wp ! work of a step [ns], by the exponent
    integer, parameter :: max_iterations = 300, max_terms = 60
    real(wp), parameter :: nodes(4) = [0.18343464249564980_wp, 0.52553240991632899_wp, 0.79666647741362674_wp, &
                                       0.96028985649753623_wp]
@@ -59,6 +60,8 @@ contains
       self%n_states = 1
       self%is_odd = .true.
       self%length_scale = self%yield_displacement
+      self%work_of_advance = of_decays
+      if (self%exponent > 1.0_wp) self%work_of_advance = merge(of_squares, of_powers, abs(self%exponent - 2.0_wp) <= 0.0_wp)
    end subroutine bouc_wen_derive
 
    subroutine bouc_wen_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
