@@ -102,7 +102,7 @@ contains
          call print_error(why_stopped()//" before the cost of the tolerance was measured")
          return
       end if
-      call describe_implausible(study%model%system, study%model%options, implausible)
+      call describe_implausible(study%model%system, study%model%discretisation, study%model%options, implausible)
       if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
       else

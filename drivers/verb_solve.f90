@@ -560,7 +560,7 @@ contains
       if (allocated(error) .or. rank_of(comm) > 0) return
       warning = model_text(study%model, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
-      call describe_implausible(study%model%system, study%model%options, warning)
+      call describe_implausible(study%model%system, study%model%discretisation, study%model%options, warning)
       call split(warning, new_line("a"), lines)
       do i = 1, size(lines)
          if (len(warning) > 0) call say("warning: "//lines(i)%value)

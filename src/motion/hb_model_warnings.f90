@@ -12,7 +12,7 @@ module hb_model_warnings
    use hb_options, only: options_t
    use hb_sign_warnings, only: describe_signs
    use hb_system, only: system_t
-   use hb_text, only: join, rounded_to, string_t, to_text
+   use hb_text, only: join, number_of, rounded_to, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
@@ -24,6 +24,7 @@ module hb_model_warnings
    real(wp), parameter :: max_tolerance = 0.2_wp                      ! error of a motion
    real(wp), parameter :: max_length = 100.0_wp                       ! of a gap [m]
    integer, parameter :: n_known = 12                                 ! digits of a frequency, without rounding errors
+   integer, parameter :: max_samples = 1000000                        ! which take a second of an iteration
    integer, parameter :: max_loads = 200                              ! which are compared in less than a millisecond
    integer, parameter :: max_dofs = 100                               ! of a structure whose natural frequencies take milliseconds
    character(*), parameter :: lengths(3) = [character(9) :: "clearance", "gap", "gaps"]
@@ -38,16 +39,17 @@ contains
       type(options_t), intent(in) :: options
       character(:), allocatable, intent(out) :: text
 
-      call describe_implausible(system, options, text)
+      call describe_implausible(system, discretisation, options, text)
       call add_line(text, trim(commensurate_text(system%tones, options%error_estimate%commensurability)))
       if (has_no_load(system, discretisation)) call add_line(text, no_load_text)
    end subroutine describe_warnings
 
    !> Lists values of a model that suggest a mistake, one per line: tones far above or below all natural frequencies, negative
    !> damping or stiffness, gaps that are very large or negative, repeated loads, a tolerance of a large part of the motion or
-   !> beside given harmonics; none: an empty text.
-   subroutine describe_implausible(system, options, text)
+   !> beside given harmonics, a very large set of these; none: an empty text.
+   subroutine describe_implausible(system, discretisation, options, text)
       type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       character(:), allocatable, intent(out) :: text
       type(string_t), allocatable :: lines(:)
@@ -68,6 +70,9 @@ contains
          " % of the motion; 1 % is 1e-2")
       if (options%accuracy%is_on .and. .not. options%accuracy%grows_set) call add_line(text, "the harmonics are given, so that "// &
          "&accuracy refines the samples alone; for harmonics by its tolerance leave out the order or set of &harmonics")
+      if (discretisation%torus%n_total > max_samples .and. size(system%laws) > 0) call add_line(text, "given are "// &
+         number_of(discretisation%harmonics%n_harmonics, "harmonic")//", with "//number_of(discretisation%torus%n_total, &
+         "sample")//": a point may take minutes; a tolerance, instead of an order or a set, chooses those that are needed")
    end subroutine describe_implausible
 
    !> Adds a line on each load whose phase seems to be in degrees, and that repeats a previous one: at the same place, with the

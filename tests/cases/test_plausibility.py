@@ -53,6 +53,14 @@ def test_a_stop_that_prevents_a_point_is_not_called_idle(tmp_path):
     assert "exerts no force" not in done.stdout
 
 
+def test_a_set_that_takes_minutes(tmp_path):
+    """An order of a million, perhaps for a number of points, is named before the point is solved."""
+    for order, is_large in ((1000000, True), (300, False)):
+        text = said(MODEL.format(gap=0.3).replace("order = 9", f"order = {order}"), tmp_path, "check")
+        named = f"given are {order + 1} harmonics, with 6001128 samples: a point may take minutes"
+        assert (f"warning: {named}" in text) == is_large, text
+
+
 def test_values_that_suggest_a_mistake(tmp_path):
     for verb in ("solve", "check"):
         assert "warning: law 'stop': gap = 1500.0 m; lengths are in metres" in said(MODEL.format(gap=1500.0), tmp_path, verb)
