@@ -480,7 +480,8 @@ def test_values_are_read_by_path():
     matrices = nhbm.Model(nhbm.Matrices([[1.0, 0.0], [0.0, 1.0]], [[2.0, -1.0], [-1.0, 2.0]]), tones=[0.9])
     assert matrices["structure.stiffness"] == [2.0, -1.0, -1.0, 2.0] and matrices["structure%stiffness(2)"] == -1.0
     for path, message in {
-        "spring.gap": "there is no such value; known keys: type, label",
+        "spring.gap": "'spring.gap': there is no such value; known keys: type, label",
+        "law[7].gap": r"'law\[7\].gap': there is no such &law; the model has law\[0\], law\[1\]$",
         "stop.gap": "there is no such value; known groups: structure, tones",
         "law.stiffness": "there are several groups &law",
         "tones[3]": "frequency has 1 value$",

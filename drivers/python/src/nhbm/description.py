@@ -43,18 +43,14 @@ _CHECKED_DOFS = 100  # of the largest structure for it
 _SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
 
-def exclusive(method: _Method) -> _Method:
-    """A method that one thread at a time executes; others wait. Wrong arguments are answered with those that there are."""
+def answering(method: _Method) -> _Method:
+    """A method that answers wrong arguments with those that there are."""
     signature = inspect.signature(method)
 
     @functools.wraps(method)
     def call(self: Description, *arguments: Any, **options: Any) -> Any:
-        if not isinstance(options.get("warm", False), (bool, np.bool_)):
-            raise ModelError("warm must be True or False, for a start from the motion that this model had last, not "
-                             f"{type(options['warm']).__name__}")  # fmt: skip
         try:
-            with self._lock:
-                return method(self, *arguments, **options)
+            return method(self, *arguments, **options)
         except TypeError:
             try:
                 signature.bind(self, *arguments, **options)
@@ -65,6 +61,21 @@ def exclusive(method: _Method) -> _Method:
                     text += f"; several degrees of freedom are a list, dofs={list(arguments[1:])}"
                 raise TypeError(text) from None
             raise
+
+    return cast(_Method, call)
+
+
+def exclusive(method: _Method) -> _Method:
+    """Such a method that one thread at a time executes; others wait."""
+    answered = answering(method)
+
+    @functools.wraps(method)
+    def call(self: Description, *arguments: Any, **options: Any) -> Any:
+        if not isinstance(options.get("warm", False), (bool, np.bool_)):
+            raise ModelError("warm must be True or False, for a start from the motion that this model had last, not "
+                             f"{type(options['warm']).__name__}")  # fmt: skip
+        with self._lock:
+            return answered(self, *arguments, **options)
 
     return cast(_Method, call)
 

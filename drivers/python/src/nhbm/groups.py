@@ -98,6 +98,13 @@ class InputPath(NamedTuple):
         return f"{self.group}{which}%{self.keyed}"
 
     @property
+    def written(self) -> str:
+        """The path as it is written in Python: `law[1].gap`, `stop.gap`, `tones.frequency[0]`."""
+        stem = f"{self.group}[{self.which - 1}]" if isinstance(self.which, int) else self.which or self.group
+        indices = f"[{', '.join(str(i - 1) for i in self.indices)}]" if self.indices else ""
+        return f"{stem}.{self.key}{indices}"
+
+    @property
     def keyed(self) -> str:
         """The key with its indices."""
         return self.key + (f"({', '.join(map(str, self.indices))})" if self.indices else "")
@@ -394,17 +401,21 @@ def value_at(path: InputPath, groups: Groups) -> Any:
     if group is None:
         n = len(groups.named(path.group))
         if n > 1 and path.which is None:
-            raise ModelError(f"'{path}': there are several groups &{path.group}; a number, 'law[0].gap', or a label chooses one")
+            raise ModelError(f"'{path.written}': there are several groups &{path.group}; "
+                             "a number, 'law[0].gap', or a label chooses one")
+        if n > 0 and isinstance(path.which, int):
+            there = ", ".join(f"{path.group}[{k}]" for k in range(n))
+            raise ModelError(f"'{path.written}': there is no such &{path.group}; the model has {there}")
         known = dict.fromkeys(other.name for other in groups)
-        raise ModelError(f"'{path}': there is no such value; known groups: {', '.join(known)}")
+        raise ModelError(f"'{path.written}': there is no such value; known groups: {', '.join(known)}")
     value = group.get(path.key, path.indices)
     if value is None and path.key in group.keys:
         whole = group.keys[path.key]
         n = len(whole) if isinstance(whole, tuple) else 1
         hint = f", row by row: it has one index, {path.key}({n})" if len(path.indices) > 1 else ""
-        raise ModelError(f"'{path}': {path.key} has {n} value{'s' * (n > 1)}{hint}")
+        raise ModelError(f"'{path.written}': {path.key} has {n} value{'s' * (n > 1)}{hint}")
     if value is None:
-        raise ModelError(f"'{path}': there is no such value; known keys: {', '.join(group.keys)}")
+        raise ModelError(f"'{path.written}': there is no such value; known keys: {', '.join(group.keys)}")
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -12,7 +12,7 @@ import xarray as xr
 
 from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
-from nhbm.description import CutCurve, Description, exclusive
+from nhbm.description import CutCurve, Description, answering, exclusive
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError
 from nhbm.groups import SETS, Group, Settings, changed_values, described, identifier, numbers_of, path_of, plain, request
@@ -626,7 +626,7 @@ class Model(Description):
             raise ModelError(f"n = {n}, but the structure has {len(found)} natural frequenc{'y' if len(found) == 1 else 'ies'}")
         return found[: n or 10]
 
-    sweep = sweeps.sweep
+    sweep = answering(sweeps.sweep)
 
     def _sharing(self, n: int) -> int:
         """Points that share the time for stability: none where its work, counted as that of compiled laws, would take minutes."""
