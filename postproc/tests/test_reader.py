@@ -256,8 +256,9 @@ def test_converged_point_without_numbers(tmp_path):
 
 
 def test_other_files_are_refused(tmp_path):
-    text, other, newer, torn = (tmp_path / name for name in ("a.txt", "other.h5", "newer.h5", "torn.h5"))
+    text, given, other, newer, torn = (tmp_path / name for name in ("a.txt", "a.nml", "other.h5", "newer.h5", "torn.h5"))
     text.write_text("no HDF5")
+    given.write_text("&structure /")
     with h5py.File(other, "w") as file:
         file["x"] = 1.0
     single(newer, 1, schema_version=2)
@@ -268,6 +269,7 @@ def test_other_files_are_refused(tmp_path):
         (tmp_path / "none.h5", "no such file"),
         (tmp_path, "is a folder"),
         (text, "cannot be read as HDF5"),
+        (given, "is an input, not a result: nhbm solve .* makes one, a.h5"),
         (other, "no result file of nhbm: it has no attribute 'schema_version'"),
         (newer, "schema version 2; this nhbm-post reads version 1"),
         (torn, "result file without status"),

@@ -31,6 +31,8 @@ def open_file(path: Path) -> h5py.File:
             return open_hdf5(path, locking=False)
         except (OSError, TypeError, ValueError):  # the last two: HDF5 library without this option
             pass
+    if path.suffix == ".nml":
+        raise ReaderError(f"{path}: is an input, not a result: nhbm solve {path} makes one, {path.stem}.h5")
     raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(first)})")
 
 
