@@ -15,7 +15,7 @@ module hb_remedies
          "parameter slightly.", &
       "Look for loads or stiffnesses of a wrong magnitude, the end of a table, or a law that divides by "// &
          "zero; a check tests the derivatives of the laws.", &
-      "Remove the cause, then solve the point again (resume with --retry).", &
+      "Remove the cause, then solve the point again.", &
       "With a given order: double it, or leave it out for a tolerance. With a tolerance, as by default: raise its limits "// &
          "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &error_estimate truncation.", &
       "With a given order: double the samples, or remove &sampling and &harmonics; contact and friction need "// &
