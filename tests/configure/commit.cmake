@@ -1,0 +1,43 @@
+# A build after a commit names that commit, without being configured by hand.
+#   FOLDER   where the small project is made
+#   ROOT     the sources
+find_program(GIT git)
+if(NOT GIT)
+   message("skipped: there is no git")
+   return()
+endif()
+file(REMOVE_RECURSE ${FOLDER})
+file(WRITE ${FOLDER}/CMakeLists.txt "cmake_minimum_required(VERSION 3.25)
+project(small LANGUAGES NONE)
+include(${ROOT}/cmake/GitCommit.cmake)
+hb_git_commit(commit)
+file(WRITE \${CMAKE_BINARY_DIR}/commit.txt \${commit})
+add_custom_target(nothing ALL)
+")
+
+function(run)
+   execute_process(COMMAND ${ARGN} WORKING_DIRECTORY ${FOLDER} RESULT_VARIABLE status OUTPUT_VARIABLE printed ERROR_VARIABLE printed)
+   if(NOT status EQUAL 0)
+      message(FATAL_ERROR "${ARGN}: ${printed}")
+   endif()
+   set(printed "${printed}" PARENT_SCOPE)
+endfunction()
+
+function(expect_commit)
+   run(${GIT} rev-parse --short=12 HEAD)
+   string(STRIP "${printed}" commit)
+   file(READ ${FOLDER}/build/commit.txt named)
+   if(NOT named STREQUAL commit)
+      message(FATAL_ERROR "the build names the commit ${named}, the sources are those of ${commit}")
+   endif()
+endfunction()
+
+set(commit ${GIT} -c user.name=tests -c user.email=tests@localhost commit --quiet --allow-empty -m)
+run(${GIT} init --quiet)
+run(${commit} first)
+run(${CMAKE_COMMAND} -S . -B build)
+expect_commit()
+run(${CMAKE_COMMAND} -E sleep 1.1) # times of files may be whole seconds
+run(${commit} second)
+run(${CMAKE_COMMAND} --build build)
+expect_commit()
