@@ -124,7 +124,8 @@ contains
       end associate
    end subroutine approximate
 
-   !> c = a b of few rows. The numbers of two to four degrees of freedom are known to the compiler, which is twice as fast.
+   !> c = a b of few rows. The numbers of one to four degrees of freedom, with a slider or without, are known to the compiler,
+   !> which is twice as fast.
    pure subroutine multiply_few(n, m, a, b, c)
       integer, intent(in) :: n, m
       real(wp), intent(in) :: a(n, n), b(n, m)
@@ -132,14 +133,27 @@ contains
       integer :: j, k
 
       select case (n)
+      case (3)
+         do j = 1, m
+            c(:3, j) = a(:3, 1)*b(1, j) + a(:3, 2)*b(2, j) + a(:3, 3)*b(3, j)
+         end do
       case (4)
          do j = 1, m
             c(:4, j) = a(:4, 1)*b(1, j) + a(:4, 2)*b(2, j) + a(:4, 3)*b(3, j) + a(:4, 4)*b(4, j)
+         end do
+      case (5)
+         do j = 1, m
+            c(:5, j) = a(:5, 1)*b(1, j) + a(:5, 2)*b(2, j) + a(:5, 3)*b(3, j) + a(:5, 4)*b(4, j) + a(:5, 5)*b(5, j)
          end do
       case (6)
          do j = 1, m
             c(:6, j) = a(:6, 1)*b(1, j) + a(:6, 2)*b(2, j) + a(:6, 3)*b(3, j) + a(:6, 4)*b(4, j) + a(:6, 5)*b(5, j) + &
                        a(:6, 6)*b(6, j)
+         end do
+      case (7)
+         do j = 1, m
+            c(:7, j) = a(:7, 1)*b(1, j) + a(:7, 2)*b(2, j) + a(:7, 3)*b(3, j) + a(:7, 4)*b(4, j) + a(:7, 5)*b(5, j) + &
+                       a(:7, 6)*b(6, j) + a(:7, 7)*b(7, j)
          end do
       case (8)
          do j = 1, m
