@@ -40,6 +40,9 @@ module hb_error_estimate
    !> Error over its change from an order to twice the order, if it falls with the first power of the order, as under rigid
    !> friction.
    real(wp), parameter :: of_first_power = 2.0_wp
+   !> Likewise, change from a grid to one of four times the samples over that to one of twice as many: errors that fall so slowly
+   !> are estimated as with one tone, others up to 2.3 times too large.
+   real(wp), parameter :: of_first_power_of_grid = 1.5_wp
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
 contains
@@ -69,7 +72,7 @@ contains
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
       call choose_wider(balance, balance%harmonics%norms(u), self%combination, &
-                        has_multipliers(balance) .or. has_unknown_tones(bordered), set, grid, error)
+                        needs_fine_grid(balance, has_unknown_tones(bordered)), set, grid, error)
       if (allocated(error)) return
       call make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
@@ -374,8 +377,10 @@ contains
          change(whole%positions) = change(whole%positions) - alias(:size(u))
          self%truncation = measure%norm(on_wide(change))/size_of_motion
       end if
-      if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) &
+      if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) then
          self%truncation = of_first_power*self%truncation
+         if (.not. needs_fine_grid(balance, is_free)) self%aliasing = of_first_power_of_grid*self%aliasing
+      end if
       call store_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
@@ -491,6 +496,18 @@ contains
 
       has_multipliers = any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])
    end function has_multipliers
+
+   !> Whether a grid of four times the samples shows the errors of a motion, not one of twice as many: with one tone, for rigid
+   !> walls, which are penetrated between samples, and for errors of frequencies.
+   pure logical function needs_fine_grid(balance, is_free)
+      type(balance_t), intent(in) :: balance
+      logical, intent(in) :: is_free                                  !! the motion has unknown tones
+      integer :: i
+
+      needs_fine_grid = is_free .or. size(balance%omega) == 1 .or. &
+         any([(balance%law_set%laws(i)%law%is_multiplier .and. .not. balance%law_set%laws(i)%law%is_rigid_friction(), &
+               i=1, size(balance%law_set%laws))])
+   end function needs_fine_grid
 
    !> For rigid laws and those that act as rigid ones, and for any self-excited motion that one linear step cannot
    !> check: the change from the solution of half the order raises the estimates, or replaces them if they are too
