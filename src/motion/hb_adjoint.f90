@@ -177,8 +177,8 @@ contains
       if (size(movement%followers) == 1) then
          associate (number => movement%followers(1)%number)
             if (number%object == has_number%load) then
-               call add_load(self, base, number, derivatives)
-               return
+               call add_load(self, base, number, derivatives, is_known)
+               if (is_known) return
             end if
             if (number%object == has_number%structure .and. .not. movement%loads) &
                call base%model%system%builder%find_slope(number%number_t, slope, is_known)
@@ -191,19 +191,21 @@ contains
       end if
    end subroutine adjoint_find_derivatives
 
-   !> Contribution of a number of a load.
-   subroutine add_load(self, base, number, derivatives)
+   !> Contribution of a number of a load, if its derivative is known.
+   subroutine add_load(self, base, number, derivatives, is_known)
       class(adjoint_t), intent(in) :: self
       type(model_problem_t), intent(in) :: base
       type(model_number_t), intent(in) :: number
       real(wp), intent(inout) :: derivatives(:)
+      logical, intent(out) :: is_known
       type(amplitudes_t) :: slope
       integer :: i, k
 
       associate (model => base%model, load => base%model%system%loads(number%i))
          call new_amplitudes(slope, model%system%structure%n_dofs, base%harmonics%n_harmonics)
-         call load%add_slope_to(number%number_t, model%system%structure, base%harmonics, base%frequencies, slope)
+         call load%add_slope_to(number%number_t, model%system%structure, base%harmonics, base%frequencies, slope, is_known)
       end associate
+      if (.not. is_known) return
       do i = 1, size(derivatives)
          do k = 1, size(slope%harmonics)
             derivatives(i) = derivatives(i) + real(sum(self%psi(:, slope%harmonics(k), i)*slope%values(:, k)), wp)

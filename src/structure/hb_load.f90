@@ -142,26 +142,33 @@ contains
    end function timed_loads
 
    !> Adds the derivative of the force by one of its numbers: linear in the amplitudes, and a quarter of a period ahead for the
-   !> phase.
-   subroutine load_add_slope_to(self, number, structure, set, frequencies, slope)
+   !> phase. `is_known` is false for other numbers, so that differences must take its place.
+   subroutine load_add_slope_to(self, number, structure, set, frequencies, slope, is_known)
       class(load_t), intent(in) :: self
       type(number_t), intent(in) :: number                            !! one that it declares
       type(structure_t), intent(in) :: structure
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       type(amplitudes_t), intent(inout) :: slope                      !! [N by the unit of the number]
+      logical, intent(out) :: is_known
       type(load_t) :: unit
-      logical :: is_set
 
       unit = self
-      is_set = any(self%tuple /= 0)
-      if (number%key == "phase") then
-         unit%phase = self%phase + 0.25_wp*two_pi
-      else
-         unit%cosine = 0.0_wp
+      is_known = .true.
+      select case (number%key)
+      case ("cos")
+         unit%cosine = 1.0_wp
          unit%sine = 0.0_wp
-         call unit%set_number(number, 1.0_wp, is_set)
-      end if
-      if (is_set) call unit%add_to(structure, set, frequencies, slope)
+      case ("sin")
+         unit%cosine = 0.0_wp
+         unit%sine = 1.0_wp
+      case ("phase")
+         if (all(self%tuple == 0)) return                             ! without effect
+         unit%phase = self%phase + 0.25_wp*two_pi
+      case default
+         is_known = .false.
+         return
+      end select
+      call unit%add_to(structure, set, frequencies, slope)
    end subroutine load_add_slope_to
 end module hb_load
