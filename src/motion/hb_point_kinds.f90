@@ -89,19 +89,20 @@ module hb_point_kinds
    integer, parameter :: response_kinds(*) = pack([(i_kind, i_kind=0, ubound(curve_kinds, 1))], curve_kinds%key /= "")
 
    type :: kind_attribute_t
-      character(12) :: name
+      character(13) :: name
       character(400) :: text = ""
    end type kind_attribute_t
 
 contains
 
-   !> Attributes of the column of kinds in files: what post-processing needs to name and draw the points.
+   !> Attributes of the column of kinds in files: what post-processing needs to name and draw the points, and the keys that name
+   !> responses, each with a colon and the key of its values if it has any, in the order in which responses are numbered.
    pure function kind_attributes() result(attributes)
-      type(kind_attribute_t) :: attributes(4)
+      type(kind_attribute_t) :: attributes(5)
       type(point_kind_t) :: row
       integer :: k
 
-      attributes%name = [character(12) :: "flag_labels", "flag_plurals", "flag_marks", "bifurcations"]
+      attributes%name = [character(13) :: "flag_labels", "flag_plurals", "flag_marks", "bifurcations", "response_keys"]
       do k = 0, ubound(curve_kinds, 1)
          row = curve_kinds(k)
          if (row%mark == "") then
@@ -114,6 +115,10 @@ contains
          call add(attributes(3)%text, " ", row%mark)
          if (row%is_bifurcation) call add(attributes(4)%text, " ", row%name)
       end do
+      do k = 1, size(response_keys)
+         call add(attributes(5)%text, " ", response_keys(k))
+         if (target_keys(k) /= "") call add(attributes(5)%text, ":", target_keys(k))
+      end do
 
    contains
 
@@ -124,7 +129,7 @@ contains
          if (len_trim(text) == 0) then
             text = word
          else
-            text = trim(text)//separator//word
+            text = trim(text)//separator//trim(word)
          end if
       end subroutine add
    end function kind_attributes

@@ -228,7 +228,7 @@ class Accessor:
         check_points(data)
         found = data.isel(point=~np.isin(data["curve_kind"].values, ("none", "regular")))
         columns: dict[str, Any] = {"kind": found["curve_kind"].values}
-        names = _located_responses(self.input) if record_beside(data) else []
+        names = _located_responses(self.input, data["curve_kind"].attrs["response_keys"]) if record_beside(data) else []
         if len(set(names)) > 1:
             columns["located"] = [["", *names][int(k)] for k in found.nhbm.details["curve_response"].values]
         columns.update({name: found[name].values for name in varies_of(data)})
@@ -508,13 +508,15 @@ class Accessor:
         return self._dataset["harmonic"] < self._dataset["n_harmonics"]
 
 
-def _located_responses(text: str) -> list[str]:
-    """The responses that the group &curve of a complete input locates, in the order of their numbers."""
+def _located_responses(text: str, keys: str) -> list[str]:
+    """The responses that the group &curve of a complete input locates, in the order of their numbers.
+
+    `keys` are those that name responses, in this order, each with a colon and the key of its values if it has any.
+    """
     lines = [line.partition("=") for line in text.partition("&curve")[2].partition("\n/")[0].splitlines()]
     values = {key.strip(): value for key, _, value in lines}
     names: list[str] = []
-    targets_of = {"peak_of": "", "minimum_of": "", "amplitude_of": "amplitudes", "resonance_of": "", "phase_of": "phases"}
-    for key, targets in targets_of.items():
+    for key, _, targets in (words.partition(":") for words in keys.split()):
         for name in re.findall(r"'([^']*)'", values.get(key, "")):
             names += [name] * (1 + values.get(targets, "").count(","))
     return names
