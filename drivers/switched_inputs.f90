@@ -13,6 +13,7 @@ module switched_inputs
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
+   use hb_options, only: purpose_t
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind, response_keys
    use hb_properties, only: properties_t
@@ -50,7 +51,8 @@ contains
       is_torus = from%kind /= curve_kind%period_doubling
       document = study%document
       call plan%apply(from%point, document)
-      call read_model(model, document, error, study%available_memory, run_callbacks(is_followed=allocated(plan%curve)))
+      call read_model(model, document, error, study%available_memory, run_callbacks(), &
+                      purpose_t(is_followed=allocated(plan%curve)))
       if (allocated(error)) return
       call write_complete_text(document, text)
       text = without_group(text, "sweep")

@@ -87,7 +87,7 @@ contains
       if (point == 1) return                                          ! as it is read
       document = study%document
       call study%plan%apply(point, document)
-      call read_model(study%model, document, error, callbacks=study%callbacks)
+      call read_model(study%model, document, error, callbacks=study%callbacks, purpose=study%purpose)
       call annotate(error, "point "//to_text(point - 1))
    end subroutine adopt_point
 

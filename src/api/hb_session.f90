@@ -32,7 +32,7 @@ module hb_session
    use hb_namelist, only: set_text
    use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
-   use hb_options, only: callbacks_t
+   use hb_options, only: callbacks_t, purpose_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_parameter_path, only: identifier
    use hb_point_runner, only: run_model
@@ -60,6 +60,7 @@ module hb_session
       type(session_cancellation_t) :: cancellation
       type(column_view_t) :: column                                   !! found last
       type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
+      type(purpose_t), private :: purpose                             ! of its motion
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
                                                                       !! the command has in addition to its points; 0: none
       type(law_doubt_t), private :: law_doubt                         ! of the present input, at its first motion
@@ -202,10 +203,9 @@ contains
 
       call self%input%document%expect_groups(input_groups(), error)
       if (allocated(error)) return
-      self%callbacks%is_followed = self%input%document%count("curve") > 0
-      self%callbacks%may_only_integrate = .true.
+      self%purpose = purpose_t(is_followed=self%input%document%count("curve") > 0, may_only_integrate=.true.)
       call share_time(self, self%n_points)
-      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks)
+      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks, purpose=self%purpose)
       self%input%is_valid = .not. allocated(error)
    end subroutine read_document
 
@@ -218,7 +218,7 @@ contains
 
       call self%input%check(error)
       if (allocated(error)) return
-      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks)
+      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks, purpose=self%purpose)
       if (is_new .and. allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
       if (present(has_balance) .and. .not. allocated(error)) call self%model%system%check_balance(error)
    end subroutine session_update
@@ -485,7 +485,7 @@ contains
       call end_curve(self)
       call forget_integration(self)
       document = self%input%document
-      call read_model(model, document, error, callbacks=self%callbacks)
+      call read_model(model, document, error, callbacks=self%callbacks, purpose=self%purpose)
       if (.not. allocated(error)) call model%system%check_balance(error)
       if (allocated(error)) return
       if (size(motion%coefficients, 3) /= model%system%structure%n_dofs) then
@@ -613,11 +613,11 @@ contains
       class(session_t), intent(inout) :: self
       integer, intent(in) :: n_points
 
-      if (n_points == self%n_sharing .and. (self%callbacks%is_followed .eqv. self%shares_of_curve)) return
-      call add_time_integration(self%callbacks, n_points)
+      if (n_points == self%n_sharing .and. (self%purpose%is_followed .eqv. self%shares_of_curve)) return
+      call add_time_integration(self%callbacks, self%purpose%is_followed, n_points)
       self%model%is_read = .false.
       self%n_sharing = n_points
-      self%shares_of_curve = self%callbacks%is_followed
+      self%shares_of_curve = self%purpose%is_followed
    end subroutine share_time
 
    !> Fails if there is no input, or if its present values are invalid.

@@ -47,7 +47,7 @@ contains
          last = last + n_positions(boxes(i))
          call add_laws(boxes(i), self%system%structure, self%system%laws(first:last))
          call check_rigid_laws(self%system%laws(:first - 1), self%system%laws(first:last), group, &
-                               self%options%callbacks%may_only_integrate)
+                               self%options%purpose%may_only_integrate)
       end do
    end subroutine read_laws
 

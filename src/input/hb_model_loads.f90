@@ -32,7 +32,7 @@ contains
       do i = 1, size(self%system%loads)
          group => document%group("load", i)
          call read_load(self%system%loads(i), self%system, self%discretisation, group)
-         if (self%system%loads(i)%course%is_given .and. .not. self%options%callbacks%may_only_integrate) &
+         if (self%system%loads(i)%course%is_given .and. .not. self%options%purpose%may_only_integrate) &
             call group%problem(trim(first_given(group)), only_in_time)
          if (.not. allocated(self%system%loads(i)%weights)) cycle
          if (unknown_tone_of(self%system, i) > 0) call group%problem("tuple", "tone "//to_text(unknown_tone_of(self%system, i))// &

@@ -19,7 +19,7 @@ module hb_model_reader
       read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones
    use hb_number_paths, only: read_gradient, read_ties, refuse_unknown_tones, store_ties
-   use hb_options, only: callbacks_t, options_t
+   use hb_options, only: callbacks_t, options_t, purpose_t
    use hb_parameter_number, only: locate_number
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
@@ -43,16 +43,18 @@ contains
 
    !> Reads a model. All problems of the input are collected in one message, one per line. Also fails if the model
    !> would need more memory than its key `memory_limit` or, if that is zero, `available` permits.
-   subroutine read_model(self, document, error, available, callbacks)
+   subroutine read_model(self, document, error, available, callbacks, purpose)
       type(model_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
       type(callbacks_t), intent(in), optional :: callbacks
+      type(purpose_t), intent(in), optional :: purpose                !! of its motion; default: a point
       type(relation_t), allocatable :: relations(:)
 
       if (present(available)) self%options%memory_limit = available
       if (present(callbacks)) self%options%callbacks = callbacks
+      if (present(purpose)) self%options%purpose = purpose
       call document%begin()
       call read_ties(document, relations)
       call read_parts(self, document, relations, error)
@@ -63,14 +65,16 @@ contains
 
    !> Updates a model that was read from a document to the present values of the document: numbers that have changed are
    !> set, anything else, an error included, makes the model be read again; `is_new` is then true.
-   subroutine update_model(self, document, is_new, error, available, callbacks)
+   subroutine update_model(self, document, is_new, error, available, callbacks, purpose)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       logical, intent(out) :: is_new
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
       type(callbacks_t), intent(in), optional :: callbacks             !! default: the previous ones
+      type(purpose_t), intent(in), optional :: purpose                !! likewise
       type(callbacks_t) :: same
+      type(purpose_t) :: same_purpose
       logical :: is_done
 
       is_done = self%is_read
@@ -79,7 +83,9 @@ contains
       if (.not. is_new) return
       same = self%options%callbacks
       if (present(callbacks)) same = callbacks
-      call read_model(self, document, error, available, same)
+      same_purpose = self%options%purpose
+      if (present(purpose)) same_purpose = purpose
+      call read_model(self, document, error, available, same, same_purpose)
    end subroutine update_model
 
    !> Sets the numbers of a document that have changed, and those that follow them, in the model and in the document. `is_done` is
@@ -182,7 +188,7 @@ contains
       type(properties_t), pointer :: group
 
       self%options%may_integrate = document%count("dynamic_stiffness") == 0
-      call read_tones(self%system%tones, document, error, may_be_absent=self%options%callbacks%may_only_integrate)
+      call read_tones(self%system%tones, document, error, may_be_absent=self%options%purpose%may_only_integrate)
       if (allocated(error)) return
       if (.not. self%options%may_integrate .and. document%count("normal_mode") > 0) then
          group => document%group("dynamic_stiffness", 1)
@@ -191,7 +197,7 @@ contains
       call refuse_unknown_tones(document, self%system%tones)
       if (self%system%tones%n_tones > 0) &
          call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &
-                            self%options%callbacks%is_followed)
+                            self%options%purpose%is_followed)
       call read_set(self, document, error)
    end subroutine read_tones_and_set
 
@@ -204,7 +210,7 @@ contains
       if (.not. allocated(self%options%callbacks%stability_finder)) &
          allocate (self%options%callbacks%stability_finder, source=floquet_t())
       call read_stability(self%options%stability, document%optional_group("stability"), &
-                          is_patient=self%options%callbacks%is_followed .and. self%system%tones%n_tones == 1)
+                          is_patient=self%options%purpose%is_followed .and. self%system%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
    end subroutine read_settings
 
@@ -225,7 +231,7 @@ contains
       call read_loads(self, document)
       call read_starts(self, document)
       if (.not. has_tones) return
-      if (self%options%callbacks%is_followed .and. size(self%system%laws) == 0 .and. .not. any(self%system%tones%is_unknown)) &
+      if (self%options%purpose%is_followed .and. size(self%system%laws) == 0 .and. .not. any(self%system%tones%is_unknown)) &
          call self%system%keep_loaded_dofs()
       call check_symmetry(self%system, self%discretisation, document%optional_group("harmonics"))
       call check_size(self, document, error)

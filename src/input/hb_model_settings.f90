@@ -136,7 +136,7 @@ contains
       call new_torus(self%discretisation%torus, samples, self%discretisation%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
       kinks = "plain"
-      if (self%options%accuracy%is_on .or. self%options%callbacks%is_followed) kinks = "corrected" ! samples must not create folds
+      if (self%options%accuracy%is_on .or. self%options%purpose%is_followed) kinks = "corrected" ! samples must not create folds
       call group%get("kinks", kinks)
       self%discretisation%torus%corrects_kinks = kinks == "corrected"
    end subroutine read_sampling

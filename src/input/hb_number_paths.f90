@@ -159,7 +159,7 @@ contains
          call new_response(response, of, self%system%structure, self%system%tones%n_tones, error)
          if (allocated(error)) call group%problem("of", error%message)
          if (.not. allocated(error)) call move_alloc(response, self%options%gradient%of)
-         if (self%options%callbacks%is_followed) &
+         if (self%options%purpose%is_followed) &
             call group%problem("of", "is for points and sweeps; leave it out with &curve, along which all coefficients are "// &
                                "differentiated")
       end if

@@ -258,7 +258,7 @@ contains
             begun = wall_clock()
             call solve_unknowns(options, balance, linear_solution, u, report)
             if (report%status == outcome%converged .and. discretisation%loads%is_zero() .and. &
-                .not. options%callbacks%is_followed) call discard_noise(balance, u, report%residual)
+                .not. options%purpose%is_followed) call discard_noise(balance, u, report%residual)
          end if
          if (report%status == outcome%converged) call check_drift(system, options, balance, u, error)
          if (allocated(error)) return

@@ -17,7 +17,7 @@ module hb_options
    implicit none
    private
    public :: accuracy_t, callbacks_t, chain_config_t, error_estimate_config_t, gradient_config_t, options_t, output_config_t, &
-      share_of_integrated, start_config_t, time_domain_solver_t
+      purpose_t, share_of_integrated, start_config_t, time_domain_solver_t
 
    integer, parameter :: share_of_integrated = 4 !! sets of integrated motions are as many times larger: no tuple
                                                                       !! of theirs is an unknown
@@ -85,19 +85,24 @@ module hb_options
       procedure, nopass :: find_departure => leave_departure_unknown
    end type time_domain_solver_t
 
-   !> Objects of later layers that the solution of a model calls, and the purpose of its motion; the caller supplies
-   !> them. Progress and cancellation belong to the thread, hb_cancellation.
+   !> Objects of later layers that the solution of a model calls, which the caller supplies, and the share of the work that they
+   !> may use. Progress and cancellation belong to the thread, hb_cancellation.
    type :: callbacks_t
       class(fe_model_source_t), allocatable :: fe_models              !! source of a structure of type `model`
       class(stability_finder_t), allocatable :: stability_finder      !! not allocated: stability is not computed
       class(time_domain_solver_t), allocatable :: time_domain_solver  !! not allocated: there is no time integration
       real(wp) :: share_of_integration = 1.0_wp                       !! of a point, of the work of time integration
-      logical :: is_followed = .false.                                !! the motion is the first one of a curve
-      logical :: may_only_integrate = .false.                         !! models may lack what a balance needs, such as tones
    end type callbacks_t
+
+   !> What the motion of a model is for; it decides defaults, and which models are complete.
+   type :: purpose_t
+      logical :: is_followed = .false.                                !! it is the first one of a curve
+      logical :: may_only_integrate = .false.                         !! models may lack what a balance needs, such as tones
+   end type purpose_t
 
    type :: options_t
       type(callbacks_t) :: callbacks
+      type(purpose_t) :: purpose
       type(start_config_t) :: start
       type(chain_config_t) :: chain
       integer :: primary_method = primary_method%auto                 !! one of hb_time_domain

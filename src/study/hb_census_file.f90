@@ -36,7 +36,7 @@ contains
       end if
       document = study%document
       call study%plan%apply(point, document)
-      call read_model(model, document, error, study%available_memory, study%callbacks) ! keys that are read are complete
+      call read_model(model, document, error, study%available_memory, study%callbacks, study%purpose)  ! completes keys
       if (allocated(error)) return
       call write_complete_text(document, text)
       text = without_group(without_group(text, "sweep"), "curve")

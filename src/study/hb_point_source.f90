@@ -6,7 +6,7 @@ module hb_point_source
    use hb_law_doubt, only: law_doubt_t
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
-   use hb_options, only: callbacks_t
+   use hb_options, only: callbacks_t, purpose_t
    use hb_results_layout, only: results_layout_t
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
@@ -18,6 +18,7 @@ module hb_point_source
       type(document_t) :: document                                    !! with the values of the point read last
       type(model_t) :: model                                          !! of that point
       type(callbacks_t) :: callbacks                                   !! for models that are read again
+      type(purpose_t) :: purpose                                       !! of their motions
       type(sweep_plan_t) :: plan                                      !! values of all points
       type(results_layout_t) :: layout                                !! of the file
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes

@@ -14,7 +14,7 @@ module hb_study
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_operating_system, only: folder_of
-   use hb_options, only: callbacks_t, share_of_integrated
+   use hb_options, only: callbacks_t, purpose_t, share_of_integrated
    use hb_outcome, only: outcome
    use hb_result_columns, only: measure_row, new_plan, plan_t
    use hb_results_layout, only: results_layout_t
@@ -42,6 +42,7 @@ module hb_study
       character(:), allocatable :: input_complete                     !! the input after defaults
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
       type(callbacks_t) :: callbacks                                   !! for the models of its points
+      type(purpose_t) :: purpose                                       !! of their motions
    contains
       procedure :: libraries => study_libraries
       procedure :: n_chains => study_n_chains
@@ -58,7 +59,7 @@ contains
       type(string_t), intent(in) :: overrides(:)                      !! path=value, as in --set
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
-      logical, intent(in), optional :: may_only_integrate             !! as of the callbacks; default: false
+      logical, intent(in), optional :: may_only_integrate             !! see `purpose_t`; default: false
       type(document_t), target :: first
       type(curve_request_t), allocatable :: request
       type(tones_t) :: tones
@@ -80,8 +81,9 @@ contains
       end if
       call self%plan%apply(1, first)
       self%callbacks = run_callbacks(self%plan%n_expected(), allocated(self%plan%curve))
-      if (present(may_only_integrate)) self%callbacks%may_only_integrate = may_only_integrate
-      call read_model(self%model, first, error, self%available_memory, self%callbacks)
+      self%purpose%is_followed = allocated(self%plan%curve)
+      if (present(may_only_integrate)) self%purpose%may_only_integrate = may_only_integrate
+      call read_model(self%model, first, error, self%available_memory, self%callbacks, self%purpose)
       if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
       if (.not. allocated(error)) call refuse_hidden(self%plan, first, overrides, error)
       if (allocated(error)) return
@@ -95,7 +97,8 @@ contains
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
-         if (.not. allocated(error)) call read_model(self%model, first, error, self%available_memory, self%callbacks)
+         if (.not. allocated(error)) &
+            call read_model(self%model, first, error, self%available_memory, self%callbacks, self%purpose)
          if (allocated(error)) return
       end if
       call write_complete_text(first, self%input_complete)
@@ -119,7 +122,7 @@ contains
 
       document = self%document
       call self%plan%apply(point, document)
-      call read_model(model, document, error, self%available_memory, self%callbacks)
+      call read_model(model, document, error, self%available_memory, self%callbacks, self%purpose)
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 

@@ -143,6 +143,7 @@ contains
       run%source%plan = self%plan
       run%source%available_memory = self%available_memory
       run%source%callbacks = self%callbacks
+      run%source%purpose = self%purpose
       call describe_layout(self, size_of(comm), run%source%layout)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self), size_of(comm), block_seconds=0.0_wp)

@@ -60,7 +60,7 @@ contains
       call source%plan%apply(first, document)
       allocate (self%stored(0))
       associate (model => self%runner%model)
-         call update_model(model, document, is_new, failure, source%available_memory, source%callbacks)
+         call update_model(model, document, is_new, failure, source%available_memory, source%callbacks, source%purpose)
          if (.not. allocated(failure)) call check_dofs(model%system, model%options, source%layout, failure)
          if (.not. allocated(failure)) call request_curve(source%plan%curve, model, document, self%runner%request, failure)
       end associate

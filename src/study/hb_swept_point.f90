@@ -40,7 +40,7 @@ contains
       started = wall_clock()
       call cancellation%enter(huge(1.0_wp))
       call source%plan%apply(point, source%document)
-      call update_model(source%model, source%document, is_new, error, source%available_memory, source%callbacks)
+      call update_model(source%model, source%document, is_new, error, source%available_memory, source%callbacks, source%purpose)
       if (is_new .and. .not. allocated(error)) call check_dofs(source%model%system, source%model%options, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)

@@ -13,6 +13,7 @@ module hb_verify
    use hb_model_reader, only: read_model
    use hb_movement, only: follow_frequencies
    use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, work_counter_t
+   use hb_options, only: purpose_t
    use hb_outcome, only: is_integrated, is_solved
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results_record, only: read_record, record_t, refuse_damaged_rows
@@ -244,7 +245,8 @@ contains
 
       document = stored%study%document
       call stored%study%plan%apply(point, document)
-      call read_model(model, document, error, callbacks=run_callbacks(is_followed=allocated(stored%study%plan%curve)))
+      call read_model(model, document, error, callbacks=run_callbacks(), &
+                      purpose=purpose_t(is_followed=allocated(stored%study%plan%curve)))
       if (.not. allocated(error)) then                                ! values may follow unknown frequencies
          call follow_frequencies(model, stored%frequency(:, point), error)
       end if

@@ -36,8 +36,9 @@ contains
    !> milliseconds for each point, in addition to its share of the work there; along a curve the latter, since nobody knows
    !> how many points it will have. Time integration may use as much for all points together as for a single one, or little
    !> for each.
-   subroutine add_time_integration(callbacks, n_points)
-      type(callbacks_t), intent(inout) :: callbacks                   !! `is_followed` is set
+   subroutine add_time_integration(callbacks, is_followed, n_points)
+      type(callbacks_t), intent(inout) :: callbacks
+      logical, intent(in) :: is_followed                              !! the run is a curve
       integer, intent(in), optional :: n_points                       !! of the run; 0: nothing in addition for stability;
                                                                       !! default: the least for each point
       type(integrated_floquet_t) :: finder
@@ -48,7 +49,7 @@ contains
          if (n_points == 0) then
             finder%work_in_any_case = 0.0_wp
          else
-            if (.not. callbacks%is_followed) finder%work_in_any_case = max(work_of_run/n_points, least_work)
+            if (.not. is_followed) finder%work_in_any_case = max(work_of_run/n_points, least_work)
             callbacks%share_of_integration = 1.0_wp/n_points
          end if
       end if
