@@ -9,7 +9,7 @@ module hb_departure
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrated_motion, only: fastest_of, has_bounds_of
+   use hb_integrable_system, only: fastest_of, has_bounds_of
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_modes, only: slowest_decay

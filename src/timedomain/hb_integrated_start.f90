@@ -16,7 +16,7 @@ module hb_integrated_start
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
-   use hb_integrated_motion, only: fastest_of, has_bounds_of, lacks_mass
+   use hb_integrable_system, only: fastest_of, has_bounds_of, lacks_mass
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp

@@ -12,7 +12,8 @@ module hb_verification
    use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrated_motion, only: fastest_of, find_steady_motion, has_bounds_of, lacks_mass
+   use hb_integrable_system, only: fastest_of, has_bounds_of, lacks_mass
+   use hb_integrated_motion, only: find_steady_motion
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_integration_verdict, only: decide, growing, growth_of, limit_of, n_steady, verdict

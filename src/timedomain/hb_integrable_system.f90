@@ -1,0 +1,58 @@
+!> What decides by which methods a system can be integrated in time, and in which steps: its mass, its laws, its fastest mode.
+module hb_integrable_system
+   use hb_error, only: error_t
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_kinds, only: wp
+   use hb_modes, only: modes_t, new_modes
+   use hb_structure, only: max_dense, structure_t
+   use hb_sundials, only: has_cvode
+   use hb_system, only: system_t
+   implicit none
+   private
+   public :: fastest_of, has_bounds_of, lacks_mass
+
+contains
+
+   !> Whether the mass is singular: implicit steps alone can then integrate the equations, see hb_generalized_alpha.
+   logical function lacks_mass(system)
+      type(system_t), intent(in) :: system
+      type(structure_t) :: structure
+      real(wp), allocatable :: factor(:, :)
+      integer :: singular_at
+
+      lacks_mass = .false.
+      if (system%structure%n_dofs > max_dense) return                 ! refused before any step
+      structure = system%structure
+      call structure%unpack()
+      call structure%factorise_mass(factor, singular_at)
+      lacks_mass = singular_at /= 0
+   end function lacks_mass
+
+   !> Whether cvode is available and supports the sliders of all laws.
+   pure logical function has_bounds_of(system) result(has_bounds)
+      type(system_t), intent(in) :: system
+      integer :: i
+
+      has_bounds = has_cvode()
+      do i = 1, size(system%laws)
+         select type (law => system%laws(i)%law)
+         class is (hysteretic_law_t)
+            has_bounds = has_bounds .and. law%has_bounds
+         end select
+      end do
+   end function has_bounds_of
+
+   !> Frequency of the fastest mode of the structure without damping [rad/s], 0 if not known.
+   real(wp) function fastest_of(system) result(fastest)
+      type(system_t), intent(in) :: system
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+      type(structure_t) :: structure
+
+      structure = system%structure
+      call structure%unpack()
+      call new_modes(modes, structure%mass, 0.0_wp*structure%damping, structure%stiffness, error)
+      fastest = 0.0_wp
+      if (.not. allocated(error) .and. modes%n_modes > 0) fastest = maxval(modes%frequency)
+   end function fastest_of
+end module hb_integrable_system
