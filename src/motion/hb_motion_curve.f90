@@ -10,11 +10,12 @@ module hb_motion_curve
    use hb_clock, only: wall_clock
    use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
    use hb_curve_gradient, only: find_curve_gradient
+   use hb_curve_origin, only: find_first
    use hb_curve_points, only: add_origin, add_waiting, origin_t, reported_extreme_t, waiting_t
-   use hb_curve_request, only: curve_request_t, find_direction, find_null_vector
+   use hb_curve_request, only: curve_request_t, find_null_vector
    use hb_curve_return, only: note_course, restore_course
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
-   use hb_curve_step, only: longest_chord, step
+   use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_doubtful_extremes, only: remove_doubtful_extremes
    use hb_error, only: error_t
@@ -31,7 +32,7 @@ module hb_motion_curve
    use hb_point, only: solve_point
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solver_types, only: report_t
-   use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, stability_t
+   use hb_stability, only: angle_of_pair
    use hb_system, only: system_t
    use hb_threads, only: use_threads
    use hb_thresholds, only: faint, nearby_steps, reliable
@@ -40,8 +41,6 @@ module hb_motion_curve
    public :: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
 
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
-   integer, parameter :: max_halvings = 12                            ! of the distance from an origin
-   real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type, extends(observed_motion_t) :: motion_curve_t
@@ -132,7 +131,7 @@ contains
       call self%prepare(system, discretisation, options, self%request%origin%further, self%request%origin%level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      call find_first(self, is_found)
+      call find_first(self, self%first, is_found)
       if (.not. is_found) then
          result%status = outcome%stalled
          result%message = "no bifurcating motion was found near the bifurcation point"
@@ -160,59 +159,6 @@ contains
       self%n_reported = 1
       self%is_done = allocated(error) .or. self%n_reported >= self%request%n_points
    end subroutine motion_curve_report_start
-
-   !> The first motion of a curve that leaves another one, and the direction there.
-   subroutine find_first(self, is_found)
-      class(motion_curve_t), intent(inout), target :: self
-      logical, intent(out) :: is_found
-      real(wp) :: across(self%problem%n_unknowns), joined
-      real(wp), allocatable :: from(:)
-      integer :: i
-
-      associate (origin => self%request%origin, n => self%problem%n_unknowns, n_which => size(self%problem%which))
-         allocate (from, source=[origin%u, origin%further])
-         call self%problem%move_to_point(from, is_found)
-         if (.not. is_found) return
-         call find_direction(self%problem, origin, joined, across, is_found)
-         if (.not. is_found) return
-         if (origin%is_torus) from(n + n_which - 1) = joined
-         across = across/norm2(across/self%weights)*norm2(from(:n)/self%weights)
-         self%first%direction = [across, spread(0.0_wp, 1, n_which)]
-      end associate
-      do i = 1, size(first_parts)                                     ! for forces with kinks there may be none very close to it
-         self%first%x = from + first_parts(i)*self%first%direction
-         call self%correct_on_plane(self%first%x, self%first%direction, is_found)
-         if (is_found) is_found = norm2((self%first%x - from)/self%units_at(from)) <= longest_chord*first_parts(i)
-         if (is_found) exit
-      end do
-      if (is_found) call move_before_events(self, from)
-   end subroutine find_first
-
-   !> Moves the first motion closer to the origin as long as there are period doublings between them.
-   subroutine move_before_events(self, from)
-      class(motion_curve_t), intent(inout), target :: self
-      real(wp), intent(in) :: from(:)                                 !! the origin
-      type(stability_t) :: at_first, at_origin
-      type(origin_t) :: nearer
-      integer :: i
-      logical :: is_found
-
-      if (self%request%origin%is_torus) return
-      call self%find_stability(from, self%model%options%stability%tolerance, at_origin)
-      if (.not. allocated(at_origin%multipliers)) return
-      do i = 1, max_halvings
-         call self%find_stability(self%first%x, self%model%options%stability%tolerance, at_first)
-         if (.not. allocated(at_first%multipliers)) return
-         if (bifurcation_value(bifurcation%doubling, at_first%multipliers)* &
-             bifurcation_value(bifurcation%doubling, at_origin%multipliers) > 0.0_wp) return
-         nearer = self%first
-         nearer%x = from + 0.5_wp*(self%first%x - from)
-         call self%correct_on_plane(nearer%x, nearer%direction, is_found)
-         if (is_found) is_found = norm2((nearer%x - from)/self%units_at(from)) < norm2((self%first%x - from)/self%units_at(from))
-         if (.not. is_found) return
-         self%first = nearer
-      end do
-   end subroutine move_before_events
 
    !> Replaces `begin`: starts from a motion and tangent of another curve, in the plane across the tangent and
    !> slightly before the motion, so that the events there are ahead. `is_found` is false if there is no motion.
