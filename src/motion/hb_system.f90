@@ -18,10 +18,10 @@ module hb_system
 
    !> Why a load with a course over time has no balance.
    character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
-      "(nhbm integrate); a motion with &tones has only loads with a 'tuple'"
+      "alone; a motion with &tones has only loads with a 'tuple'"
    !> Why two rigid walls that share a degree of freedom have no balance.
-   character(*), parameter :: shared_walls = "are both rigid and share a degree of freedom, which only time integration knows "// &
-      "(nhbm integrate); use one two-sided wall, or an elastic stop for one of them"
+   character(*), parameter :: shared_walls = "are both rigid and share a degree of freedom, which only time integration "// &
+      "supports; use one two-sided wall, or an elastic stop for one of them"
 
    !> The wanted motion of free vibration: by its amplitude or its energy.
    type :: normal_mode_t

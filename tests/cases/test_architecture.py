@@ -227,17 +227,21 @@ def test_nothing_in_the_library_stops_the_program(path):
 
 
 LAYERS_WITHOUT_INPUT = {"solve", "hypertime", "structure", "balance", "stability"}
+LAYERS_WITHOUT_COMMANDS = LAYERS_WITHOUT_INPUT | {"base", "laws", "motion", "timedomain"}
+COMMANDS = re.compile(r'"[^"]*?\bnhbm [a-z]+[^"]*"')
 INPUT_WORDS = re.compile(r'"[^"]*?(?:\bnhbm [a-z]+|&[a-z_]{3,}\b)[^"]*"')
 
 
 @for_all_sources
 def test_lower_layers_name_no_commands_and_groups(path):
-    """Their messages are those of a library; advice that names commands and groups is given by the layers above."""
-    if layer_of(path) not in LAYERS_WITHOUT_INPUT:
+    """Their messages are those of a library; advice that names commands is given by the layers above the kernel, advice that names
+    groups also by those that have their settings."""
+    if layer_of(path) not in LAYERS_WITHOUT_COMMANDS:
         return
+    words = INPUT_WORDS if layer_of(path) in LAYERS_WITHOUT_INPUT else COMMANDS
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         code = line.partition("!>")[0]
-        assert not INPUT_WORDS.search(code), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        assert not words.search(code), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
 
 
 @for_all_sources

@@ -132,6 +132,6 @@ def test_a_balance_has_no_body_between_walls(tmp_path):
     (tmp_path / "model.nml").write_text(text)
     done = run("solve", "model.nml", cwd=tmp_path)
     assert done.status == BAD_INPUT and "model.nml:3: &law(2): type: laws" in done.stderr, done.stderr
-    assert "which only time integration knows (nhbm integrate)" in done.stderr
+    assert "which only time integration supports" in done.stderr
     done = run("check", "model.nml", cwd=tmp_path)
     assert "valid for nhbm integrate alone: laws" in done.stdout, done.stdout
