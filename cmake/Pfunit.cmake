@@ -8,7 +8,11 @@ if(NOT hb_pfunit_choice MATCHES "^(AUTO|ON|OFF)$")
   message(FATAL_ERROR "HB_PFUNIT is '${HB_PFUNIT}', must be AUTO, ON or OFF")
 endif()
 
-find_package(MPI REQUIRED COMPONENTS Fortran) # before pFUnit, whose add_pfunit_ctest uses MPIEXEC_EXECUTABLE
+if(HB_CORE_ONLY) # without MPI
+  set(hb_pfunit_choice OFF)
+else()
+  find_package(MPI REQUIRED COMPONENTS Fortran) # before pFUnit, whose add_pfunit_ctest uses MPIEXEC_EXECUTABLE
+endif()
 
 if(NOT hb_pfunit_choice STREQUAL "OFF")
   find_package(PFUNIT QUIET)
@@ -72,7 +76,7 @@ function(hb_add_test name)
   add_pfunit_ctest(${name} ${passed_on})
   if("unit" IN_LIST arg_LABELS)
     add_dependencies(unit_suites ${name})
-    if(NOT HB_UNIT_SUITES)
+    if(HB_CORE_ONLY OR NOT HB_UNIT_SUITES)
       set_target_properties(${name} PROPERTIES EXCLUDE_FROM_ALL ON)
     endif()
   endif()

@@ -1,5 +1,5 @@
 # The in-tree test runner: add_pfunit_ctest with the keywords that the project uses, for machines without
-# pFUnit. Needs Python3::Interpreter and MPI::MPI_Fortran; is included by cmake/Pfunit.cmake.
+# pFUnit. Needs Python3::Interpreter and, for tests of several processes, MPI::MPI_Fortran; is included by cmake/Pfunit.cmake.
 
 set(HB_RUNNER_DIR "${CMAKE_CURRENT_LIST_DIR}")
 
@@ -14,12 +14,16 @@ add_library(hb_runner_funit STATIC EXCLUDE_FROM_ALL
 # runner_values.inc converts to the widest kind by assignment, on purpose
 target_compile_options(hb_runner_funit PRIVATE $<$<Fortran_COMPILER_ID:GNU>:-Wno-conversion-extra>)
 
-add_library(hb_runner_pfunit STATIC EXCLUDE_FROM_ALL
-  ${HB_RUNNER_DIR}/pfunit.f90
-  ${HB_RUNNER_DIR}/runner_mpi.f90)
-target_link_libraries(hb_runner_pfunit PUBLIC hb_runner_funit MPI::MPI_Fortran)
+set(hb_runner_libraries hb_runner_funit)
+if(TARGET MPI::MPI_Fortran)
+  add_library(hb_runner_pfunit STATIC EXCLUDE_FROM_ALL
+    ${HB_RUNNER_DIR}/pfunit.f90
+    ${HB_RUNNER_DIR}/runner_mpi.f90)
+  target_link_libraries(hb_runner_pfunit PUBLIC hb_runner_funit MPI::MPI_Fortran)
+  list(APPEND hb_runner_libraries hb_runner_pfunit)
+endif()
 
-foreach(library IN ITEMS hb_runner_funit hb_runner_pfunit)
+foreach(library IN LISTS hb_runner_libraries)
   set_target_properties(${library} PROPERTIES
     Fortran_MODULE_DIRECTORY "${CMAKE_CURRENT_BINARY_DIR}/${library}.mod")
   target_include_directories(${library} PUBLIC "${CMAKE_CURRENT_BINARY_DIR}/${library}.mod")
