@@ -28,7 +28,8 @@
  *
  * Threads. A model can be used by one call at a time: a call of any function with a model that is in use, by another thread or
  * because the call comes from a callback of the same model, returns NHBM_BUSY and has no effect. Other models can be used in
- * both cases; threads with one model each run in parallel. A thread needs a stack of 1 MiB.
+ * both cases; threads with one model each run in parallel. A thread needs a stack of 1 MiB; a computation in a callback of
+ * another one needs 128 KiB more.
  *
  * Texts are null-terminated UTF-8 of at most 2 GiB. Texts and arrays that a function returns belong to the library; unless
  * stated otherwise, they are valid until the next call with the same model. `const nhbm_model *`: the function changes neither
