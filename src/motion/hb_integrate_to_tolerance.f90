@@ -155,21 +155,7 @@ contains
       if (work_is_over()) return                      ! there is a motion even without time left
       is_struck = options%lacks_impacts_of(system, result%status)
       if (steady%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
-         if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
-             needs_larger_set(system, options, result, result%work - steady%work)) then
-            result%message = "no work is left for a larger set, raise &accuracy max_work; a time integration from this motion "// &
-                             "does not become steady within &solver max_fallback_work"
-            return
-         end if
-         if (allocated(steady%message)) result%message = steady%message
-         if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%max_fallback_work
-         if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
-         if (steady%status == outcome%subharmonic .or. &
-             (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
-            call result%forget_motion()                               ! it is no motion by its estimate, or does not persist
-            result%status = steady%status
-            result%n_periods = steady%n_repeat
-         end if
+         call describe_lost(system, options, steady, is_struck, result)
          return
       end if
       estimate_before = estimate_of(result)
@@ -193,6 +179,32 @@ contains
       end if
       result = integrated
    end subroutine integrate_from_balance
+
+   !> Describes why time integration from a balance has found no motion with a series, and discards that of the balance if it does
+   !> not persist, or is none by its estimate.
+   subroutine describe_lost(system, options, steady, is_struck, result)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(steady_motion_t), intent(in) :: steady
+      logical, intent(in) :: is_struck                                !! the balance strikes walls with a given restitution
+      type(motion_result_t), intent(inout) :: result                  !! of the balance, with the work of the integration
+
+      if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
+          needs_larger_set(system, options, result, result%work - steady%work)) then
+         result%message = "no work is left for a larger set, raise &accuracy max_work; a time integration from this motion "// &
+                          "does not become steady within &solver max_fallback_work"
+         return
+      end if
+      if (allocated(steady%message)) result%message = steady%message
+      if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%max_fallback_work
+      if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
+      if (steady%status == outcome%subharmonic .or. &
+          (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
+         call result%forget_motion()                               ! it is no motion by its estimate, or does not persist
+         result%status = steady%status
+         result%n_periods = steady%n_repeat
+      end if
+   end subroutine describe_lost
 
    !> Whether larger sets ended for lack of work where a longer time integration helps less: the lines of three tones are so close
    !> that ten times its work separates none.

@@ -226,11 +226,10 @@ contains
                                                                       !! return the solution in the whole set
       type(report_t) :: report
       type(search_t), target :: search
-      real(wp), allocatable :: guess(:), linear_solution(:, :)
+      real(wp), allocatable :: guess(:)
       real(wp), allocatable, target :: u(:, :)
       real(wp) :: begun, started
       character(:), allocatable :: failure
-      logical :: is_stuck
 
       started = wall_clock()
       call move_alloc(unknowns, guess)
@@ -245,20 +244,7 @@ contains
             call store_tones(system, balance, report, result)
             if (allocated(search%message)) result%message = search%message
          else
-            allocate (linear_solution, mold=u)
-            call balance%linear_solution(linear_solution)
-            if (options%start%from_linear) then
-               u = linear_solution
-               if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
-            end if
-            call add_start(discretisation, basis, balance%stiffness%coordinates, u)
-            if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
-            ! a known motion is tried first
-            if (allocated(guess) .or. .not. discretisation%start%is_zero()) balance%continues_in_order_first = .false.
-            begun = wall_clock()
-            call solve_unknowns(options, balance, linear_solution, u, report)
-            if (report%status == outcome%converged .and. discretisation%loads%is_zero() .and. &
-                .not. options%purpose%is_followed) call discard_noise(balance, u, report%residual)
+            call solve_with_given_tones(discretisation, options, solution, guess, u, report, begun)
          end if
          if (report%status == outcome%converged) call check_drift(system, options, balance, u, error)
          if (allocated(error)) return
@@ -285,6 +271,36 @@ contains
          end if
       end associate
    end subroutine solve_balance
+
+   !> Solves the balance at given base frequencies, from the given motion, or else from the linear one.
+   subroutine solve_with_given_tones(discretisation, options, solution, guess, u, report, begun)
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(solution_t), intent(in) :: solution                        !! with its basis and its balance
+      real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: there is none
+      real(wp), intent(inout), contiguous, target :: u(:, :)          !! zero; the last iterate
+      type(report_t), intent(out) :: report
+      real(wp), intent(out) :: begun                                  !! wall time at which the solver began [s]
+      real(wp), allocatable :: linear_solution(:, :)
+      logical :: is_stuck
+
+      allocate (linear_solution, mold=u)
+      associate (balance => solution%balance)
+         call balance%linear_solution(linear_solution)
+         if (options%start%from_linear) then
+            u = linear_solution
+            if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
+         end if
+         call add_start(discretisation, solution%basis, balance%stiffness%coordinates, u)
+         if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
+         ! a known motion is tried first
+         if (allocated(guess) .or. .not. discretisation%start%is_zero()) balance%continues_in_order_first = .false.
+         begun = wall_clock()
+         call solve_unknowns(options, balance, linear_solution, u, report)
+         if (report%status == outcome%converged .and. discretisation%loads%is_zero() .and. &
+             .not. options%purpose%is_followed) call discard_noise(balance, u, report%residual)
+      end associate
+   end subroutine solve_with_given_tones
 
    !> Sets a motion without loads to zero if zero is an exact solution and the residual grows in proportion to the motion:
    !> it is then the remainder of an iteration towards zero, whose forces are below the tolerance, and no motion by itself.
