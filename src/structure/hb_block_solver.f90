@@ -5,7 +5,7 @@
 !> rows.
 !>
 !> Blocks that are diagonal except for a border are factorised as such, narrow ones as band
-!> matrices (hb_small_lu, or LAPACK), if necessary in another order of the unknowns, large ones
+!> matrices (hb_narrow_band, or LAPACK), if necessary in another order of the unknowns, large ones
 !> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
 !> row exchanges. Rows and columns are scaled once by the magnitudes on the diagonal, so that the verdict "singular"
 !> does not depend on units.
@@ -18,7 +18,8 @@
 module hb_block_solver
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgemm, zgetrf, zgetrs
-   use hb_small_lu, only: factorise_narrow, factorise_small, largest_small, narrow_order, solve_narrow, solve_small, widest_narrow
+   use hb_narrow_band, only: factorise_narrow, narrow_order, solve_narrow, widest_narrow
+   use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_structure_block, only: structure_block_t
    use hb_umfpack, only: umfpack_t
    implicit none
