@@ -1,13 +1,14 @@
 !> The error of a bifurcation that was located from the multipliers of a motion, and of a graze: small errors of a motion may
 !> change its multipliers much, and move the point at which a contact begins far along a curve that is nearly parallel to it.
 module hb_bifurcation_error
+   use hb_bifurcation, only: bifurcation_value
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_level, only: estimate_of
    use hb_model, only: model_t
    use hb_motion_description, only: stability_of_refined
    use hb_motion_result, only: motion_result_t
-   use hb_stability, only: bifurcation_value, stability_t
+   use hb_stability, only: stability_t
    use hb_switch_extremes, only: extremes_of_switches
    use hb_tones, only: tones_t
    implicit none

@@ -2,6 +2,7 @@
 !> pieces between grazes.
 module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
+   use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_torus
    use hb_curve, only: curve_t, event_t
    use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
@@ -9,8 +10,7 @@ module hb_bifurcation_location
    use hb_kinds, only: wp
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
-   use hb_stability, only: bifurcation, bifurcation_product, bifurcation_value, is_torus, max_multipliers, stability_method, &
-      stability_t
+   use hb_stability, only: max_multipliers, stability_method, stability_t
    use hb_thresholds, only: agreement, clearly, minor, rounding, sharp
    implicit none
    private

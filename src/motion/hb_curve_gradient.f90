@@ -5,6 +5,7 @@
 !> docs/why/theory.md, section 6.8.
 module hb_curve_gradient
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_bifurcation, only: bifurcation
    use hb_bifurcation_location, only: bifurcation_event_t
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
@@ -23,7 +24,6 @@ module hb_curve_gradient
    use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: is_solved
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by
-   use hb_stability, only: bifurcation
    use hb_system, only: system_t
    use hb_thresholds, only: agreement, faint, minor, nearby_steps, sharp
    implicit none

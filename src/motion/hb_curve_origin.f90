@@ -1,12 +1,13 @@
 !> The first motion of a curve that leaves another one: at a distance from the intersection, where the tangent is singular, yet
 !> before the next events. Source: docs/why/theory.md, section 6.7.
 module hb_curve_origin
+   use hb_bifurcation, only: bifurcation, bifurcation_value
    use hb_curve_points, only: origin_t
    use hb_curve_request, only: find_direction
    use hb_curve_step, only: longest_chord
    use hb_kinds, only: wp
    use hb_observed_motion, only: observed_motion_t
-   use hb_stability, only: bifurcation, bifurcation_value, stability_t
+   use hb_stability, only: stability_t
    implicit none
    private
    public :: find_first

@@ -2,6 +2,7 @@
 !> ends.
 module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_bifurcation, only: bifurcation
    use hb_bifurcation_location, only: find_bifurcations, sharpen
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t, event_values_t, find_extremes, fold_event_t, grazing_event_t, value_event_t
@@ -14,7 +15,6 @@ module hb_event_location
    use hb_located_response, only: located_response_t
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind, curve_kinds
-   use hb_stability, only: bifurcation
    use hb_thresholds, only: agreement, faint, minor, rounding
    implicit none
    private

@@ -6,6 +6,7 @@
 !> separate motions. Each point has all results of a motion. Source: docs/user/curves.md; docs/why/theory.md, section
 !> 6.7.
 module hb_motion_curve
+   use hb_bifurcation, only: angle_of_pair
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
@@ -32,7 +33,6 @@ module hb_motion_curve
    use hb_point, only: solve_point
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solver_types, only: report_t
-   use hb_stability, only: angle_of_pair
    use hb_system, only: system_t
    use hb_threads, only: use_threads
    use hb_thresholds, only: faint, nearby_steps, reliable
