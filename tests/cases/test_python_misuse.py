@@ -84,6 +84,7 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: Model(nhbm.Matrices(1.0, 1.0), tones={"frequency": 1.0, "hertz": 2.0}), "give either 'frequency' .* or 'hertz'"),
     (lambda: duffing().set("tones", hertz=2.0), r"None removes one: model.set\('tones', frequency=None, hertz=50.0\)"),
     (lambda: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.details, "has numbers, not motions"),
+    (lambda: duffing()["spring.stiffness, stop.gap"], "is no path; .* give each of several paths by itself"),
     (lambda: duffing().__setitem__("load[1].cos", 1.0), r"there is no load.2.; the file has load.1.$"),
 ])  # fmt: skip
 def test_wrong_arguments_are_named(made, message):

@@ -83,8 +83,9 @@ def parser() -> argparse.ArgumentParser:
     verb = verbs.add_parser("fit", prog="nhbm fit", help="fit parameters of an input to a measured response over the frequency")
     verb.set_defaults(run=run_fit)
     verb.add_argument("input", help="input file; its values are the first guess")
-    verb.add_argument("data", help="CSV with columns frequency or hertz, amplitude; optional: phase [rad], sweep (up, down), "
-                                   "sigma, values of the input by path; the two files may stand in either order")  # fmt: skip
+    verb.add_argument("data", help="CSV with columns frequency or hertz, amplitude; optional: phase [rad], negative for a lag, "
+                                   "sweep (up, down), sigma, values of the input by path; the two files may stand in either "
+                                   "order")  # fmt: skip
     verb.add_argument("--by", action="append", required=True, metavar="PATH", help="a parameter, such as law(stop)%%gap")
     verb.add_argument("--of", required=True, metavar="RESPONSE", help="the harmonic that was measured, such as 'x1 (1)'")
     verb.add_argument("--order", type=int, metavar="N", help="order of the harmonics")
