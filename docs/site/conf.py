@@ -3,9 +3,11 @@
 import json
 import os
 import re
+import runpy
 from pathlib import Path
 
 ROOT = Path(os.environ["NHBM_SOURCE"])
+NOTEBOOKS = {f"docs/start/{page.stem}" for page in runpy.run_path(str(ROOT / "docs" / "site" / "notebooks.py"))["tutorials"]()}
 
 project = "nhbm"
 author = "The nhbm developers"
@@ -47,6 +49,13 @@ def add_excerpts(app, pagename, templatename, context, doctree):
         app.add_js_file("search.js")
 
 
+def link_notebook(app, pagename, templatename, context, doctree):
+    """Below the title of a tutorial, a link to its notebook (notebooks.py)."""
+    if pagename in NOTEBOOKS:
+        link = f'<p><a href="../../notebooks/{Path(pagename).name}.ipynb" download>Download this page as a Jupyter notebook</a></p>'
+        context["body"] = context["body"].replace("</h1>", f"</h1>\n{link}", 1)
+
+
 def write_texts(app, exception):
     """The text of each page that the search finds, for its excerpts (search.js)."""
     if exception or app.builder.format != "html":
@@ -59,4 +68,5 @@ def write_texts(app, exception):
 
 def setup(app):
     app.connect("html-page-context", add_excerpts)
+    app.connect("html-page-context", link_notebook)
     app.connect("build-finished", write_texts)

@@ -57,14 +57,21 @@ def _commands(text: str) -> str:
     return "\n".join(lines)
 
 
+def has_code(path: Path) -> bool:
+    return any(cell["cell_type"] == "code" for cell in notebook_of(path.read_text(encoding="utf-8"))["cells"])
+
+
+def tutorials() -> list[Path]:
+    """The pages that are notebooks: those of docs/start with code."""
+    return [path for path in sorted((ROOT / "docs" / "start").glob("*.md")) if has_code(path)]
+
+
 def main(folder: str, *pages: str) -> None:
-    """Writes a notebook for each page, by default for all tutorials with code."""
+    """Writes a notebook for each page with code, by default for all tutorials."""
     Path(folder).mkdir(parents=True, exist_ok=True)
-    for path in map(Path, pages or sorted(map(str, (ROOT / "docs" / "start").glob("*.md")))):
-        notebook = notebook_of(path.read_text(encoding="utf-8"))
-        if any(cell["cell_type"] == "code" for cell in notebook["cells"]):
-            text = json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
-            (Path(folder) / f"{path.stem}.ipynb").write_text(text, encoding="utf-8")
+    for path in filter(has_code, map(Path, pages)) if pages else tutorials():
+        text = json.dumps(notebook_of(path.read_text(encoding="utf-8")), indent=1, ensure_ascii=False) + "\n"
+        (Path(folder) / f"{path.stem}.ipynb").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -69,3 +69,13 @@ def test_results_of_the_search_have_excerpts(words, chromium):
     assert all(len(text) > 40 for _, text in results)
     assert not [page for page, _ in results if page.startswith(("docs/why", "docs/develop"))]
     assert any(words.split()[0] in text.lower() for _, text in results)
+
+
+def test_tutorials_are_offered_as_notebooks(chromium):
+    """By a link below the title, to a file of the site."""
+    pages = [page for page in (SITE / "docs" / "start").glob("*.html") if (SITE / "notebooks" / f"{page.stem}.ipynb").is_file()]
+    assert len(pages) >= 5
+    for page in pages:
+        chromium.load(page.as_uri())
+        found = chromium.run("document.querySelector('a[download]')?.href ?? ''")
+        assert found == (SITE / "notebooks" / f"{page.stem}.ipynb").as_uri()
