@@ -131,7 +131,8 @@ contains
       real(wp), intent(in) :: x(2), w(2)
       logical, intent(in) :: is_full
       real(wp), intent(out) :: force(2), by_x(2, 2), by_w(2, 2)
-      real(wp) :: angle, e, ends(2), first, frame(2, 2), moments(3), own(2), s, second, slopes(4), weight
+      real(wp) :: angle, e, ends(2), even(2), first, frame(2, 2), half(2), middle(2), moments(3), odd(2), own(2), s, second
+      real(wp) :: slopes(4), weight
       integer :: k, side
 
       frame(:, 1) = [1.0_wp, 0.0_wp]
@@ -149,12 +150,16 @@ contains
       end if
       moments = 0.0_wp                                                ! of first**a second**b, a + b = 2, b rises
       slopes = 0.0_wp                                                 ! a + b = 3
+      middle = [sin(0.25_wp*sum(ends)), cos(0.25_wp*sum(ends))]       ! of half angles, whose sines keep small angles
       do k = 1, size(nodes)
          weight = 0.5_wp*weights(k)*(ends(2) - ends(1))
+         angle = 0.25_wp*nodes(k)*(ends(2) - ends(1))
+         even = cos(angle)*middle
+         odd = sin(angle)*[middle(2), -middle(1)]
          do side = 1, -1, -2
-            angle = 0.5_wp*(sum(ends) + side*nodes(k)*(ends(2) - ends(1)))
-            first = 2.0_wp*sin(0.5_wp*angle)**2 - (1.0_wp - e)        ! e + cos(gamma)
-            second = -s*sin(angle)
+            half = even + side*odd                                    ! its sine, its cosine
+            first = 2.0_wp*half(1)**2 - (1.0_wp - e)                  ! e + cos(gamma)
+            second = -2.0_wp*s*half(1)*half(2)
             moments = moments + weight*[first**2, first*second, second**2]
             slopes = slopes + weight*[first**3, first**2*second, first*second**2, second**3]
          end do
