@@ -14,6 +14,7 @@ module hb_variation_pieces
    public :: bracket_t, cut_time, make_sliders_periodic
 
    integer, parameter :: max_passes = 3                              ! events of a slider between two detection times
+   integer, parameter :: max_passes_to_extreme = 6                   ! of a switch between two detection times
    integer, parameter :: max_periods = 4                             ! until sliders are periodic
 
    type :: event_t
@@ -126,6 +127,11 @@ contains
             of_switch(n) = s
          end do
       end do
+      do k = 2, size(times) - 1
+         do s = 1, size(values, 1)
+            if (is_passed_between(values(s, k - 1:k + 1))) call find_touch(s, times(k - 1:k + 1), values(s, k - 1:k + 1))
+         end do
+      end do
       do
          do k = 1, n
             is_wide(k) = brackets(k)%is_wide()
@@ -137,6 +143,40 @@ contains
       events = [(event_t(time=brackets(k)%middle), k=1, n)]
 
    contains
+
+      !> Two sign changes between instants: where the extreme of the parabola through three values has the other sign, as the motion
+      !> may have, this extreme is improved.
+      subroutine find_touch(s, t, values_there)
+         integer, intent(in) :: s                                     !! switch
+         real(wp), intent(in) :: t(3), values_there(3)
+         real(wp) :: at(3), now(3), value(size(values, 1), 1), v_now(1, self%n_coordinates), z_now(1, self%n_coordinates)
+         real(wp) :: extreme
+         integer :: pass
+
+         at = t
+         now = values_there
+         do pass = 1, max_passes_to_extreme
+            extreme = extreme_of_parabola(at, now)
+            if (.not. (extreme > at(1) .and. extreme < at(3)) .or. abs(extreme - at(2)) <= rounding*(t(3) - t(1))) return
+            call self%find_motion([extreme], z_now, v_now)
+            call switches_at(self, i, [extreme], z_now, v_now, value)
+            if (value(s, 1) > 0.0_wp .neqv. now(2) > 0.0_wp) then
+               brackets(n + 1) = bracket_t(low=t(1), high=extreme, value_low=values_there(1), value_high=value(s, 1))
+               brackets(n + 2) = bracket_t(low=extreme, high=t(3), value_low=value(s, 1), value_high=values_there(3))
+               of_switch(n + 1:n + 2) = s
+               n = n + 2
+               return
+            end if
+            if (abs(value(s, 1)) >= abs(now(2))) return
+            if (extreme < at(2)) then
+               at = [at(1), extreme, at(2)]
+               now = [now(1), value(s, 1), now(2)]
+            else
+               at = [at(2), extreme, at(3)]
+               now = [now(2), value(s, 1), now(3)]
+            end if
+         end do
+      end subroutine find_touch
 
       subroutine narrow_together()
          real(wp), dimension(size(wide), self%n_coordinates) :: v_there, z_there
@@ -151,6 +191,31 @@ contains
          end do
       end subroutine narrow_together
    end subroutine find_switching
+
+   !> Whether the parabola through three values of one sign at equal distances, the middle one nearest to zero, nearly reaches zero.
+   pure logical function is_passed_between(values)
+      real(wp), intent(in) :: values(3)
+      real(wp), parameter :: margin = 0.1_wp                          ! by which the motion may differ from the parabola
+      real(wp) :: bend, sizes(3)
+
+      is_passed_between = (all(values > 0.0_wp) .or. all(values < 0.0_wp))
+      if (.not. is_passed_between) return
+      sizes = abs(values)
+      bend = sizes(1) - 2*sizes(2) + sizes(3)
+      is_passed_between = sizes(2) <= min(sizes(1), sizes(3)) .and. bend > 0.0_wp
+      if (is_passed_between) is_passed_between = sizes(2) - (sizes(3) - sizes(1))**2/(8*bend) <= margin*bend
+   end function is_passed_between
+
+   !> Argument of the extreme of the parabola through three points.
+   pure real(wp) function extreme_of_parabola(at, values) result(extreme)
+      real(wp), intent(in) :: at(3), values(3)
+      real(wp) :: slopes(2)
+
+      slopes = (values(2:) - values(:2))/(at(2:) - at(:2))
+      extreme = huge(1.0_wp)
+      if (abs(slopes(2) - slopes(1)) > 0.0_wp) &
+         extreme = 0.5_wp*(at(1) + at(2)) - 0.5_wp*slopes(1)*(at(3) - at(1))/(slopes(2) - slopes(1))
+   end function extreme_of_parabola
 
    !> Chooses the next middle; the start if there is no sign change. False if no further evaluation is needed.
    logical function bracket_is_wide(self) result(is_wide)
