@@ -45,8 +45,8 @@ contains
    end subroutine describe_warnings
 
    !> Lists values of a model that suggest a mistake, one per line: tones far above or below all natural frequencies, negative
-   !> damping or stiffness, gaps that are very large or negative, repeated loads, a tolerance of a large part of the motion or
-   !> beside given harmonics, a very large set of these; none: an empty text.
+   !> damping or stiffness, couplings without a counterpart, gaps that are very large or negative, repeated loads, a tolerance of a
+   !> large part of the motion or beside given harmonics, a very large set of these; none: an empty text.
    subroutine describe_implausible(system, discretisation, options, text)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -61,6 +61,8 @@ contains
       do i = 1, size(lines)
          call add_line(text, lines(i)%value)
       end do
+      call describe_coupling("stiffness", system%structure%stiffness, system%structure%labels, text)
+      call describe_coupling("damping", system%structure%damping, system%structure%labels, text)
       do i = 1, size(system%laws)
          call describe_gaps(system%laws(i)%law, text)
       end do
@@ -74,6 +76,28 @@ contains
          number_of(discretisation%harmonics%n_harmonics, "harmonic")//", with "//number_of(discretisation%torus%n_total, &
          "sample")//": a point may take minutes; a tolerance, instead of an order or a set, chooses those that are needed")
    end subroutine describe_implausible
+
+   !> Adds a line on the first coupling of two degrees of freedom in one direction alone: rotors and controllers may have such
+   !> couplings, else half of a symmetric pair was forgotten.
+   pure subroutine describe_coupling(name, matrix, labels, text)
+      character(*), intent(in) :: name                                !! of the matrix
+      real(wp), intent(in), allocatable :: matrix(:, :)               !! (n_dofs, n_dofs); not allocated: sparse
+      character(*), intent(in) :: labels(:)                           !! (n_dofs)
+      character(:), allocatable, intent(inout) :: text
+      integer :: i, k
+
+      if (.not. allocated(matrix)) return
+      do k = 1, size(matrix, 2)
+         do i = 1, size(matrix, 1)
+            if (abs(matrix(k, i)) > 0.0_wp .or. .not. abs(matrix(i, k)) > 0.0_wp) cycle
+            call add_line(text, "the "//name//" matrix has an entry of row '"//trim(labels(i))//"' and column '"// &
+                          trim(labels(k))//"', "//to_text(matrix(i, k))//", and none of row '"//trim(labels(k))// &
+                          "' and column '"//trim(labels(i))//"': unless the coupling is to act in one direction, make the "// &
+                          "matrix symmetric")
+            return
+         end do
+      end do
+   end subroutine describe_coupling
 
    !> Adds a line on each load whose phase seems to be in degrees, and that repeats a previous one: at the same place, with the
    !> same tuple and component.
