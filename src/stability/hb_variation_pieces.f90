@@ -202,7 +202,7 @@ contains
       if (.not. is_passed_between) return
       sizes = abs(values)
       bend = sizes(1) - 2*sizes(2) + sizes(3)
-      is_passed_between = sizes(2) <= min(sizes(1), sizes(3)) .and. bend > 0.0_wp
+      is_passed_between = sizes(2) < sizes(1) .and. sizes(2) <= sizes(3) .and. bend > 0.0_wp
       if (is_passed_between) is_passed_between = sizes(2) - (sizes(3) - sizes(1))**2/(8*bend) <= margin*bend
    end function is_passed_between
 
