@@ -162,6 +162,38 @@ def test_a_structure_in_memory_is_saved_beside_the_result(tmp_path):
     assert run("verify", "chain.h5", cwd=tmp_path).status == ALL_CONVERGED
 
 
+def with_a_set():
+    k = np.array([[2.0, -1.0], [-1.0, 2.0]])
+    return nhbm.Structure(
+        mass=np.eye(2), stiffness=k, damping=0.1 * np.eye(2), labels=["n1.x", "n2.x"], node_numbers=np.arange(1, 3),
+        coordinates=np.zeros((2, 3)), dof_node=np.arange(2), dof_direction=["x", "x"],
+        sets={"tip": np.array([1]), "all": np.arange(2)},
+    )  # fmt: skip
+
+
+def test_sets_name_degrees_of_freedom_of_files(tmp_path):
+    """As in memory: of results that were saved, and of those of the command with the model file that they name, where it is."""
+    structure = with_a_set()
+    structure.write(tmp_path / "model.h5")
+    for source in (structure, tmp_path / "model.h5"):
+        model = Model(source, tones=[0.7])
+        model.load("tip.x", 1, cos=0.1)
+        motion = model.solve(order=3)
+        motion.nhbm.save(tmp_path / "saved.h5")
+        xr.testing.assert_identical(motion, nhbm.open_dataset(tmp_path / "saved.h5"))
+    (tmp_path / "case.nml").write_text(
+        "&structure type = 'model', file = 'model.h5' /\n&tones frequency = 0.7 /\n&harmonics order = 3 /\n"
+        "&load dof = 'tip.x', tuple = 1, cos = 0.1 /\n"
+    )
+    assert run("solve", "case.nml", cwd=tmp_path).status == ALL_CONVERGED
+    opened = nhbm.open_dataset(tmp_path / "case.h5")
+    assert float(opened.nhbm.amplitude("tip.x", 1)) == float(opened.nhbm.amplitude("n2.x", 1)) > 0.0
+    for damaged in (b"no HDF5", None):
+        (tmp_path / "model.h5").write_bytes(damaged) if damaged else (tmp_path / "model.h5").unlink()
+        with pytest.raises(KeyError, match="no degree of freedom 'tip.x'"):
+            nhbm.open_dataset(tmp_path / "case.h5").nhbm.amplitude("tip.x", 1)
+
+
 def test_names_do_not_depend_on_spelling():
     model = duffing()
     for path in ("tones[0]", "tones", "tones.frequency", "tones%frequency", "tones%frequency(1)", "Tones%Frequency"):

@@ -4,7 +4,7 @@ dataset; what describes the search, `details`, is beside it."""
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -148,9 +148,13 @@ def _labels(session: Session, lengths: Mapping[str, int]) -> dict[str, Any]:
         else:
             labels[axis] = axis, np.arange(1 if axis == "tone" else 0, n + (axis == "tone"), dtype=np.int32), what
     if session.dofs_of_sets and "dof" in labels:
-        words = [" ".join(name for name, dof in session.dofs_of_sets.items() if dof == label) for label in labels["dof"][1]]
-        labels["dof_of_set"] = "dof", words
+        labels["dof_of_set"] = "dof", names_of_dofs(session.dofs_of_sets, labels["dof"][1])
     return labels
+
+
+def names_of_dofs(dofs_of_sets: Mapping[str, str], labels: Iterable[str]) -> list[str]:
+    """The names that sets of one node give to each degree of freedom, separated by blanks."""
+    return [" ".join(name for name, dof in dofs_of_sets.items() if dof == label) for label in labels]
 
 
 AXES = {

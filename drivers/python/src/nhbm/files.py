@@ -12,12 +12,12 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
-from nhbm.dataset import AXES, TUPLE, Source, split, with_words
+from nhbm.dataset import AXES, TUPLE, Source, names_of_dofs, split, with_words
 from nhbm.errors import ModelError
 from nhbm.groups import Groups, described, path_of
 from nhbm.hdf5_file import open_hdf5
 from nhbm.session import Session
-from nhbm.structure import FORMAT, Structure
+from nhbm.structure import FORMAT, Structure, dofs_of_sets_in
 
 _PENDING, _UNUSED = 0, 17  # statuses of rows of a curve that was stopped, and of spare ones
 _MESSAGE_LENGTH = 400  # bytes
@@ -86,6 +86,7 @@ def opened(path: str | Path) -> xr.Dataset:
         return with_words(data)
     data = data.isel(point=np.flatnonzero(data["status"].values != _UNUSED))
     texts = {name: str(data[name].values) for name in _TEXTS if name in data}
+    folders = [str(data["input_text"].attrs.get("folder", "")) if "input_text" in data else "", str(Path(path).parent)]
     data = data.drop_vars([name for name in data.data_vars if name in _TEXTS or "worker" in data[name].dims])
     source = Source(texts.get("input_complete", ""), "tuples" in data, texts.get("input_libraries", ""))
     data = with_words(data.reset_coords([name for name in ("frequency", "tuple", "tuples") if name in data.coords]))
@@ -96,6 +97,9 @@ def opened(path: str | Path) -> xr.Dataset:
     for name in varies:
         path = str(data[name].attrs["parameter"])
         data[name].attrs.update(described(path_of(path), groups))
+    sets = _dofs_of_sets(groups, folders)
+    if sets and "dof" in data.coords:
+        data = data.assign_coords(dof_of_set=("dof", names_of_dofs(sets, data["dof"].values)))
     varies.sort(key=lambda name: order.index(name) if name in order else len(order))
     data = data.set_coords(varies).drop_vars([name for name in ("message_byte", "worker") if name in data.coords])
     data = data.drop_vars([name for name in data.coords if re.fullmatch(r"tuple_\d+", str(name))])
@@ -114,6 +118,13 @@ def opened(path: str | Path) -> xr.Dataset:
         data["tuple"].attrs.update(TUPLE)
     source.n_points = data.sizes.get("point")
     return split(data, source)
+
+
+def _dofs_of_sets(groups: Groups, folders: list[str]) -> dict[str, str]:
+    """Names of degrees of freedom by sets of the model file that an input names, in the first folder that has it."""
+    given = next((str(group.keys["file"]) for group in groups.named("structure") if "file" in group.keys), "")
+    found = [Path(folder, given) for folder in folders if given and Path(folder, given).is_file()]
+    return dofs_of_sets_in(found[0]) if found else {}
 
 
 _NOT_HDF5 = (".csv", ".gif", ".html", ".json", ".mat", ".nml", ".pdf", ".png", ".svg", ".txt", ".xlsx")

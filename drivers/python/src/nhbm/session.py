@@ -31,7 +31,7 @@ from nhbm._library import (
 from nhbm._library import Column as _Column
 from nhbm.errors import ModelError
 from nhbm.groups import as_input
-from nhbm.structure import Structure
+from nhbm.structure import Structure, dofs_of_sets
 
 try:  # the functions of `signal` look each handler up among its enumerations, which takes a third of a small solution
     from _signal import getsignal as _getsignal  # type: ignore[import-not-found, unused-ignore]
@@ -337,9 +337,7 @@ class Session:
             for set_name, members in structure.sets.items():
                 members = np.ascontiguousarray(members, np.int32)
                 code = code or functions["add_node_set"](builder, set_name.encode(), len(members), members)
-                if len(members) == 1:
-                    for dof in np.flatnonzero(structure.dof_node == members[0]):
-                        self.dofs_of_sets[f"{set_name}.{structure.dof_direction[dof]}"] = structure.labels[dof]
+            self.dofs_of_sets.update(dofs_of_sets(structure))
             return int(code)
         except BaseException as fault:
             if isinstance(fault, ModelError):

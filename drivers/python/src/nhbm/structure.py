@@ -273,6 +273,31 @@ class Structure:
         )
 
 
+def dofs_of_sets(structure: Structure) -> dict[str, str]:
+    """The labels of degrees of freedom by the names that sets of one node give them, such as "disk1.x"."""
+    return _single_nodes(structure.sets, structure.dof_node, structure.dof_direction, structure.labels)
+
+
+def dofs_of_sets_in(path: str | Path) -> dict[str, str]:
+    """Likewise of a model file, without its matrices; none if it cannot be read."""
+    try:
+        with open_hdf5(path) as file:
+            if _text(file.attrs.get("format", "")) != FORMAT or not {"sets", "dofs"} <= set(file):
+                return {}
+            sets = {name: nodes for name, (nodes,) in _read_lists(file, "sets", ("nodes",)).items()}
+            return _single_nodes(sets, _values(file, "dofs/node"), _texts(file, "dofs/direction"), _texts(file, "labels"))
+    except (ModelError, OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError):  # of a damaged file
+        return {}
+
+
+def _single_nodes(sets: dict[str, np.ndarray], node: np.ndarray, direction: list[str], labels: list[str]) -> dict[str, str]:
+    return {
+        f"{name}.{direction[dof]}": labels[dof]
+        for name, members in sets.items() if len(members) == 1
+        for dof in np.flatnonzero(np.asarray(node) == members[0])
+    }  # fmt: skip
+
+
 def check_labels(labels: list[str]) -> None:
     """Refuses labels that are no names or not unique."""
     seen: dict[str, int] = {}
