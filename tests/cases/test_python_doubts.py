@@ -164,7 +164,7 @@ def pair_with(coupling):
     (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[0.5]), "no load acts"),
     (lambda: driven(1.0, -0.1, 1.0), "damping of 'x1' is negative, -0.1 N s/m: energy is fed into vibrations; unless the"),
     (lambda: driven(1.0, 0.1, -1.0), "stiffness of 'x1' is negative, -1.0 N/m: the equilibrium is unstable"),
-    (lambda: pair_with(0.3), "'x1' and column 'x2', 0.3, and none of row 'x2' and column 'x1': unless the coupling is to act in one"),
+    (lambda: pair_with(0.3), "'x1' and column 'x2', 0.3, and none of row 'x2' and column 'x1': unless the coupling is to act in"),
     (lambda: driven(1e4, 0.1, 1.0), "more than 50 times the highest natural frequency, 0.01 rad/s"),
     (lambda: driven(1e-6, 0.1, 1.0), "lowest natural frequency, 1000.0 rad/s, is more than 50 times the tone of 0.9 rad/s"),
 ])  # fmt: skip
