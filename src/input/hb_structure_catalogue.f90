@@ -160,7 +160,7 @@ contains
                call group%problem(trim(names_of_matrices(i)), "has "//to_text(n)//" values, needs one: n_dofs = 1")
             else if (all(n /= [n_dofs, n_dofs**2])) then
                call group%problem(trim(names_of_matrices(i)), "needs "//to_text(n_dofs**2)//" values row by row, or "// &
-                                  to_text(n_dofs)//" for a diagonal matrix; there are "//to_text(n))
+                                  to_text(n_dofs)//" for a diagonal matrix, not "//to_text(n))
             end if
          end associate
       end do
