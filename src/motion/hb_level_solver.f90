@@ -61,11 +61,12 @@ contains
          level_options%primary_method = primary_method%balance
          level_options%may_integrate = .false.
          level_options%error_estimate%is_on = .true.
-         level_options%stability%method = stability_method%off
          level_options%solver%tolerance = solver_tolerance(options)
          level_options%solver%krylov_patience = patience_with_products
          level_options%solver%fallback_share = 0.0_wp                      ! other sets remain to be tried
          level_options%error_estimate%improvement_steps = 0
+         if (size(system%laws) == 0) return                           ! the first level is the last: nothing is added to its result
+         level_options%stability%method = stability_method%off
          if (allocated(level_options%output%samples)) level_options%output%samples = level_options%output%samples(:0)
       end associate
    end subroutine level_solver_prepare

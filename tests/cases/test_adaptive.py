@@ -50,6 +50,13 @@ ONE_TONE = """
 """
 
 
+def test_models_without_laws_are_complete(tmp_path):
+    """Their first level is the last: it has the verdict on stability that a given order has."""
+    for more in ("", "&harmonics order = 3 /\n"):
+        done, _ = _solve(MODEL.replace("&law", "! &law") + more, tmp_path)
+        assert done.status == ALL_CONVERGED and "1 stable, 0 unstable" in done.stdout, done.stdout + done.stderr
+
+
 def test_outputs_of_a_motion_that_is_zero_are_exact(tmp_path):
     """Where nothing moves at the laws there is no error, and no next level."""
     more = "&accuracy of = 'x2 (1)' /\n&sweep parameter = 'load(1)%cos', from = 0.0, to = 1.0, n = 3 /\n"
