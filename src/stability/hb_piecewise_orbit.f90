@@ -10,7 +10,7 @@ module hb_piecewise_orbit
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgetrf, dgetrs, dpotrs
    use hb_matrix_exponential, only: count_exponential, exponential_of
-   use hb_monodromy, only: n_instants_of
+   use hb_monodromy, only: find_monodromy, monodromy_t, n_instants_of
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
    use hb_thresholds, only: minor, nearby_steps, rounding, same_motion
@@ -91,11 +91,11 @@ contains
       complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
       real(wp), dimension(size(amplitudes, 1), size(amplitudes, 2)) :: lengths, sines
       real(wp) :: frequencies(size(amplitudes, 2)), sense, sense_before, start
-      integer :: n, shot
+      integer :: n, n_events, n_events_given, shot
       logical :: is_done
 
       n = variation%n_dofs
-      start = quiet_time(variation)
+      call find_quiet_time(variation, start, n_events_given)
       frequencies = variation%motion%frequencies
       turned = amplitudes*spread(exp(cmplx(0.0_wp, frequencies*start, wp)), 1, n)
       sines = aimag(turned)
@@ -115,7 +115,7 @@ contains
       left_before = huge(1.0_wp)
       sense_before = 0.0_wp
       do shot = 1, nearby_steps
-         call integrate_round(flow, variation, x, after, self%matrix, is_done)
+         call integrate_round(flow, variation, x, after, self%matrix, n_events, is_done)
          if (.not. is_done) return
          left = (after - x)/units
          if (maxval(abs(left)) >= maxval(abs(left_before))) then
@@ -133,22 +133,40 @@ contains
          if (maxval(abs((x - begun)/units)) > same_motion) return
       end do
       self%is_found = maxval(abs(left)) <= rounding
+      if (self%is_found .and. n_events /= n_events_given) self%is_found = sense*sense_along(variation, start, free) > 0.0_wp
       self%estimate = max(maxval(abs(left)), epsilon(1.0_wp)*size(flow%branches)*flow%period*maxval(abs(flow%constant)))
    end subroutine find_piecewise_orbit
 
    !> Middle of the longest interval without events of the given motion, where the state determines the next events
-   !> best.
-   real(wp) function quiet_time(variation) result(time)
+   !> best, and the number of events in a period.
+   subroutine find_quiet_time(variation, time, n_events)
       type(variation_t), intent(inout) :: variation
+      real(wp), intent(out) :: time                                   !! [s]
+      integer, intent(out) :: n_events
       type(piece_t), allocatable :: pieces(:)
       real(wp) :: period
 
       period = two_pi/variation%motion%omega(1)                       ! of two periods, the ends of one lie within the other
       call cut_time(variation, 0.0_wp, 2.0_wp*period, n_instants_of(variation, 2.0_wp*period), pieces)
+      n_events = (size(pieces) - 1)/2
       associate (longest => pieces(maxloc(pieces%finish - pieces%start, dim=1)))
          time = 0.5_wp*(longest%start + longest%finish)
       end associate
-   end function quiet_time
+   end subroutine find_quiet_time
+
+   !> Sign of the determinant of the equations of a step, along the given motion. Where the orbit has other events and another
+   !> sign, one more orbit is as near, behind a fold, and the given motion may be this one.
+   real(wp) function sense_along(variation, start, free) result(sense)
+      type(variation_t), intent(inout) :: variation
+      real(wp), intent(in) :: start                                   !! [s]
+      real(wp), intent(in) :: free(:, :)                              !! (n_dofs, any)
+      type(monodromy_t) :: along
+      real(wp) :: none(2*variation%n_dofs), step(2*variation%n_dofs)
+
+      call find_monodromy(along, variation, start, rounding, huge(1.0_wp))
+      none = 0.0_wp
+      call solve_step(along%matrix, free, none, step, sense)
+   end function sense_along
 
    !> Newton's step: (matrix - 1) step = -left, with the sign of the determinant. Free displacements, which the matrix leaves
    !> as they are, do not change: a term of rank one for each makes the equations regular.
@@ -313,17 +331,18 @@ contains
    end subroutine find_branch
 
    !> Computes the state after a period and its derivative.
-   subroutine integrate_round(self, variation, x, after, matrix, is_done)
+   subroutine integrate_round(self, variation, x, after, matrix, n_events, is_done)
       type(flow_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: after(:)
       real(wp), allocatable, intent(out) :: matrix(:, :)
+      integer, intent(out) :: n_events                                !! in the period
       logical, intent(out) :: is_done
       real(wp) :: y(self%size), y_next(self%size)
       real(wp) :: begun, time, to_event
       logical :: is_last, is_positive(size(self%switches, 1))
-      integer :: i, n_events, number, switch
+      integer :: i, number, switch
 
       allocate (matrix(self%n, self%n), source=0.0_wp)
       do i = 1, self%n

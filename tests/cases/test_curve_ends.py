@@ -114,6 +114,26 @@ def test_a_curve_from_its_other_end_stays_within_its_range(tmp_path):
     assert values[0] == values[-1] == 0.6 and values.min() == 0.6 and values.max() > 0.61
 
 
+def test_motions_beside_a_fold_at_a_graze_are_unstable(tmp_path):
+    """Before the fold a second contact is shorter than the errors of the motion. Its multipliers were at times those of the stable
+    motion without it, behind the fold: `stable` amid unstable points."""
+    text = """
+&structure type='matrices', n_dofs=3, mass=0.9611,-0.00407,-0.0072,-0.00407,1.9368,0.0169,-0.0072,0.0169,1.6555,
+   damping=0.01032,-0.00433,0.0,-0.00433,0.0171,-0.0054,0.0,-0.0054,0.02036,
+   stiffness=1.3616,-0.8783,0.0,-0.8783,1.9919,-1.1137,0.0,-1.1137,2.8715 /
+&tones frequency=1.1 /
+&law type='elastic_stop', dofs='x1','x3', weights=1,-1, stiffness=30.0, gap=0.0454 /
+&load dof='x2', tuple=1, cos=0.224 /
+&load dof='x1', tuple=3, cos=0.0861 /
+&accuracy tolerance=1e-3 /
+&curve parameter='tones%frequency', from=0.7413, to=1.1, max_step=0.03 /
+"""
+    path = solve(text, tmp_path)
+    with Results(path) as results:
+        assert len(values_at(results, "fold")) >= 2
+    assert "no bifurcation was located" not in run("info", path.name, cwd=tmp_path).stdout
+
+
 def test_closed_branches_are_traced_once(tmp_path):
     """Two equal oscillators: the motions in which they differ form one closed curve through both branch points."""
     text = """
