@@ -4,9 +4,10 @@ module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_torus
    use hb_curve, only: curve_t, event_t
+   use hb_curve_events, only: branch_event_t
    use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
-   use hb_event_search, only: search_t, sort_by_position
+   use hb_event_search, only: find_zero, search_t, sort_by_position
    use hb_kinds, only: wp
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
@@ -96,11 +97,12 @@ contains
       integer :: kind
 
       do kind = bifurcation%branch, bifurcation%torus
-         if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (minval(abs(at_ends)) <= rounding) cycle
-         if (at_ends(1)*at_ends(2) < 0.0_wp) then
+         if (kind == bifurcation%branch .and. is_branch_known(self, search)) then
+            call find_pair_of_branches(self, search, piece, at_ends)
+         else if (at_ends(1)*at_ends(2) < 0.0_wp) then
             call find_zero_of_kind(self, search, kind, piece, at_ends)
          else
             call find_pair_of_kind(self, search, kind, piece, at_ends)
@@ -108,33 +110,18 @@ contains
       end do
    end subroutine find_by_kind
 
-   !> Finds the two zeros of the function of a kind on a piece with the same sign at its ends. Multipliers in the middle are
-   !> only computed where the function is close to zero, and not nearly constant, as that of pairs is with little damping.
+   !> Finds the two zeros of the function of a kind on a piece with the same sign at its ends.
    subroutine find_pair_of_kind(self, search, kind, piece, at_ends)
       class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: at_ends(2)
-      real(wp), parameter :: near = 0.3_wp                            ! to a bifurcation; also the least relative change
-      type(bifurcation_event_t) :: change
       type(piece_t) :: half
-      type(stability_t) :: there
-      real(wp) :: position, products(2), value, x(size(self%curve%x))
-      real(wp), allocatable :: between(:)
+      real(wp) :: position, value
       logical :: is_found
 
-      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near .or. piece%ends(2) - piece%ends(1) < self%curve%last_step) return
-      if (kind == bifurcation%torus .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
-      call point_between(self%curve, 0.5_wp, x, is_found)
-      if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
-      if (.not. allocated(there%multipliers)) return
-      products = [bifurcation_product(kind, piece%stability(1)%multipliers), bifurcation_product(kind, &
-                                                                                                 piece%stability(2)%multipliers)]
-      between = parabola_between(products, bifurcation_product(kind, there%multipliers))
-      if (.not. may_change_sign(products, between)) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, is_product=.true.)
-      call find_other_sign(self%curve, change, products, between, position, value, is_found)
+      call find_place_between(self, search, kind, piece, at_ends, position, is_found)
       if (.not. is_found) return
       half = piece
       call evaluate_stability_at(self, position, sharp, half%ends(2), half%stability(2))
@@ -146,6 +133,64 @@ contains
       half%stability = [half%stability(2), piece%stability(2)]
       call find_zero_of_kind(self, search, kind, half, [value, at_ends(2)])
    end subroutine find_pair_of_kind
+
+   !> Finds two branch points on a step whose determinant has the same sign at both ends: it has the other sign where a
+   !> multiplier is beyond 1.
+   subroutine find_pair_of_branches(self, search, piece, at_ends)
+      class(observed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: at_ends(2)                              !! functions of the multipliers
+      type(branch_event_t) :: branch
+      real(wp) :: ends(2, 2), position, value, x(size(self%curve%x))
+      integer :: i
+      logical :: is_found, is_there
+
+      if (size(search%folds, 2) > 0 .or. search%has_branched .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
+      call find_place_between(self, search, bifurcation%branch, piece, at_ends, position, is_found)
+      if (is_found) call self%curve%point_at(position, x, is_found)
+      if (.not. is_found) return
+      branch = branch_event_t(curve_kind%branch, .true.)              ! only a sign
+      value = branch%value(self%curve, x)
+      if (.not. value*self%curve%orientation < 0.0_wp) return
+      ends = reshape([0.0_wp, position, position, self%curve%last_step], [2, 2])
+      do i = 1, 2
+         call find_zero(self, search, branch, [3 - 2*i, 2*i - 3]*self%curve%orientation, is_found, ends(:, i))
+         if (is_found) call sharpen(self, bifurcation%branch, ends(:, i), is_there)
+      end do
+   end subroutine find_pair_of_branches
+
+   !> Finds a place where the function of a kind has the other sign than at both ends of a piece. Multipliers in the middle are
+   !> only computed where the function is close to zero, and not nearly constant, as that of pairs is with little damping.
+   subroutine find_place_between(self, search, kind, piece, at_ends, position, is_found)
+      class(observed_motion_t), intent(inout), target :: self
+      type(search_t), intent(in) :: search
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: at_ends(2)
+      real(wp), intent(out) :: position                               !! on the step
+      logical, intent(out) :: is_found
+      real(wp), parameter :: near = 0.3_wp                            ! to a bifurcation; also the least relative change
+      type(bifurcation_event_t) :: change
+      type(stability_t) :: there
+      real(wp) :: products(2), value, x(size(self%curve%x))
+      real(wp), allocatable :: between(:)
+
+      is_found = .false.
+      position = 0.0_wp
+      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near .or. piece%ends(2) - piece%ends(1) < self%curve%last_step) return
+      if (kind == bifurcation%torus .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
+      call point_between(self%curve, 0.5_wp, x, is_found)
+      if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
+      is_found = .false.
+      if (.not. allocated(there%multipliers)) return
+      products = [bifurcation_product(kind, piece%stability(1)%multipliers), bifurcation_product(kind, &
+                                                                                                 piece%stability(2)%multipliers)]
+      between = parabola_between(products, bifurcation_product(kind, there%multipliers))
+      if (.not. may_change_sign(products, between)) return
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, is_product=.true.)
+      call find_other_sign(self%curve, change, products, between, position, value, is_found)
+   end subroutine find_place_between
 
    !> Finds the zero of the function of a kind on a piece.
    subroutine find_zero_of_kind(self, search, kind, piece, at_ends)

@@ -134,6 +134,26 @@ def test_motions_beside_a_fold_at_a_graze_are_unstable(tmp_path):
     assert "no bifurcation was located" not in run("info", path.name, cwd=tmp_path).stdout
 
 
+@pytest.mark.parametrize("load, max_step, values", [
+    (0.0413, 0.04, [1.09296, 1.09366]),  # both within one step, whose ends have the same sign of the determinant
+])  # fmt: skip
+def test_branch_points_are_located(load, max_step, values, tmp_path):
+    text = f"""
+&structure type='matrices', n_dofs=2, mass=1.0,0.0,0.0,1.0, damping=0.05,0.0,0.0,0.05, stiffness=1.05,-0.05,-0.05,1.05 /
+&tones frequency=0.6 /
+&harmonics order=7 /
+&load dof='x1', tuple=1, cos={load} /
+&load dof='x2', tuple=1, cos={load} /
+&law type='cubic_spring', dof='x1', stiffness=1.0 /
+&law type='cubic_spring', dof='x2', stiffness=1.0 /
+&curve parameter='tones%frequency', from=0.6, to=3.0, points=3000, max_step={max_step} /
+"""
+    path = solve(text, tmp_path)
+    with Results(path) as results:
+        assert values_at(results, "branch") == pytest.approx(values, rel=1e-5)
+    assert "no bifurcation was located" not in run("info", path.name, cwd=tmp_path).stdout
+
+
 def test_closed_branches_are_traced_once(tmp_path):
     """Two equal oscillators: the motions in which they differ form one closed curve through both branch points."""
     text = """
