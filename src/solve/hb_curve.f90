@@ -288,9 +288,10 @@ contains
       integer, parameter :: max_steps = 80, fast_steps = 24
       real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
       real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both ends of the bracket
+      real(wp), parameter :: close = 1.0e-2_wp                        ! of the step; farther guesses may lead to the crossing curve
       real(wp) :: at_ends(2), bracket(2), position(2), value, weights(2), x_at(size(x), 2)
       integer :: i, near
-      logical :: is_on_curve
+      logical :: is_close, is_on_curve
 
       bracket = positions
       at_ends = values
@@ -306,7 +307,8 @@ contains
             if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(high - low) > 0.0_wp) &
                step = bracket(1) + (bracket(2) - bracket(1))*min(0.999_wp, max(0.001_wp, -low/(high - low)))
          end associate
-         if (event%may_jump .and. i > fast_steps) then                ! a jump: where the residual is small is near enough
+         is_close = i > fast_steps .or. bracket(2) - bracket(1) <= close*self%last_step
+         if (event%may_jump .and. is_close) then ! a jump: where the residual is small is near enough, and on the same curve
             call self%point_at(step, x, is_on_curve, &
                                x_at(:, 1) + (step - position(1))/(position(2) - position(1))*(x_at(:, 2) - x_at(:, 1)))
          else
