@@ -41,3 +41,13 @@ run(${CMAKE_COMMAND} -E sleep 1.1) # times of files may be whole seconds
 run(${commit} second)
 run(${CMAKE_COMMAND} --build build)
 expect_commit()
+
+# Sources in a folder of another checkout have no commit of their own.
+file(COPY_FILE ${FOLDER}/CMakeLists.txt ${FOLDER}/inner.txt)
+file(MAKE_DIRECTORY ${FOLDER}/inner)
+file(RENAME ${FOLDER}/inner.txt ${FOLDER}/inner/CMakeLists.txt)
+run(${CMAKE_COMMAND} -S inner -B inner_build)
+file(READ ${FOLDER}/inner_build/commit.txt named)
+if(NOT named STREQUAL "unknown")
+   message(FATAL_ERROR "a folder of another checkout names ${named}")
+endif()
