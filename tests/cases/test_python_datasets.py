@@ -49,6 +49,11 @@ def test_absent_harmonics_are_not_zero():
         motion.nhbm.amplitude("x1", 3.7)
     with pytest.raises(ModelError, match="'x1 .9.': the set of harmonics does not have this tuple"):
         model.response("x1 (9)", order=3)
+    stop = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.05, stiffness=1.0), tones=[0.9])
+    stop.load("x1", 1, cos=0.18)
+    stop.law("elastic_stop", "x1", stiffness=5.0, gap=0.3, two_sided=True)
+    with pytest.raises(ModelError, match="zero, as even ones of odd motions are; give an order to have its value"):
+        stop.response("x1 (2)", tolerance=1e-4)
     with pytest.warns(NotConverged, match="does not have this tuple"):
         assert np.isnan(model.sweep({"tones[0]": [0.8, 0.9]}, of="x1 (9)", order=3)["response"]).all()
 

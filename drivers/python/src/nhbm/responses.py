@@ -41,7 +41,11 @@ def required_response_of(session: Session, of: str) -> float:
 def absence_of(session: Session, of: str) -> str:
     """Why a motion has no such response."""
     highest = int(np.abs(session.column("tuples").values).max())
-    return f"'{of}': the set of harmonics does not have this tuple; the highest entry is {highest}"
+    _, wanted = parts_of(of)
+    why = f"the highest entry is {highest}"
+    if wanted is not None and max(map(abs, wanted)) <= highest:
+        why = "it is below what the tolerance needs, or zero, as even ones of odd motions are; give an order to have its value"
+    return f"'{of}': the set of harmonics does not have this tuple; {why}"
 
 
 def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
