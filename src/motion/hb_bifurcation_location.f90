@@ -2,7 +2,7 @@
 !> pieces between grazes.
 module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
-   use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_torus
+   use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t
    use hb_curve_points, only: add_waiting, waiting_t
@@ -135,7 +135,7 @@ contains
    end subroutine find_pair_of_kind
 
    !> Finds two branch points on a step whose determinant has the same sign at both ends: it has the other sign where a
-   !> multiplier is beyond 1.
+   !> multiplier is beyond 1. One that passes 1 twice is real and closest to 1 at both ends.
    subroutine find_pair_of_branches(self, search, piece, at_ends)
       class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
@@ -147,6 +147,7 @@ contains
       logical :: is_found, is_there
 
       if (size(search%folds, 2) > 0 .or. search%has_branched .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
+      if (.not. (is_branch(piece%stability(1)%multipliers) .and. is_branch(piece%stability(2)%multipliers))) return
       call find_place_between(self, search, bifurcation%branch, piece, at_ends, position, is_found)
       if (is_found) call self%curve%point_at(position, x, is_found)
       if (.not. is_found) return
@@ -161,7 +162,8 @@ contains
    end subroutine find_pair_of_branches
 
    !> Finds a place where the function of a kind has the other sign than at both ends of a piece. Multipliers in the middle are
-   !> only computed where the function is close to zero, and not nearly constant, as that of pairs is with little damping.
+   !> only computed where the function is close to zero, and not nearly constant, as that of a torus or branch point is with little
+   !> damping.
    subroutine find_place_between(self, search, kind, piece, at_ends, position, is_found)
       class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(in) :: search
@@ -179,7 +181,7 @@ contains
       is_found = .false.
       position = 0.0_wp
       if (.not. search%is_smooth .or. minval(abs(at_ends)) > near .or. piece%ends(2) - piece%ends(1) < self%curve%last_step) return
-      if (kind == bifurcation%torus .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
+      if (kind /= bifurcation%doubling .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
       call point_between(self%curve, 0.5_wp, x, is_found)
       if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
       is_found = .false.

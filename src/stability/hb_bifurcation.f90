@@ -11,7 +11,7 @@ module hb_bifurcation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: angle_of_pair, bifurcation, bifurcation_product, bifurcation_value, is_torus
+   public :: angle_of_pair, bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus
 
    type :: bifurcation_t
       integer :: branch = 1                                           !! a multiplier 1
@@ -90,6 +90,14 @@ contains
       are_pair = .not. abs(aimag(m) + aimag(n)) > 0.0_wp
       if (are_pair .and. abs(aimag(m)) > 0.0_wp) are_pair = .not. abs(real(m) - real(n)) > 0.0_wp
    end function are_pair
+
+   !> Whether the multiplier closest to 1 is real: one of a complex pair meets its conjugate before it can be 1.
+   pure logical function is_branch(multipliers)
+      complex(wp), intent(in) :: multipliers(:)
+
+      is_branch = size(multipliers) > 0
+      if (is_branch) is_branch = .not. abs(aimag(multipliers(minloc(abs(1.0_wp - multipliers), dim=1)))) > 0.0_wp
+   end function is_branch
 
    !> Whether the pair, complex or real, whose product is closest to 1 is a complex one.
    pure logical function is_torus(multipliers)
