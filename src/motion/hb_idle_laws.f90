@@ -12,7 +12,8 @@ module hb_idle_laws
    public :: idle_law_text, idle_laws_t
 
    integer, parameter :: n_samples = 512
-   real(wp), parameter :: margin = 1.05_wp                            ! a motion that is so much larger has no force either
+   real(wp), parameter :: margin = 1.05_wp                            ! a motion so much larger or smaller has no force either: a
+                                                                      ! body at rest on a wall is on one side of it only then
 
    !> What is known from the motions examined so far.
    type :: idle_laws_t
@@ -128,7 +129,8 @@ contains
       class(law_t), allocatable :: law
       real(wp), allocatable :: f(:, :), p(:, :), rates(:, :), z(:, :)
       integer, allocatable :: at(:), places(:, :)
-      integer :: k, n, place
+      real(wp), parameter :: factors(2) = [margin, 1.0_wp/margin]
+      integer :: i, k, n, place
 
       allocate (law, source=given)
       call law%prepare(1.0_wp)                                        ! the sign of a force does not depend on it
@@ -144,12 +146,14 @@ contains
          at = [(findloc(dofs, places(k, place), dim=1), k=1, size(places, 1))]
          if (any(at == 0)) is_idle = .false.
          if (.not. is_idle) return
-         z = margin*matmul(q(:, at), law%shape)
-         rates = margin*matmul(v(:, at), law%shape)
+         z = matmul(q(:, at), law%shape)
+         rates = matmul(v(:, at), law%shape)
          if (.not. law%needs_velocity) rates = rates(:, :0)
-         call law%evaluate(z, rates, p, f)
-         is_idle = .not. any(abs(f) > 0.0_wp)
-         largest = max(largest, maxval(abs(z))/margin)
+         largest = max(largest, maxval(abs(z)))
+         do i = 1, size(factors)
+            call law%evaluate(factors(i)*z, factors(i)*rates, p, f)
+            is_idle = is_idle .and. .not. any(abs(f) > 0.0_wp)
+         end do
       end do
    end subroutine find_force
 end module hb_idle_laws

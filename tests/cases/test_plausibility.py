@@ -29,6 +29,7 @@ def test_a_stop_that_no_motion_reaches(tmp_path):
         assert "exerts no force" not in said(MODEL.format(gap=0.3) + more, tmp_path)
     assert IDLE in said(WALL.format(gap=50.0), tmp_path)
     assert "exerts no force" not in said(WALL.format(gap=0.0) + "&error_estimate is_on = .false. /\n", tmp_path)
+    assert "exerts no force" not in said(WALL.format(gap=-0.5), tmp_path)  # which a body never leaves
     assert IDLE in said(MODEL.format(gap=50.0) + SWEEP, tmp_path, ranks=2)
     assert "exerts no force" not in said(MODEL.format(gap=0.3) + SWEEP, tmp_path, ranks=2)
 
