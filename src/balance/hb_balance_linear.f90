@@ -60,7 +60,7 @@ contains
          end do
       end if
       if (maxval(motion) <= 0.0_wp) motion = 1.0_wp
-      if (maxval(load) <= 0.0_wp) load = maxval(abs(self%stiffness%condensed))*motion
+      if (maxval(load) <= 0.0_wp) load = self%stiffness%largest_entry()*motion
       if (maxval(load) <= 0.0_wp) load = 1.0_wp
       where (motion <= epsilon(1.0_wp)*maxval(motion)) motion = maxval(motion)
       where (load <= epsilon(1.0_wp)*maxval(load)) load = maxval(load)
@@ -83,6 +83,7 @@ contains
       call self%factorise_mean_tangent(at_rest, error)
       if (allocated(error)) return
       call self%solve_mean_tangent(r, stuck)
+      call self%mean_factors%release()
       if (.not. all(ieee_is_finite(stuck))) return
       stuck = -stuck
       call self%sample(stuck)
@@ -111,22 +112,24 @@ contains
       real(wp), parameter :: unit = 64.0_wp*epsilon(1.0_wp)            ! elimination amplifies errors slightly
       real(wp), parameter :: few_units = 4.0_wp*epsilon(1.0_wp)        ! of K - w**2 M alone
       type(error_t), allocatable :: error
-      real(wp) :: terms, total
+      complex(wp) :: column(self%n_dofs)
+      real(wp) :: motion, of_harmonic(self%n_dofs), terms, total
       integer :: h, i, k
 
       total = 0.0_wp
-      associate (pattern => self%stiffness%pattern)
-         do h = 1, self%harmonics%n_harmonics
-            do i = 1, self%n_dofs
-               terms = abs(self%stiffness%load(i, h))
-               do k = pattern%first(i), pattern%last(i)
-                  terms = terms + abs(self%stiffness%condensed(pattern%shift(k) + i, k, h))* &
-                          abs(self%harmonics%amplitude(u(:, k), h))
-               end do
-               total = total + (terms/scale_of(i))**2
-            end do
+      do h = 1, self%harmonics%n_harmonics
+         of_harmonic = abs(self%stiffness%load(:, h))
+         do k = 1, self%n_dofs
+            call self%stiffness%get_column(k, h, column)
+            motion = abs(self%harmonics%amplitude(u(:, k), h))
+            associate (first => self%stiffness%pattern%first(k), last => self%stiffness%pattern%last(k))
+               of_harmonic(first:last) = of_harmonic(first:last) + abs(column(first:last))*motion
+            end associate
          end do
-      end associate
+         do i = 1, self%n_dofs
+            total = total + (of_harmonic(i)/scale_of(i))**2
+         end do
+      end do
       call balance_sample(self, u)
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) then                                ! without memory the first part must suffice

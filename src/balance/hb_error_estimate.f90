@@ -308,7 +308,7 @@ contains
       type(law_measure_t) :: measure
 
       measure = measure_of(balance)
-      reference_size = max(measure%norm(u), agreement*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
+      reference_size = max(measure%norm(u), agreement*maxval(balance%r_scale)/balance%stiffness%largest_entry())
    end function reference_size
 
    !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further
@@ -480,10 +480,10 @@ contains
          if (has_multipliers(balance) .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
          fastest = maxloc(abs(balance%frequencies), dim=1)
          do i = 1, set%jacobian%n_pairs
-            associate (dof => set%jacobian%row(i), shift => stiffness%pattern%shift)
+            associate (dof => set%jacobian%row(i))
                if (set%jacobian%column(i) /= dof) cycle
                acts_rigidly = acts_rigidly .or. maxval(abs(set%jacobian%df_dq%values(:, i))) > &
-                              merge(much, much_of_driven, is_free)*abs(stiffness%condensed(shift(dof) + dof, dof, fastest))
+                              merge(much, much_of_driven, is_free)*abs(stiffness%entry(dof, dof, fastest))
             end associate
          end do
       end associate

@@ -36,7 +36,6 @@ module hb_linear_part
       procedure :: move => linear_part_move
       procedure :: adopt_loads => linear_part_adopt_loads
       procedure :: change_loads => linear_part_change_loads
-      procedure :: entry => linear_part_entry
       procedure :: hold_free => linear_part_hold_free
       procedure :: support_in => linear_part_support_in
       procedure :: add_supports => linear_part_add_supports
@@ -146,12 +145,18 @@ contains
    subroutine linear_part_factorise(self, h)
       class(linear_part_t), intent(inout) :: self
       integer, intent(in) :: h
-      complex(wp), allocatable :: block(:, :)
+      complex(wp) :: block(self%pattern%n_rows, self%n_law), column(self%n_law)
       logical :: has_zero_pivot
-      integer :: i
+      integer :: i, k
 
       if (self%factors%are_there(h)) return
-      block = self%condensed(:, :, h)
+      block = (0.0_wp, 0.0_wp)
+      do k = 1, self%n_law
+         call self%get_column(k, h, column)
+         associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
+            block(shift + first:shift + last, k) = column(first:last)
+         end associate
+      end do
       if (self%is_singular(h)) then
          do i = 1, self%n_law
             associate (row => self%pattern%shift(i) + i)
@@ -161,14 +166,6 @@ contains
       end if
       call self%factors%factorise(h, block, has_zero_pivot)
    end subroutine linear_part_factorise
-
-   !> Entry (i, k) of S of harmonic h [N/m], which must be in its pattern.
-   pure complex(wp) function linear_part_entry(self, i, k, h) result(entry)
-      class(linear_part_t), intent(in) :: self
-      integer, intent(in) :: i, k, h
-
-      entry = self%condensed(self%pattern%shift(k) + i, k, h)
-   end function linear_part_entry
 
    !> Supports the coordinates whose mean values nothing determines, also in residual and tangent: at most one of each free
    !> motion of the structure along coordinates on which no force depends. If the mean forces are in equilibrium, these supports
@@ -237,13 +234,26 @@ contains
 
       call self%factors%forget()
       if (allocated(self%undamped)) call move_alloc(self%undamped, self%condensed)
+      if (allocated(self%shared)) then
+         if (allocated(self%shared%extra)) deallocate (self%shared%extra)
+      end if
       if (loss <= 0.0_wp) return
-      self%undamped = self%condensed
+      if (allocated(self%shared)) then
+         allocate (self%shared%extra(self%n_law, self%n_harmonics), source=(0.0_wp, 0.0_wp))
+      else
+         self%undamped = self%condensed
+      end if
       do h = 1, self%n_harmonics
          if (frequencies(h) == 0.0_wp) cycle
          do i = 1, self%n_law
-            associate (entry => self%condensed(self%pattern%shift(i) + i, i, h))
-               entry = entry + cmplx(0.0_wp, sign(loss*self%support(i)/minor, frequencies(h)), wp)
+            associate (more => cmplx(0.0_wp, sign(loss*self%support(i)/minor, frequencies(h)), wp))
+               if (allocated(self%shared)) then
+                  self%shared%extra(i, h) = more
+               else
+                  associate (entry => self%condensed(self%pattern%shift(i) + i, i, h))
+                     entry = entry + more
+                  end associate
+               end if
             end associate
          end do
       end do
@@ -262,6 +272,10 @@ contains
          call find_reaction_of_one(set, load_factor, self%load(1, :), self%condensed(1, 1, :), u(:, 1), reaction(:, 1))
          return
       end if
+      if (allocated(self%shared)) then
+         call find_shared_reaction(self, set, u, load_factor, reaction)
+         return
+      end if
       n = n_threads(size(self%condensed))
       if (n == 1) then
          do h = 1, set%n_harmonics
@@ -274,6 +288,31 @@ contains
          end do
       end if
    end subroutine linear_part_find_reaction
+
+   !> The reaction of a stiffness of shared matrices.
+   subroutine find_shared_reaction(self, set, u, load_factor, reaction)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(in) :: load_factor
+      real(wp), intent(inout) :: reaction(:, :)
+      complex(wp), allocatable :: c(:, :), s(:, :)
+      integer :: h, k
+
+      allocate (c(self%n_law, set%n_harmonics), s(self%n_law, set%n_harmonics))
+      do h = 1, set%n_harmonics
+         do k = 1, self%n_law
+            c(k, h) = set%amplitude(u(:, k), h)
+         end do
+      end do
+      call self%shared%multiply(c, s)
+      s = load_factor*self%load - s
+      do h = 1, set%n_harmonics
+         do k = 1, self%n_law
+            call set%set_amplitude(reaction(:, k), h, s(k, h))
+         end do
+      end do
+   end subroutine find_shared_reaction
 
    !> The reaction in harmonic h alone.
    subroutine find_reaction_in(self, set, h, u, load_factor, reaction)
@@ -432,6 +471,7 @@ contains
       integer :: n
 
       if (present(of_interior)) wanted%of_interior = of_interior
+      wanted%may_share = .true.
       if (has_same_stiffness(self, structure, coordinates, frequencies, wanted%of_interior)) then
          call self%linear%change_loads(structure, frequencies, self%loads, loads, error, n)
          self%n_condensed = self%n_condensed + n

@@ -65,13 +65,15 @@ contains
       real(wp), intent(in) :: frequency                               !! j.omega [rad/s]
       real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! (n_dofs, n_dofs)
       complex(wp), intent(out) :: block(:, :)                         !! [N/m], (pattern%n_rows, n_dofs)
+      complex(wp) :: column(linear%n_law)
       integer :: i, k, m
 
       associate (own => self%pattern)
          block = (0.0_wp, 0.0_wp)
          do k = 1, own%n
+            call linear%get_column(k, h, column)
             do m = linear%pattern%first(k), linear%pattern%last(k)
-               associate (s => linear%condensed(linear%pattern%shift(k) + m, k, h), at => own%shift(k))
+               associate (s => column(m), at => own%shift(k))
                   block(at + m, k) = block(at + m, k) + s
                   if (.not. self%needs_reaction) cycle
                   do i = max(own%first(m), own%first(k)), min(own%last(m), own%last(k))

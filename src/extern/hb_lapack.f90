@@ -8,7 +8,7 @@ module hb_lapack
    private
    public :: dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
    public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsygv, sgbtrf, sgbtrs, sgetrf, sgetrs
-   public :: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgetrf, zgetrs
+   public :: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgemv, zgetrf, zgetrs
 
    ! Linear equations, dense
    interface
@@ -258,5 +258,15 @@ module hb_lapack
          complex(wp), intent(in) :: a(lda, *), b(ldb, *)
          complex(wp), intent(inout) :: c(ldc, *)
       end subroutine zgemm
+
+      !> y := alpha op(A) x + beta y.
+      subroutine zgemv(trans, m, n, alpha, a, lda, x, incx, beta, y, incy)
+         import :: wp
+         character, intent(in) :: trans
+         integer, intent(in) :: m, n, lda, incx, incy
+         complex(wp), intent(in) :: alpha, beta
+         complex(wp), intent(in) :: a(lda, *), x(*)
+         complex(wp), intent(inout) :: y(*)
+      end subroutine zgemv
    end interface
 end module hb_lapack

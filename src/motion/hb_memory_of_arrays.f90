@@ -13,6 +13,7 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_law_coordinates, only: laws_at
    use hb_model_basis, only: coordinates_of, find_basis
    use hb_preconditioner, only: unit_work
+   use hb_shared_stiffness, only: pays_to_share
    use hb_solver_types, only: largest_affordable, method
    use hb_structure, only: structure_t
    use hb_torus, only: cheap_size, default_samples, torus_t
@@ -57,6 +58,7 @@ contains
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
       bytes%error_estimate = of_error_estimate + 4*real_bytes*unknowns(s, n_wide) + linear_bytes(s, n_wide, size(orders) == 1) &
                           + complex_bytes*s%n_dofs*merge(n_wide, s%n_harmonics, size(orders) == 1) &
+                          + complex_bytes*n_wide*s%n_coordinates*factor_rows(s%n_coordinates, s%bandwidth) & ! of each harmonic
                           + sample_bytes(s, n_wide, finer_samples(s%samples, orders, s%is_rigid .or. s%has_unknown_tones), .false.)
       if (size(orders) > 1 .and. from_products(s) .and. .not. s%is_rigid) &
          bytes%error_estimate = bytes%error_estimate + products_bytes(wider(s, orders, n_wide), .false.)
@@ -135,11 +137,26 @@ contains
       real(wp), intent(in) :: n_harmonics
       logical, intent(in) :: of_interior !! the data for the motion of all degrees of freedom are stored
 
-      associate (l => s%n_coordinates)
-         linear_bytes = complex_bytes*(n_harmonics*(merge((s%n_dofs - l)*l, 0.0_wp, of_interior) + 8*l + size(s%highest)) + &
-                                       (n_harmonics + 2)*l*factor_rows(l, s%linear_bandwidth))
+      real(wp) :: of_stiffness
+
+      associate (l => s%n_coordinates, n_interior => s%n_dofs - s%n_coordinates)
+         of_stiffness = n_harmonics*l*factor_rows(l, s%linear_bandwidth)
+         if (shares_matrices(s, n_harmonics)) of_stiffness = 1.5_wp*l*l + 2*n_harmonics*l*n_interior
+         linear_bytes = complex_bytes*(n_harmonics*(merge(n_interior*l, 0.0_wp, of_interior) + 8*l + size(s%highest)) + &
+                                       of_stiffness + 2*l*factor_rows(l, s%linear_bandwidth))
       end associate
    end function linear_bytes
+
+   !> Whether all harmonics share the matrices of the condensed stiffness; with an unknown tone it has derivatives, which do not.
+   pure logical function shares_matrices(s, n_harmonics)
+      type(sizes_t), intent(in) :: s
+      real(wp), intent(in) :: n_harmonics
+
+      shares_matrices = .not. (s%has_unknown_tones .or. factor_rows(s%n_coordinates, s%linear_bandwidth) < s%n_coordinates)
+      if (shares_matrices) shares_matrices = s%n_dofs <= huge(1)
+      if (shares_matrices) shares_matrices = pays_to_share(int(s%n_coordinates), int(s%n_dofs - s%n_coordinates), &
+                                                           int(min(n_harmonics, 1.0e3_wp)))
+   end function shares_matrices
 
    !> Rows of the factors of a matrix of order `n`, see hb_block_factors.
    pure real(wp) function factor_rows(n, half_bandwidth)

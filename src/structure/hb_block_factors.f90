@@ -36,6 +36,7 @@ module hb_block_factors
       procedure :: are_there => block_factors_are_there
       procedure :: factorise => block_factors_factorise
       procedure :: forget => block_factors_forget
+      procedure :: release => block_factors_release
       procedure :: solve => block_factors_solve
       procedure :: solve_harmonics => block_factors_solve_harmonics
    end type block_factors_t
@@ -71,6 +72,15 @@ contains
 
       self%is_there = .false.
    end subroutine block_factors_forget
+
+   !> Releases the memory of all factors.
+   subroutine block_factors_release(self)
+      class(block_factors_t), intent(inout) :: self
+
+      if (allocated(self%blocks)) deallocate (self%blocks)
+      if (allocated(self%inverses)) deallocate (self%inverses)
+      if (allocated(self%is_there)) deallocate (self%is_there)
+   end subroutine block_factors_release
 
    !> Factorises block h; `is_singular` if a pivot is exactly zero.
    subroutine block_factors_factorise(self, h, block, is_singular)

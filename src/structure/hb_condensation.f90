@@ -10,6 +10,7 @@ module hb_condensation
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
    use hb_lapack, only: zgemm
+   use hb_shared_stiffness, only: new_shared_stiffness, pays_to_share, shared_stiffness_t
    use hb_structure, only: structure_t
    use hb_structure_block, only: new_structure_block, structure_block_t
    implicit none
@@ -50,7 +51,11 @@ module hb_condensation
       real(wp), private :: drive = 0.0_wp                             ! likewise
       real(wp), private :: highest_frequency = 0.0_wp                 ! [rad/s]
    contains
-      procedure :: condense => condensation_condense
+      procedure :: eliminate => condensation_eliminate
+      procedure :: get_block => condensation_get_block
+      procedure :: can_share => condensation_can_share
+      procedure :: begin_shared => condensation_begin_shared
+      procedure :: add_to_shared => condensation_add_to_shared
       procedure :: find_slopes => condensation_find_slopes
       procedure :: free_dofs => condensation_free_dofs
    end type condensation_t
@@ -95,54 +100,102 @@ contains
          allocate (self%full_lr(coordinates%n, n_interior), source=(0.0_wp, 0.0_wp))
    end subroutine new_condensation
 
-   !> Computes S_c and P_c of harmonic h, and stores its T and y; `solver` must have begun.
-   subroutine condensation_condense(self, h, frequency, drive, condensed, load, magnitude, is_singular)
+   !> Eliminates the interior of harmonic h: computes P_c, and stores T, y and the entries of S_lr; `solver` must have begun.
+   subroutine condensation_eliminate(self, h, frequency, drive, load, magnitude, is_singular)
       class(condensation_t), intent(inout) :: self
       integer, intent(in) :: h
       real(wp), intent(in) :: frequency                               !! [rad/s]
       real(wp), intent(in) :: drive                                   !! [rad**2/s**2]
-      complex(wp), intent(out), contiguous :: condensed(:, :), load(:)
+      complex(wp), intent(out), contiguous :: load(:)
       real(wp), intent(out) :: magnitude(:)                           !! diagonal of S_ll [N/m] before cancellation
       logical, intent(out) :: is_singular
-      complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
-      integer :: e, k, n_interior, n_law
+      integer :: e, k, n_law
 
       n_law = size(self%positions)
-      n_interior = size(self%interior)
       self%drive = drive
       k = findloc(self%loads%harmonics, h, dim=1)
-      associate (ll => self%ll, lr => self%lr, rl => self%rl, solver => self%solver, s_lr => self%s_lr)
+      associate (ll => self%ll, lr => self%lr, rl => self%rl, solver => self%solver)
          call rl%evaluate(frequency, drive, self%s_rl)
          call solve_interior(self, k, frequency, is_singular)
          if (is_singular) return
 
          self%transfer = solver%rhs(:, :n_law)
          self%held_motion = solver%rhs(:, n_law + 1)
-         call ll%evaluate(frequency, drive, self%s_ll)
          call ll%magnitude(frequency, self%magnitude)
-         condensed = (0.0_wp, 0.0_wp)
          magnitude = 0.0_wp
          do e = 1, ll%n_entries
-            condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = self%s_ll(e)
             if (ll%row(e) == ll%column(e)) magnitude(ll%row(e)) = self%magnitude(e)
          end do
          load = (0.0_wp, 0.0_wp)
          if (k > 0) load = self%loads%values(self%positions, k)
-         call lr%evaluate(frequency, drive, s_lr)
+         call lr%evaluate(frequency, drive, self%s_lr)
+         do e = 1, lr%n_entries
+            load(lr%row(e)) = load(lr%row(e)) - self%s_lr(e)*self%held_motion(lr%column(e))
+         end do
+      end associate
+   end subroutine condensation_eliminate
+
+   !> S_c of the harmonic whose interior was eliminated last.
+   subroutine condensation_get_block(self, frequency, condensed)
+      class(condensation_t), intent(inout) :: self
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      complex(wp), intent(out), contiguous :: condensed(:, :)         !! as `pattern` defines it
+      complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
+      integer :: e, n_interior, n_law
+
+      n_law = size(self%positions)
+      n_interior = size(self%interior)
+      associate (ll => self%ll, lr => self%lr, s_lr => self%s_lr)
+         call ll%evaluate(frequency, self%drive, self%s_ll)
+         condensed = (0.0_wp, 0.0_wp)
+         do e = 1, ll%n_entries
+            condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = self%s_ll(e)
+         end do
          if (allocated(self%full_lr)) then
             do e = 1, lr%n_entries
                self%full_lr(lr%row(e), lr%column(e)) = s_lr(e)
             end do
             call zgemm("N", "N", n_law, n_law, n_interior, -one, self%full_lr, n_law, self%transfer, n_interior, one, &
                        condensed, n_law)
-         end if
-         do e = 1, lr%n_entries
-            if (.not. allocated(self%full_lr)) &
+         else
+            do e = 1, lr%n_entries
                call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), self%transfer(lr%column(e), :))
-            load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*self%held_motion(lr%column(e))
-         end do
+            end do
+         end if
       end associate
-   end subroutine condensation_condense
+   end subroutine condensation_get_block
+
+   !> Whether harmonics can share the matrices between the coordinates: all their entries are there, none depends on the frequency
+   !> in another way, and the interior is small.
+   pure logical function condensation_can_share(self, n_harmonics) result(can_share)
+      class(condensation_t), intent(in) :: self
+      integer, intent(in) :: n_harmonics
+
+      can_share = .not. (self%pattern%is_banded .or. allocated(self%change) .or. allocated(self%ll%parts))
+      if (can_share) can_share = pays_to_share(size(self%positions), size(self%interior), n_harmonics)
+   end function condensation_can_share
+
+   !> The part of S_c that all harmonics share.
+   subroutine condensation_begin_shared(self, frequencies, shared)
+      class(condensation_t), intent(in) :: self
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      type(shared_stiffness_t), intent(out) :: shared
+
+      call new_shared_stiffness(shared, self%ll, size(self%positions), size(self%interior), frequencies)
+   end subroutine condensation_begin_shared
+
+   !> Adds what the interior does in the harmonic in which it was eliminated last.
+   subroutine condensation_add_to_shared(self, h, shared)
+      class(condensation_t), intent(in) :: self
+      integer, intent(in) :: h
+      type(shared_stiffness_t), intent(inout) :: shared
+      integer :: e
+
+      shared%transfer(:, :, h) = self%transfer
+      do e = 1, self%lr%n_entries
+         shared%coupling(self%lr%row(e), self%lr%column(e), h) = self%s_lr(e)
+      end do
+   end subroutine condensation_add_to_shared
 
    !> Solves for T and y of a harmonic. The mean value of a motion that nothing restrains is zero at one degree of freedom, if
    !> forces of the coordinates and loads are in equilibrium.

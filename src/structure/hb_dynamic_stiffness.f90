@@ -19,6 +19,7 @@ module hb_dynamic_stiffness
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgetrf, zgetrs
+   use hb_shared_stiffness, only: shared_stiffness_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
@@ -31,6 +32,7 @@ module hb_dynamic_stiffness
       logical :: of_motion = .false.                         !! with slopes, also memory for `recover_slope`
       real(wp), allocatable :: drives(:)                     !! [rad**2/s**2], (n_harmonics), otherwise zero
       logical :: of_interior = .true.                        !! memory for `recover` and `map_to_laws`
+      logical :: may_share = .false.                         !! S_c may be in `shared` instead of `condensed`; not with slopes
       type(amplitudes_t) :: loads                            !! dP/dw [N s] of loads that depend on the frequency, otherwise
                                                              !! zero; `move` does not change the loads
       type(structure_t), allocatable :: change               !! derivative of the structure by a value; slopes are by it
@@ -41,7 +43,8 @@ module hb_dynamic_stiffness
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
       type(coordinates_t) :: coordinates                     !! of the laws
       type(block_pattern_t) :: pattern                       !! memory layout of S_c
-      complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (pattern%n_rows, n_law, n_harmonics)
+      complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (pattern%n_rows, n_law, n_harmonics), or
+      type(shared_stiffness_t), allocatable :: shared        !! S_c of many coordinates
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
       real(wp), allocatable :: magnitude(:, :)               !! diagonal of S_ll [N/m] before cancellation, (n_law, n_harmonics)
       complex(wp), allocatable :: condensed_slope(:, :, :)   !! dS_c/dw [N s/m], as `condensed`, or not allocated
@@ -56,6 +59,9 @@ module hb_dynamic_stiffness
       class(condensation_t), allocatable, private :: condensation  ! stored with slopes
       integer, allocatable :: free_dofs(:)                   !! of the interior, whose mean values nothing determines: they are zero
    contains
+      procedure :: entry => dynamic_stiffness_entry
+      procedure :: get_column => dynamic_stiffness_get_column
+      procedure :: largest_entry => dynamic_stiffness_largest_entry
       procedure :: move => dynamic_stiffness_move
       procedure :: transfer_to => dynamic_stiffness_transfer_to
       procedure :: adopt_loads => dynamic_stiffness_adopt_loads
@@ -133,8 +139,13 @@ contains
          if (allocated(wanted%rates)) condensation%rates = wanted%rates
          self%interior = condensation%interior
          self%pattern = condensation%pattern
-         allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
-         allocate (self%magnitude(n_law, self%n_harmonics))
+         allocate (self%load(n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
+         if (wanted%may_share .and. .not. wanted%is_on .and. condensation%can_share(self%n_harmonics)) then
+            allocate (self%shared)
+            call condensation%begin_shared(frequencies, self%shared)
+         else
+            allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics))
+         end if
          if (wanted%of_interior) allocate (self%transfer(n_interior, n_law, self%n_harmonics))
          self%held_motion = loads
          self%held_motion%n_dofs = n_interior
@@ -152,6 +163,50 @@ contains
          if (condensation%drifting > 0) call fail(error, trim(drift_text("'"//trim(structure%labels(condensation%drifting))//"'")))
       end subroutine condense_with
    end subroutine condensed_to_coordinates
+
+   !> Entry (i, k) of S_c of harmonic h [N/m], which must be in its pattern.
+   pure complex(wp) function dynamic_stiffness_entry(self, i, k, h) result(entry)
+      class(dynamic_stiffness_t), intent(in) :: self
+      integer, intent(in) :: i, k, h
+
+      if (allocated(self%shared)) then
+         entry = self%shared%entry(i, k, h)
+      else
+         entry = self%condensed(self%pattern%shift(k) + i, k, h)
+      end if
+   end function dynamic_stiffness_entry
+
+   !> Column k of S_c of harmonic h [N/m] from `pattern%first(k)` to `pattern%last(k)`; the rest of `column` is unchanged.
+   subroutine dynamic_stiffness_get_column(self, k, h, column)
+      class(dynamic_stiffness_t), intent(in) :: self
+      integer, intent(in) :: k, h
+      complex(wp), intent(inout), contiguous :: column(:)             !! (n_law)
+
+      if (allocated(self%shared)) then
+         call self%shared%get_column(k, h, column)
+         return
+      end if
+      associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
+         column(first:last) = self%condensed(shift + first:shift + last, k, h)
+      end associate
+   end subroutine dynamic_stiffness_get_column
+
+   !> Largest magnitude of an entry of S_c [N/m]; of shared matrices, on the diagonal, where that of definite ones is.
+   pure real(wp) function dynamic_stiffness_largest_entry(self) result(largest)
+      class(dynamic_stiffness_t), intent(in) :: self
+      integer :: h, k
+
+      if (allocated(self%condensed)) then
+         largest = maxval(abs(self%condensed))
+         return
+      end if
+      largest = 0.0_wp
+      do h = 1, self%n_harmonics
+         do k = 1, self%n_law
+            largest = max(largest, abs(self%shared%entry(k, k, h)))
+         end do
+      end do
+   end function dynamic_stiffness_largest_entry
 
    !> Condenses at other frequencies, reusing all data that do not depend on the frequency; only for a stiffness with
    !> slopes. Fails as `new_dynamic_stiffness` does.
@@ -182,6 +237,7 @@ contains
       to%coordinates = self%coordinates
       to%pattern = self%pattern
       call move_alloc(self%condensed, to%condensed)
+      call move_alloc(self%shared, to%shared)
       call move_alloc(self%load, to%load)
       call move_alloc(self%magnitude, to%magnitude)
       call move_alloc(self%condensed_slope, to%condensed_slope)
@@ -218,7 +274,8 @@ contains
       part%n_harmonics = size(retained)
       part%pattern = self%pattern
       part%coordinates = self%coordinates
-      part%condensed = self%condensed(:, :, retained)
+      if (allocated(self%condensed)) part%condensed = self%condensed(:, :, retained)
+      if (allocated(self%shared)) allocate (part%shared, source=self%shared%restricted_to(retained))
       part%load = self%load(:, retained)
       part%magnitude = self%magnitude(:, retained)
    end function dynamic_stiffness_restricted_to
@@ -234,12 +291,16 @@ contains
 
       call condensation%solver%begin()
       do h = 1, self%n_harmonics
-         call condensation%condense(h, frequencies(h), drives(h), self%condensed(:, :, h), self%load(:, h), &
-                                    self%magnitude(:, h), is_singular)
+         call condensation%eliminate(h, frequencies(h), drives(h), self%load(:, h), self%magnitude(:, h), is_singular)
          if (is_singular) then
             call fail(error, trim(singular_text(frequencies(h), self%n_law > 0)))
             if (condensation%drifting > 0) call fail(error, trim(drift_text(to_text(condensation%drifting))))
             exit
+         end if
+         if (allocated(self%shared)) then
+            call condensation%add_to_shared(h, self%shared)
+         else
+            call condensation%get_block(frequencies(h), self%condensed(:, :, h))
          end if
          if (allocated(self%transfer)) self%transfer(:, :, h) = condensation%transfer
          k = findloc(self%held_motion%harmonics, h, dim=1)
@@ -325,7 +386,7 @@ contains
       complex(wp), intent(out) :: c(:, :)                             !! [m], (n_law, n_harmonics)
       logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
       complex(wp), allocatable :: a(:, :)                             ! in LAPACK's layout, a band with room for exchanges
-      complex(wp) :: scale(self%n_law), work(2*self%n_law)
+      complex(wp) :: scale(self%n_law), column(self%n_law), work(2*self%n_law)
       real(wp) :: norm, reciprocal_condition, rounding, rwork(2*self%n_law)
       integer :: above, h, i, info, k, n, pivots(self%n_law)
 
@@ -346,10 +407,9 @@ contains
          where (self%magnitude(:, h) > 0.0_wp) scale = cmplx(1.0_wp/sqrt(self%magnitude(:, h)), kind=wp)
          a = (0.0_wp, 0.0_wp)
          do k = 1, n
+            call self%get_column(k, h, column)
             do i = self%pattern%first(k), self%pattern%last(k)
-               associate (row => self%pattern%shift(k) + i)
-                  a(above + row, k) = scale(i)*self%condensed(row, k, h)*scale(k)
-               end associate
+               a(above + self%pattern%shift(k) + i, k) = scale(i)*column(i)*scale(k)
             end do
          end do
          norm = max(1.0_wp, maxval(sum(abs(a), dim=1)))

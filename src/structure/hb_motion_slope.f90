@@ -56,7 +56,7 @@ contains
       call condensation%solver%begin()
       do i = 1, size(harmonics)
          h = harmonics(i)
-         call condensation%condense(h, moving%frequencies(h), moving%drives(h), condensed, load, magnitude, is_singular)
+         call condensation%eliminate(h, moving%frequencies(h), moving%drives(h), load, magnitude, is_singular)
          if (is_singular) exit
          call condensation%find_slopes(h, moving%frequencies(h), .false., condensed, load)
          associate (change => condensation%solver%rhs)
