@@ -162,7 +162,7 @@ module hb_user_library
 
 contains
 
-   !> Registers a law of the program for `&law type = 'user', library = '', name = ...`; it replaces one of the same name for
+   !> Registers a law of the program for laws of the type `user` without a library; it replaces one of the same name for
    !> inputs that are read later. Fails if a property is invalid or memory is insufficient.
    subroutine register_law(name, info, evaluate, error)
       character(*), intent(in) :: name

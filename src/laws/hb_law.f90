@@ -338,7 +338,7 @@ contains
       class(law_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold%failure = "no method of &integration supports law '"//self%label//"', which is rigid"
+      hold%failure = "no method of time integration supports law '"//self%label//"', which is rigid"
    end function law_hold
 
    !> Sets the kinks of a force that depends on one coordinate. Not by an array constructor: gfortran does not deallocate the

@@ -541,7 +541,7 @@ contains
       class(contact_table_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold%failure = "no method of &integration supports rigid contacts of a table or of blades: "// &
+      hold%failure = "no method of time integration supports rigid contacts of a table or of blades: "// &
                        "for time integration give law '"// &
                      self%label//"' contact = 'elastic' and a large stiffness"
    end function contact_table_hold

@@ -150,8 +150,8 @@ contains
 
       text = ""
       associate (c => circumstances)
-         if (report%status == outcome%timed_out) call add(text, "raise &solver time_limit")
-         if (was_falling(report)) call add(text, "the residual was still decreasing: raise &solver max_iterations")
+         if (report%status == outcome%timed_out) call add(text, "raise solver%time_limit")
+         if (was_falling(report)) call add(text, "the residual was still decreasing: raise solver%max_iterations")
          if (c%stiffness_ratio >= stiff) call add(text, "'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
             " times stiffer than the structure: use more harmonics, or a rigid wall")
          if (c%slip_ratio < hardly_sliding) &
@@ -163,11 +163,11 @@ contains
             rounded(c%combination_frequency)//" rad/s: use fewer tones, or lower orders")
          if (report%status == outcome%singular) call add(text, "singular tangent: a fold, or an unconstrained motion")
          if (any(report%status == [outcome%diverged, outcome%not_finite])) &
-            call add(text, "start a sweep with first_guess = 'neighbour' from smaller loads")
+            call add(text, "continue from smaller loads, each point from its neighbour")
          if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out .and. .not. c%has_fallbacks) &
-            call add(text, "set &solver fallback = .true. to try other methods")
+            call add(text, "set solver%fallback to try other methods")
          if (is_out_of_work(report) .and. .not. is_steep(c)) &
-            call add(text, "a fallback exhausted its budget: raise &solver max_fallback_work")
+            call add(text, "a fallback exhausted its budget: raise solver%max_fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
             call add(text, "try another first guess: "//trim(guesses(c)))
       end associate
@@ -207,11 +207,11 @@ contains
    !> First guesses that were not used.
    pure function guesses(circumstances) result(text)
       type(circumstances_t), intent(in) :: circumstances
-      character(60) :: text
+      character(100) :: text
 
-      text = "a &start"
-      if (.not. circumstances%is_neighbour_used) text = "'neighbour' or a &start"
-      if (.not. circumstances%is_integration_used) text = "first_guess = 'integration', "//trim(text)
+      text = "a motion near the one sought"
+      if (.not. circumstances%is_neighbour_used) text = "a neighbouring point, or a motion near the one sought"
+      if (.not. circumstances%is_integration_used) text = "the end of a time integration, "//trim(text)
    end function guesses
 
    pure integer function size_of_attempts(report)

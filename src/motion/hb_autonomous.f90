@@ -84,7 +84,7 @@ contains
                exit
             else if (m > size(self%modes)) then
                call fail(error, "the linear structure has "//to_text(self%base%n_linear)//" oscillatory modes, not "// &
-                         "one for each unknown tone: give first guesses of their frequencies in &tones, and a &start")
+                         "one for each unknown tone: give first guesses of their frequencies, and a motion to start from")
                return
             end if
             self%omega(self%tones(m)) = self%base%modes%frequency(self%modes(m))
@@ -247,9 +247,10 @@ contains
       else
          u = start%base%u
          search%report%status = outcome%stalled
-         search%message = "the linear structure has fewer oscillatory modes than unknown tones, and no &start leads to a motion"
+         search%message = "the linear structure has fewer oscillatory modes than unknown tones, and no given start leads "// &
+                          "to a motion"
          if (system%tones%n_tones == 1 .and. .not. options%start%from_integration) &
-            search%message = search%message//"; try first_guess = 'integration' in &solver"
+            search%message = search%message//"; start from the end of a time integration"
       end if
    end subroutine find_motion
 
@@ -374,7 +375,8 @@ contains
          search%message = "the equilibrium is stable: no mode grows"
          if (.not. any(modes%growth > 0.0_wp)) return
          search%report%status = outcome%stalled
-         search%message = "no motion was found from the modes that grow; give a &start, such as one of a time integration"
+         search%message = "no motion was found from the modes that grow; give a motion to start from, such as one of a "// &
+                          "time integration"
       end associate
    end subroutine search_from_amplitudes
 

@@ -109,7 +109,7 @@ contains
       started = wall_clock()
       allocate (census%motions(0))
       if (any(model%system%tones%is_unknown) .or. model%system%normal_mode%is_requested) then
-         call fail(error, "a census needs given tones; of self-excited motions and normal modes trace a &curve")
+         call fail(error, "a census needs given tones; follow self-excited motions and normal modes along a curve")
          return
       end if
       own = model

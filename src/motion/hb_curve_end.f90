@@ -87,7 +87,7 @@ contains
                    tuple_text(course%locked)//" vanishes: beyond it the motion is periodic"
          else if (course%n_exhausted >= max_exhausted) then
             text = "the curve is given up at the value "//to_text(value)//": each of the last "//to_text(max_exhausted)// &
-                   " steps has used up the work of a point, &accuracy max_work and &solver max_fallback_work"
+                   " steps has used up the work of a point, accuracy%max_work and solver%max_fallback_work"
          else if (course%n_unreliable >= max_unreliable) then
             text = "the curve is lost at the value "//to_text(value)//": the estimated errors of the last "// &
                    to_text(max_unreliable)//" points are "

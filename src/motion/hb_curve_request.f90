@@ -145,7 +145,7 @@ contains
          call join(level, wide, is_new)
          deallocate (level%unknowns)
          if (level%set%n_harmonics > options%accuracy%max_harmonics) then
-            call fail(error, "the other motions begin with more tuples than &accuracy max_harmonics allows")
+            call fail(error, "the other motions begin with more tuples than accuracy%max_harmonics allows")
             return
          end if
       end if

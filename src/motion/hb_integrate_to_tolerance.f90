@@ -96,7 +96,7 @@ contains
       integrates_first = integration_is_cheaper(counts)
    end function integrates_first
 
-   !> Integrates from rest or the `&start` amplitudes. `is_done` is false if no motion is found.
+   !> Integrates from rest or the given amplitudes. `is_done` is false if no motion is found.
    subroutine integrate_to_tolerance(system, discretisation, options, result, is_done)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -191,8 +191,8 @@ contains
 
       if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
           needs_larger_set(system, options, result, result%work - steady%work)) then
-         result%message = "no work is left for a larger set, raise &accuracy max_work; a time integration from this motion "// &
-                          "does not become steady within &solver max_fallback_work"
+         result%message = "no work is left for a larger set, raise accuracy%max_work; a time integration from this motion "// &
+                          "does not become steady within solver%max_fallback_work"
          return
       end if
       if (allocated(steady%message)) result%message = steady%message
@@ -391,7 +391,7 @@ contains
       steady%is_out_of_work = .true.
       steady%message = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone: a series of "// &
                         to_text(n_candidates)//" harmonics has the relative residual "//rounded(steady%spread)// &
-                        " (worst quarter of the record), and no work is left for a longer one; raise &solver max_fallback_work"
+                        " (worst quarter of the record), and no work is left for a longer one; raise solver%max_fallback_work"
    end subroutine leave_open
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance it has fewer candidates than

@@ -120,7 +120,7 @@ contains
          return
       else if (largest_row(s) > real(huge(1), wp)) then
          call fail(error, "a point would store "//to_text(anint(largest_row(s)))//" values of one kind, more than can be "// &
-                   "counted; store fewer &output dofs or samples, or lower the order of the harmonics")
+                   "counted; store fewer degrees of freedom or samples, or lower the order of the harmonics")
          return
       end if
       bytes = estimate_memory(s)
@@ -170,7 +170,7 @@ contains
       text = ""
       other = s
       other%solver%fallback = .false.
-      if (worst_of(other) <= limit) text = "&solver fallback = .false. ("//trim(amount(worst_of(other)))//"); "
+      if (worst_of(other) <= limit) text = "no solver%fallback ("//trim(amount(worst_of(other)))//"); "
       other = s
       do while (worst_of(other) > limit .and. any(other%highest > 1))
          other%highest = max(min(s%highest, 1), int(0.95_wp*other%highest))
@@ -182,7 +182,7 @@ contains
          to_text(maxval(s%highest))//" with at most "//to_text(maxval(other%samples))//" samples a tone ("// &
          trim(amount(worst_of(other)))//")"
       if (len(text) == 0) then
-         text = "No lower order would fit; take a smaller structure or more memory (&solver memory_limit, in GiB)"
+         text = "No lower order would fit; take a smaller structure or permit more memory (memory_limit)"
       else
          text = "What would fit: "//text
       end if

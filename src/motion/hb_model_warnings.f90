@@ -71,7 +71,7 @@ contains
          to_text(options%accuracy%tolerance)//" allows errors of "//to_text(nint(100.0_wp*options%accuracy%tolerance))// &
          " % of the motion; 1 % is 1e-2")
       if (options%accuracy%is_on .and. .not. options%accuracy%grows_set) call add_line(text, "the harmonics are given, so that "// &
-         "&accuracy refines the samples alone; for harmonics by its tolerance leave out the order or set of &harmonics")
+         "accuracy%tolerance chooses the samples alone; for harmonics by this tolerance, too, give no order and no set")
       if (discretisation%torus%n_total > max_samples .and. size(system%laws) > 0) call add_line(text, "given are "// &
          number_of(discretisation%harmonics%n_harmonics, "harmonic")//", with "//number_of(discretisation%torus%n_total, &
          "sample")//": a point may take minutes; a tolerance, instead of an order or a set, chooses those that are needed")

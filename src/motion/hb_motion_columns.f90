@@ -185,7 +185,7 @@ contains
          "xi of a normal mode: the forces -xi M dx/dt that maintain its amplitude", m%artificial_damping)
    end subroutine outcome_columns
 
-   !> Columns with `&accuracy`; the last one only for named outputs.
+   !> Columns with a tolerance; the last one only for named outputs.
    subroutine accuracy_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -203,8 +203,7 @@ contains
          "estimated error of each output from the difference of levels, where larger; else 0", m%output_level_estimate)
    end subroutine accuracy_columns
 
-   !> Columns of the motion; `tuples` if each point chooses its own, improved coefficients with `&error_estimate
-   !> improvement_steps`.
+   !> Columns of the motion; `tuples` if each point chooses its own, improved coefficients after steps of improvement.
    subroutine motion_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -302,7 +301,7 @@ contains
       t%is_known = .true.
    end subroutine stability_columns
 
-   !> Columns with `&gradient`.
+   !> Columns with derivatives.
    subroutine gradient_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -328,7 +327,7 @@ contains
       t%is_there = .true.
    end subroutine gradient_columns
 
-   !> Columns with `&curve`.
+   !> Columns of curves.
    subroutine curve_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -377,7 +376,7 @@ contains
       call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", position%parameter)
    end subroutine curve_columns
 
-   !> Columns with `&output samples`.
+   !> Columns with samples.
    subroutine surface_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m

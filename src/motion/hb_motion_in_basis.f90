@@ -143,7 +143,7 @@ contains
       real(wp), allocatable :: integrated(:)
 
       if (.not. options%has_time_domain()) then
-         call fail(error, "first_guess = 'integration' needs a time-domain solver")
+         call fail(error, "a first guess from time integration needs a time-domain solver")
          return
       end if
       call options%callbacks%time_domain_solver%first_guess(system, discretisation, options, omega, coordinates%dofs, integrated, &

@@ -76,7 +76,7 @@ module hb_motion_result
       type(error_estimate_t) :: error_estimate                !! zero and without combination if none was computed
       logical :: is_near_commensurate = .false.
       type(stability_t) :: stability
-      type(gradient_t) :: gradient                      !! with `&gradient`
+      type(gradient_t) :: gradient                      !! if it was requested
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
       real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples
       real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
@@ -103,7 +103,7 @@ module hb_motion_result
       integer :: n_harmonics = 0                        !! in the set of this point
       real(wp) :: level_difference = 0.0_wp             !! of the motions of the last two levels, relative
       real(wp) :: departure = -1.0_wp                   !! of a time integration from the motion, relative; negative: not known
-      real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&error_estimate` permits
+      real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that is permitted
       real(wp) :: level_estimate = 0.0_wp               !! estimated error from this difference if larger than the error estimate's
                                                         !! estimate from the motion alone, relative; otherwise 0
       type(harmonics_t) :: harmonics                    !! set of the coefficients, if the point has chosen it

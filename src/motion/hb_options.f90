@@ -32,8 +32,8 @@ module hb_options
    !> The requested accuracy of a motion, if sets and grids are chosen for it, hb_accurate_motion.
    type :: accuracy_t
       logical :: is_on = .false.
-      logical :: grows_set = .false.                                  !! no &harmonics group fixes the set
-      logical :: refines_grid = .false.                               !! no &sampling group fixes the grid
+      logical :: grows_set = .false.                                  !! the set is not fixed
+      logical :: refines_grid = .false.                               !! the grid is not fixed
       real(wp) :: tolerance = 1.0e-2_wp                               !! estimated error relative to the motion at the laws
       type(response_t), allocatable :: outputs(:)                     !! or relative to each of these, if there are any
       integer :: max_harmonics = 2000                                 !! tuples of a set

@@ -78,7 +78,7 @@ contains
       end do
       call result%forget_motion()
       result%status = outcome%stalled
-      result%message = "no motion was found whose frequency agrees with the values that follow it by a &tie"
+      result%message = "no motion was found whose frequency agrees with the values that are tied to it"
       deallocate (level%unknowns)
    end subroutine solve_point
 

@@ -42,7 +42,7 @@ module hb_point_kinds
       integer :: by = located_by%nothing                              !! what changes its sign there
       character(21) :: label = "", plural = ""                        !! in pictures; empty: not marked
       character(8) :: mark = ""                                       !! shape in pictures
-      character(12) :: key = ""                                       !! of &curve, which names responses; empty: none
+      character(12) :: key = ""                                       !! of a curve, which names responses; empty: none
       character(12) :: targets = ""                                   !! key of the values at which these are located; empty: none
       logical :: needs_load = .false.                                 !! it compares a harmonic with its load
       logical :: is_extreme = .false.                                 !! of the moving value or a response
@@ -83,7 +83,7 @@ module hb_point_kinds
 
    integer :: i_kind                                                  ! of implied loops
 
-   !> Keys of &curve that name responses, those of the values at which these are located (blank: none), and the kind of point.
+   !> Keys of a curve that name responses, those of the values at which these are located (blank: none), and the kind of point.
    character(*), parameter :: response_keys(*) = pack(curve_kinds%key, curve_kinds%key /= "")
    character(*), parameter :: target_keys(*) = pack(curve_kinds%targets, curve_kinds%key /= "")
    integer, parameter :: response_kinds(*) = pack([(i_kind, i_kind=0, ubound(curve_kinds, 1))], curve_kinds%key /= "")

@@ -18,7 +18,7 @@ module hb_system
 
    !> Why a load with a course over time has no balance.
    character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
-      "alone; a motion with &tones has only loads with a 'tuple'"
+      "alone; a motion with tones has only loads with a tuple"
    !> Why two rigid walls that share a degree of freedom have no balance.
    character(*), parameter :: shared_walls = "are both rigid and share a degree of freedom, which only time integration "// &
       "supports; use one two-sided wall, or an elastic stop for one of them"
@@ -136,10 +136,10 @@ contains
       integer :: i, k
 
       if (self%tones%n_tones == 0) then
-         call fail(error, "missing group &tones; without it a model can only be integrated in time")
+         call fail(error, "missing tones; without them a model can only be integrated in time")
       else if (any(self%loads%course%is_given)) then
          i = findloc(self%loads%course%is_given, .true., dim=1)
-         call fail(error, "&load "//to_text(i)//": "//only_in_time)
+         call fail(error, "load "//to_text(i)//": "//only_in_time)
       end if
       if (allocated(error)) return
       allocate (user(self%structure%n_dofs), source=0)

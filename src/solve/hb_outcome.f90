@@ -36,7 +36,7 @@ module hb_outcome
 
    type(outcome_t), parameter :: outcome = outcome_t()
 
-   !> What ended the work, where the next step depends on it. The first three are limits, named by their keys of `&solver`.
+   !> What ended the work, where the next step depends on it. The first three are limits, named as in `solver_config_t`.
    type :: reason_t
       integer :: none = 0
       integer :: max_iterations = 1
@@ -46,7 +46,7 @@ module hb_outcome
       integer :: growth = 5                            !! of disturbances within a period: a larger set does not help
       integer :: lost_curve = 6                        !! continuation failed
       integer :: error = 7                             !! of the input, a law or a library: the point cannot be solved as it is
-      integer :: points = 8                            !! `points` of `&curve`: the curve continues beyond its last point
+      integer :: points = 8                            !! of a curve, which continues beyond its last point
       integer :: grazing = 9                             !! a curve ends at a grazing impact, beyond which no motion was found
       integer :: departure = 10                        !! of a time integration from the motion: a larger set does not help
       integer :: steep_friction = 11                   !! friction that is smoothed over a tiny speed: more work does not help

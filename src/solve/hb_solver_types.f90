@@ -101,7 +101,7 @@ module hb_solver_types
       procedure :: has_budget => attempt_rule_has_budget
    end type attempt_rule_t
 
-   !> Settings of a solver; the component initialisers are the defaults that the table of input keys has for `&solver`.
+   !> Settings of a solver; the component initialisers are the defaults of the program.
    type :: solver_config_t
       integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces

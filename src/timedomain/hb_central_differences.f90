@@ -53,7 +53,7 @@ contains
             do k = 1, i - 1
                if (all(abs(shape(:, rigid(i)%coordinate)*shape(:, rigid(k)%coordinate)) <= 0.0_wp)) cycle
                call fail(error, "central_differences would let a body strike several walls at once; of the methods of "// &
-                         "&integration only cvode treats one impact after the other")
+                         "time integration only cvode treats one impact after the other")
                return
             end do
          end do

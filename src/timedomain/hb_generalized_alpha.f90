@@ -45,7 +45,7 @@ contains
       integer :: info
 
       if (system%laws%has_rigid()) then
-         call fail(error, "generalized_alpha does not support rigid walls or rigid friction; of the methods of &integration "// &
+         call fail(error, "generalized_alpha does not support rigid walls or rigid friction; of the methods of integration "// &
                    "cvode and central_differences do")
          return
       end if

@@ -26,7 +26,7 @@ module hb_integrated_motion
 
 contains
 
-   !> Integrates from the given state, otherwise from the `&start` amplitudes, otherwise from rest, slightly perturbed
+   !> Integrates from the given state, otherwise from the given amplitudes, otherwise from rest, slightly perturbed
    !> so that no symmetry preserves an unstable motion. If `cvode` uses up all of its work on the fastest motions of
    !> the structure, which hard stops excite, or would do so on candidates, a method with fixed steps has the same
    !> budget again.

@@ -2,7 +2,7 @@
 !>
 !> Time integration finds attractors: a stable one of several motions, and motions to which no linear mode leads. With
 !> given tones it starts from rest, with unknown ones from random displacements and velocities of several sizes, or
-!> from the `&start` amplitudes; the frequencies are then read from the record (hb_record_tones), the coefficients are
+!> from the given amplitudes; the frequencies are then read from the record (hb_record_tones), the coefficients are
 !> averages over it (hb_birkhoff).
 !>
 !> Locked tones: whether a time integration of a model with several tones ends in a periodic motion.
@@ -30,7 +30,7 @@ module hb_integrated_start
    private
    public :: change_of, find_locking, integrated_guess
 
-   integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless given in &integration
+   integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless given
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
    real(wp), parameter :: perturbations(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp] ! of the length of the laws
    real(wp), parameter :: first_perturbation = perturbations(1)
@@ -98,7 +98,7 @@ contains
       end do
    end subroutine integrated_guess
 
-   !> Integrates through the transient and the record of `&integration`, or through the default number of periods.
+   !> Integrates through the transient and the record of the settings, or through the default number of periods.
    subroutine integrate_once(system, discretisation, options, omega, law_dofs, perturbation, record, error)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation

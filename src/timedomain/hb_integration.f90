@@ -1,4 +1,4 @@
-!> Time integration of a model as defined by its group `&integration`: record, its coefficients, and the state from
+!> Time integration of a model by its settings of time integration: record, its coefficients, and the state from
 !> which it can be continued.
 module hb_integration
    use hb_discretisation, only: discretisation_t
@@ -35,25 +35,25 @@ module hb_integration
 
 contains
 
-   !> Fails if `&integration` is incomplete.
+   !> Fails if the settings of time integration are incomplete.
    subroutine check_integration(system, options, error)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
 
       if (options%integration%duration <= 0.0_wp) then
-         call fail(error, "&integration: missing key 'duration', which needs a real number [s]")
+         call fail(error, "missing integration%duration: give a time [s]")
       else if (system%tones%n_tones == 0 .and. options%integration%step <= 0.0_wp) then
-         call fail(error, "&integration: missing key 'step', which needs a real number [s]: without &tones there is no period")
+         call fail(error, "missing integration%step: give a time [s], for without tones there is no period")
       else if (system%tones%n_tones == 0 .and. options%integration%starts > 1) then
-         call fail(error, "&integration starts: other starts have velocities that follow from &tones, which are missing; give 1")
+         call fail(error, "integration%starts must be 1: other starts have velocities that follow from tones, which are missing")
       else if (options%integration%starts > 1 .and. any(system%tones%is_unknown)) then
-         call fail(error, "&integration starts: motions with an unknown tone differ by its phase, too; give 1")
+         call fail(error, "integration%starts must be 1: motions with an unknown tone differ by its phase, too")
       end if
    end subroutine check_integration
 
-   !> Integrates from rest, from the sum of the `&start` amplitudes, or from the end of an earlier record; all `&initial` are
-   !> added.
+   !> Integrates from rest, from the sum of the given amplitudes, or from the end of an earlier record; the given displacements and
+   !> velocities are added.
    subroutine integrate_model(self, system, discretisation, options, error, earlier)
       type(integration_t), intent(out), target :: self
       type(system_t), intent(in) :: system
@@ -165,7 +165,7 @@ contains
             omega(m) = modes%frequency(n)
          end if
       end do
-      call annotate(error, "give first guesses of the frequencies in &tones")
+      call annotate(error, "give first guesses of the frequencies of the tones")
    end subroutine guess_frequencies
 
    !> Reads the frequencies of unknown tones from a record. If it has none, guesses are unchanged and the share is

@@ -66,7 +66,7 @@ contains
          select type (law => system%laws%laws(i)%law)
          class is (hysteretic_law_t)
             if (law%has_bounds) cycle
-            call fail(error, "cvode does not support the states of law '"//law%label//"'; the other methods of &integration do")
+            call fail(error, "cvode does not support the states of law '"//law%label//"'; the other methods of integration do")
             return
          end select
       end do

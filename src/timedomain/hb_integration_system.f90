@@ -161,7 +161,7 @@ contains
       call self%structure%factorise_mass(factor, info)
       if (info /= 0) then
          call fail(error, "the mass matrix is singular at "//trim(self%structure%labels(info))// &
-                   "; of the methods of &integration only generalized_alpha supports such a structure")
+                   "; of the methods of time integration only generalized_alpha supports such a structure")
          return
       end if
       right = self%structure%damping

@@ -33,7 +33,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (system%laws%has_rigid()) then
-         call fail(error, "runge_kutta_4 does not support rigid walls or rigid friction; of the methods of &integration "// &
+         call fail(error, "runge_kutta_4 does not support rigid walls or rigid friction; of the methods of integration "// &
                    "cvode and central_differences do")
          return
       end if

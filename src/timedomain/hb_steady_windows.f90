@@ -58,7 +58,7 @@ module hb_steady_windows
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the previous one
    real(wp), parameter :: perturbation = 1.0e-6_wp                    ! of the length of the system, at the start
-   character(*), parameter :: more_work = ", raise &solver max_fallback_work"
+   character(*), parameter :: more_work = "; raise solver%max_fallback_work"
    character(*), parameter :: ended = "time integration was ended before its time"
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
 

@@ -226,22 +226,36 @@ def test_nothing_in_the_library_stops_the_program(path):
         )
 
 
-LAYERS_WITHOUT_INPUT = {"solve", "hypertime", "structure", "balance", "stability"}
-LAYERS_WITHOUT_COMMANDS = LAYERS_WITHOUT_INPUT | {"base", "laws", "motion", "timedomain"}
-COMMANDS = re.compile(r'"[^"]*?\bnhbm [a-z]+[^"]*"')
+LAYERS_WITHOUT_INPUT = set(LAYERS[: LAYERS.index("input")]) - {"extern"}
 INPUT_WORDS = re.compile(r'"[^"]*?(?:\bnhbm [a-z]+|&[a-z_]{3,}\b)[^"]*"')
+TEXT = re.compile(r'"([^"]*)"')
+OPTION = re.compile(r"\b[a-z]\w*%[a-z]\w*")
 
 
 @for_all_sources
 def test_lower_layers_name_no_commands_and_groups(path):
-    """Their messages are those of a library; advice that names commands is given by the layers above the kernel, advice that names
-    groups also by those that have their settings."""
-    if layer_of(path) not in LAYERS_WITHOUT_COMMANDS:
+    """Their messages are those of a library: what to change is named as a component of `options_t`, which is a path of the
+    input, too. Advice that names commands and groups is given by the layers above the kernel."""
+    if layer_of(path) not in LAYERS_WITHOUT_INPUT:
         return
-    words = INPUT_WORDS if layer_of(path) in LAYERS_WITHOUT_INPUT else COMMANDS
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         code = line.partition("!>")[0]
-        assert not words.search(code), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        assert not INPUT_WORDS.search(code), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+
+
+def test_options_that_messages_name_exist():
+    """`solver%max_work` in a message is a component of `options_t` in Fortran, and a path for `--set`, sweeps and Python."""
+    rows = (SRC / "input_keys.txt").read_text(encoding="utf-8").splitlines()
+    keys = {tuple(cell.strip() for cell in row.split("|")[:2]) for row in rows}
+    text = "\n".join(path.read_text(encoding="utf-8") for path in sources() if layer_of(path) in LAYERS_WITHOUT_INPUT)
+    types = dict(re.findall(r"^   type :: (\w+)\n(.*?)^   (?:contains|end type)", text, re.MULTILINE | re.DOTALL))
+    stages = {stage: name for name, stage in re.findall(r"type\((\w+)\) :: (\w+)", types["options_t"])}
+    named = {name for line in text.splitlines() for words in TEXT.findall(line.partition("!>")[0]) for name in OPTION.findall(words)}
+    assert len(named) > 5
+    for name in sorted(named):
+        stage, option = name.split("%")
+        assert (stage, option) in keys, f"{name} is no path of the input"
+        assert re.search(rf":: {option}\b", types[stages[stage]]), f"options%{name} does not exist"
 
 
 @for_all_sources

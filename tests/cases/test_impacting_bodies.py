@@ -102,7 +102,7 @@ def test_an_impact_pair_has_its_periodic_motion(shift, tmp_path):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("&integration method='central_differences' /\n", "of the methods of &integration only cvode treats one impact"),
+        ("&integration method='central_differences' /\n", "of the methods of time integration only cvode treats one impact"),
         ("&law type='coulomb_rigid', dof='x1', limit=1 /\n", "are both rigid and share a degree of freedom; use an elastic law"),
     ],
 )

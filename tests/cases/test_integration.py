@@ -114,7 +114,7 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (FORCED, ": &integration: missing key 'duration', which needs a real number [s]"),
+        (FORCED, ": missing integration%duration: give a time [s]"),
         (FORCED + "&integration duration=1, method='runge_kutta4' /", "did you mean 'runge_kutta_4'"),
         (FORCED + "&integration duration=1, continue='none.h5' /", "none.h5"),
         (
@@ -124,7 +124,7 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
         (
             FORCED + "&integration duration=1 /\n"
             "&law type='contact_table', contact='rigid', dofs='x1', n_contacts=1, shapes=-1, gaps=1 /",
-            "no method of &integration supports rigid contacts",
+            "no method of time integration supports rigid contacts",
         ),
         (FORCED + "&integration duration=1e12 /", "at most 2147483647 can be counted"),
         (FORCED + "&integration duration=2e7, transient=1e20 /", "at most 2147483647 can be counted"),
@@ -136,7 +136,7 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
         (
             "&structure type='matrices', n_dofs=1, mass=1, stiffness=0 /\n&tones unknown=.true. /\n&harmonics order=1 /\n"
             "&law type='van_der_pol', dof='x1', strength=1 /\n&integration duration=10 /\n",
-            "give first guesses of the frequencies in &tones",
+            "give first guesses of the frequencies of the tones",
         ),
         (
             FORCED + "&integration duration=10 /\n&sweep parameter='law(1)%stiffness', values=1,2 /",

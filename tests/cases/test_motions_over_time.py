@@ -54,7 +54,7 @@ def test_check_says_that_a_model_without_tones_is_integrated(tmp_path):
     (tmp_path / "free.nml").write_text(PUSHED + "&integration duration=60, step=0.01 /")
     done = run("check", "free.nml", cwd=tmp_path)
     assert done.status == 0 and "tones       none" in done.stdout and "warning" not in done.stdout
-    assert "valid for nhbm integrate alone: missing group &tones" in done.stdout
+    assert "valid for nhbm integrate alone: missing tones" in done.stdout
     for verb in ("solve", "plan", "census"):
         done = run(verb, "free.nml", cwd=tmp_path)
         assert done.status == BAD_INPUT and "free.nml: missing group &tones" in done.stderr, done.stderr
@@ -63,8 +63,8 @@ def test_check_says_that_a_model_without_tones_is_integrated(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (PUSHED + "&integration duration=60 /", "&integration: missing key 'step'"),
-        (PUSHED + "&integration duration=60, step=0.1, starts=2 /", "&integration starts: other starts"),
+        (PUSHED + "&integration duration=60 /", "missing integration%step"),
+        (PUSHED + "&integration duration=60, step=0.1, starts=2 /", "integration%starts must be 1: other starts"),
         (PUSHED + "&harmonics order=3 /\n&integration duration=60, step=0.1, tolerance=1e-13 /", "no harmonics without &tones"),
         (PUSHED + "&load dof='x1', tuple=1, cos=1 /\n&integration duration=6, step=0.1 /", "no &tones, to which a tuple refers"),
         (DECAY + "&initial dof='x1' /\n&integration duration=6, step=0.1 /", "bad.nml:2: &initial: displacement: give"),

@@ -44,7 +44,7 @@ def test_a_tolerance_beside_given_harmonics_is_named():
     model = duffing()
     model.set("harmonics", order=9)
     model.set("accuracy", tolerance=1e-3)
-    with pytest.warns(Implausible, match="the harmonics are given, so that &accuracy refines the samples alone"):
+    with pytest.warns(Implausible, match="the harmonics are given, so that accuracy%tolerance chooses the samples alone"):
         model.solve()
     model.set("harmonics", order=None)
     with warnings.catch_warnings():

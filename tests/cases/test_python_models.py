@@ -572,7 +572,7 @@ def test_a_free_decay_has_no_tones():
     t = record["time"].values
     np.testing.assert_allclose(record["displacement"].values[0], 0.3 * np.cos(2 * t) - 0.4 * np.sin(2 * t), atol=1e-9)
     assert "frequency" not in record
-    with pytest.raises(nhbm.ModelError, match="missing group &tones"):
+    with pytest.raises(nhbm.ModelError, match="missing tones"):
         model.solve()
 
 

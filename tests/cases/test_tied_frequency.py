@@ -121,7 +121,7 @@ def test_a_normal_mode_follows_too(tmp_path):
     assert frequency[last, 0] == pytest.approx(read(point, "frequency")[0, 0], rel=1e-9)
 
 
-@pytest.mark.parametrize(("offset", "says"), [(-0.26, "agrees with the values that follow it by a &tie"), (-1.1, "was not found")])
+@pytest.mark.parametrize(("offset", "says"), [(-0.26, "agrees with the values that are tied to it"), (-1.1, "was not found")])
 def test_a_tie_that_no_motion_satisfies_is_reported(offset, says, tmp_path):
     """omega**2 = k = omega + offset has no root below -1/4; below -1 the stiffness of the first guess is negative."""
     text = (
