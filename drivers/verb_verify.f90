@@ -132,7 +132,10 @@ contains
       end if
       write (line, "(3(a, es7.1), a)") "; deviation ", found%first_difference, " of the motion in the first period, ", &
          found%difference, " at the end (limit ", found%limit, ", at "//found%coordinate//"), disturbances"
-      text = trim(verdict_text(found%kind))//trim(line)
+      text = trim(verdict_text(found%kind))
+      if (found%starts_beside) text = text//" that starts on the periodic motion, from which disturbances as large as the "// &
+         "error of the series diverge"
+      text = text//trim(line)
       write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), " 1/s"
       if (abs(found%growth)*found%duration < clear) line = " neither grow nor decay"   ! a shift in time of a free motion
       text = text//trim(line)//"; "//number_of(found%n_periods, "period")

@@ -17,7 +17,7 @@ module hb_period_map
    use hb_thresholds, only: same_motion
    implicit none
    private
-   public :: find_period_map, new_period_map, period_map_t, work_of_period_map
+   public :: find_period_map, find_periodic_state, new_period_map, period_map_t, work_of_period_map
 
    integer, parameter :: max_levels = 4                               ! distances
    real(wp), parameter :: max_defect = 1.0e-7_wp ! permitted defect of a state after a period, scaled
@@ -28,6 +28,7 @@ module hb_period_map
    real(wp), parameter :: neutral_change = 1.0e-2_wp ! change of what stays as it is: a push apart slips a little
    integer, parameter :: periods_of_sliders = 3                       ! after which they are periodic
    real(wp), parameter :: usual_shots = 6.0_wp
+   integer, parameter :: n_starts = 8 ! phases from which a period is tried
 
    type :: period_map_t
       real(wp), allocatable :: matrix(:, :)                           !! monodromy of the part that is not always held, scaled
@@ -147,6 +148,49 @@ contains
       self%shift = matmul(transpose(self%moving), matmul(limit%best, self%rate))
       self%is_found = .true.
    end subroutine find_period_map
+
+   !> Finds the periodic state alone, at the start of a period of the motion; `is_found` as of `find_period_map`.
+   subroutine find_periodic_state(self, max_work, x, is_found)
+      type(period_map_t), intent(inout) :: self
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
+      real(wp), allocatable, intent(out) :: x(:)                      !! displacements, velocities, states of laws [m], [m/s]
+      logical, intent(out) :: is_found
+
+      allocate (x, mold=self%x)
+      call self%integration%allow(max_work)
+      call choose_start(self)
+      call make_sliders_periodic(self, is_found)
+      if (is_found) call shoot(self, .false., is_found)
+      if (is_found) call self%integration%advance(self%start, self%period - self%start, self%x, x, is_found)
+      if (is_found) x = x*self%integration%scale
+   end subroutine find_periodic_state
+
+   !> Starts at the phase from which a period ends nearest to its start.
+   subroutine choose_start(self)
+      type(period_map_t), intent(inout) :: self
+      real(wp), dimension(size(self%x)) :: after, before
+      real(wp) :: least, left, start
+      integer :: i
+      logical :: is_done
+
+      least = huge(1.0_wp)
+      start = self%start
+      do i = 0, n_starts - 1
+         self%start = i*self%period/n_starts
+         before = self%integration%state_at(self%start)
+         call map_over_period(self, 1, before, after, is_done)
+         if (.not. is_done) cycle
+         associate (n => 2*self%integration%system%n_dofs)
+            left = maxval(abs(after(:n) - before(:n)))
+         end associate
+         if (left >= least) cycle
+         least = left
+         start = self%start
+      end do
+      self%start = start
+      self%x = self%integration%state_at(start)
+      self%rate = self%integration%rate_at(start)
+   end subroutine choose_start
 
    !> Advances along the motion until sliders are periodic.
    subroutine make_sliders_periodic(self, is_done)

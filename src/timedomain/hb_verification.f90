@@ -6,6 +6,10 @@
 !> drift (hb_integration_difference): if the drift exceeds the estimated errors of the frequencies, the motion is
 !> wrong. The integration lasts until this is decided, at most as long as the decay of the linear structure takes,
 !> within a limit of work.
+!>
+!> The start has the error of the series. If disturbances of this size diverge from a periodic motion that is stable, the
+!> integration leaves the series though both its values and its stability are right. Therefore, before a motion that is not
+!> called unstable is contradicted, the periodic motion next to it is found by shooting, and the integration starts there.
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_beat, only: slowest_beat
@@ -20,8 +24,10 @@ module hb_verification
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
    use hb_modes, only: slowest_decay
+   use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_options, only: options_t
    use hb_outcome, only: outcome
+   use hb_period_map, only: find_periodic_state, new_period_map, period_map_t, work_of_period_map
    use hb_structure, only: max_dofs
    use hb_system, only: system_t
    use hb_text, only: to_text
@@ -48,6 +54,9 @@ module hb_verification
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
    integer, parameter :: min_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
+   real(wp), parameter :: shooting_tolerance = 1.0e-7_wp ! of the matrix with which the periodic motion is found
+   integer, parameter :: max_matrices = 20                           ! work of shooting, in that of one matrix
+   integer, parameter :: max_shooting_dofs = 50
    real(wp), parameter :: implicit_steps = 4000.0_wp                  ! in a period of the fastest tone: errors of 1e-6
 
    !> Result of the verification of a motion.
@@ -65,6 +74,7 @@ module hb_verification
       character(:), allocatable :: ended_by                           !! error that ended the time integration
       logical :: is_of_coefficients = .false.                         !! both differences are that of the coefficients, those of
                                                                       !! a second time integration to its end; no `growth`
+      logical :: starts_beside = .false. !! on the periodic motion next to the series, from which time integration diverges
    end type verdict_t
 
    !> Length of a time integration, in periods of the slowest tone.
@@ -114,12 +124,72 @@ contains
          call verify_integrated(model%system, model%discretisation, model%options, pair%system, claim, pair%state, result, error)
          return
       end if
+      call decide_pair(pair, claim, result, error)
+      if (allocated(error) .or. claim%is_unstable) return
+      if (result%kind == verdict%unstable .or. result%kind == verdict%differs) call verify_orbit(model, claim, n_periods, result, &
+         error)
+   end subroutine verify_motion
+
+   !> Integrates a pair until the verdict is decided.
+   subroutine decide_pair(self, claim, result, error)
+      type(pair_t), intent(inout), target :: self
+      type(claim_t), intent(in) :: claim
+      type(verdict_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+
       do while (result%kind == verdict%not_done)
-         call go_on(pair, result, error)
+         call go_on(self, result, error)
          if (allocated(error)) return
       end do
-      call write_up(pair, claim, result)
-   end subroutine verify_motion
+      call write_up(self, claim, result)
+   end subroutine decide_pair
+
+   !> Verdict from the periodic motion next to the series, if there is one within the permitted difference to which nearby
+   !> trajectories return; otherwise the verdict remains.
+   subroutine verify_orbit(model, claim, n_periods, result, error)
+      type(model_t), intent(in) :: model
+      type(claim_t), intent(in) :: claim
+      integer, intent(in) :: n_periods
+      type(verdict_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: refused
+      type(motion_series_t) :: series
+      type(pair_t), target :: pair
+      type(period_map_t) :: map
+      type(verdict_t) :: beside
+      real(wp), allocatable :: x(:)
+      logical :: is_found
+
+      if (size(claim%omega) /= 1 .or. any(model%system%tones%is_unknown) .or. lacks_mass(model%system)) return
+      if (model%system%structure%n_dofs > max_shooting_dofs) return
+      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
+      call new_motion_series(series, claim%tuples, claim%omega, transpose(claim%amplitudes))
+      call new_period_map(map, pair%system, series, pair%config%restitution, shooting_tolerance, refused)
+      if (allocated(refused)) return
+      call find_periodic_state(map, max_matrices*work_of_period_map(map), x, is_found)
+      if (.not. is_found) return
+      associate (n => pair%system%n_dofs)
+         pair%state%q = x(:n)
+         pair%state%v = x(n + 1:2*n)
+         pair%state%s = x(2*n + 1:)
+      end associate
+      call place_neighbour(pair)
+      call decide_pair(pair, claim, beside, error)
+      if (allocated(error) .or. beside%kind /= verdict%agrees) return
+      result = beside
+      result%starts_beside = .true.
+   end subroutine verify_orbit
+
+   !> Sets the second state beside the first.
+   subroutine place_neighbour(self)
+      type(pair_t), intent(inout) :: self
+
+      associate (n => self%system%n_dofs)
+         self%other = self%state
+         self%other%q = self%state%q + nearness*self%scale*directions(n, 0)
+         self%other%v = self%state%v + nearness*self%speed*directions(n, n)
+      end associate
+   end subroutine place_neighbour
 
    !> Sets one state on the motion and one beside it.
    subroutine begin_pair(self, system, discretisation, options, claim, n_periods)
@@ -158,9 +228,7 @@ contains
          self%config%largest = runaway*maxval(self%scale)
          call new_integration_state(self%state, equations%n_dofs, equations%laws%n_states)
          call place_state(equations, amplitudes, frequencies, -periods_of_sliders*self%length%period, step, self%state)
-         self%other = self%state
-         self%other%q = self%other%q + nearness*self%scale*directions(equations%n_dofs, 0)
-         self%other%v = self%other%v + nearness*self%speed*directions(equations%n_dofs, equations%n_dofs)
+         call place_neighbour(self)
          call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, system%tones%is_unknown), &
                                          equations%laws%shape, system%structure%units, max(equations%length, nearness), &
                                          n_steady(self%length%most, self%length%fewest))
