@@ -24,7 +24,7 @@ module command_table
    type(verb_t), parameter :: verbs(15) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the remaining points of an interrupted run"), &
-      verb_t("info", "RESULT", "contents of a result file, and whether it is complete"), &
+      verb_t("info", "RESULT", "print the contents of a result file, and whether it is complete"), &
       verb_t("why", "RESULT", "explain points that failed: attempts, residuals, remedy, and a command to try; "// &
          "without RESULT: all statuses"), &
       verb_t("check", "INPUT", "read and check the input with all points, print its sizes and natural frequencies, test "// &
@@ -36,29 +36,34 @@ module command_table
       verb_t("verify", "RESULT", "integrate in time from the points of a result file and report whether the motions agree"), &
       verb_t("fit", "INPUT", "fit parameters of an input to measured responses over the frequency, a CSV file; a "// &
          "command of the Python package, whose options nhbm fit --help lists"), &
-      verb_t("keys", "", "table of input keys, one per row: group | key | type | unit | default | range | meaning; "// &
-         "nhbm keys WORD: rows that contain the word, such as jenkins"), &
-      verb_t("new", "", "print a commented starter input: nhbm new duffing > duffing.nml; nhbm new lists all"), &
-      verb_t("completion", "", "completion of verbs and options in bash: source <(nhbm completion bash); likewise zsh"), &
-      verb_t("version", "", "version, commit, build and libraries; also --version"), &
-      verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb; nhbm help man: all as a manual page, for man")]
+      verb_t("keys", "[WORD]", "print the table of input keys, one per row: group | key | type | unit | default | range | "// &
+         "meaning; with WORD the rows that contain it, as in nhbm keys jenkins"), &
+      verb_t("new", "[NAME]", "print a commented starter input: nhbm new duffing > duffing.nml; nhbm new lists all"), &
+      verb_t("completion", "SHELL", "print the completion of verbs and options for bash or zsh: "// &
+         "source <(nhbm completion bash)"), &
+      verb_t("version", "", "print version, commit, build and libraries; also --version"), &
+      verb_t("help", "[VERB]", "this text; nhbm help VERB or nhbm VERB --help: one verb; nhbm help man: all as a manual "// &
+         "page, for man")]
 
    character(*), parameter :: all_verbs = "solve resume info why check plan integrate census verify"
 
-   type(option_t), parameter :: options(24) = [ &
+   type(option_t), parameter :: options(27) = [ &
       option_t("--output", "-o", "FILE", "solve integrate census", &
          "result file; default: name of the input with .h5, in the current folder"), &
       option_t("--overwrite", "", "", "solve integrate census", "replace an existing result file"), &
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
       option_t("--resume", "", "", "solve", "continue an existing result file; the input must be the same"), &
-      option_t("--retry", "", "", "solve resume", "when resuming: also repeat the points that did not converge"), &
-      option_t("--time-limit", "", "SECONDS", "solve resume check census verify", &
+      option_t("--retry", "", "", "solve", "with --resume: also repeat the points that did not converge"), &
+      option_t("--retry", "", "", "resume", "also repeat the points that did not converge"), &
+      option_t("--time-limit", "", "SECONDS", "solve resume", &
          "end the run after this time; nhbm resume solves the remaining points"), &
+      option_t("--time-limit", "", "SECONDS", "check census verify", "end after this time, with what is done until then"), &
       option_t("--workers", "", "N", "solve resume verify", &
-         "processes of this computer that share the points, where nhbm was built without MPI (pip); else mpirun -n N"), &
-      option_t("--set", "", "PATH=VALUE", "solve resume check plan integrate census", &
-         "change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden'; repeatable; for resume "// &
-         "curve%points=N alone, for curves that have reached their limit of points"), &
+         "number of processes on this computer that share the points, for nhbm without MPI (pip); otherwise use mpirun -n N"), &
+      option_t("--set", "", "PATH=VALUE", "solve check plan integrate census", &
+         "change one input value, such as law(1)%gap=1.5e-3 or solver%method='broyden'; repeatable"), &
+      option_t("--set", "", "PATH=VALUE", "resume", &
+         "only curve%points=N: more points for curves that have reached their limit"), &
       option_t("--unset", "", "PATH", "solve check plan integrate census", &
          "remove one key of the input, such as harmonics%order"), &
       option_t("--quiet", "", "", all_verbs, "print errors only, neither progress nor summary; as --log-level quiet"), &
@@ -66,9 +71,9 @@ module command_table
       option_t("--log-level", "", "LEVEL", all_verbs, &
          "quiet, normal (progress, summary, warnings), verbose, debug (also a line per point)"), &
       option_t("--point", "", "N", "why integrate census", &
-         "the point of a sweep to be explained, integrated or searched, from 0"), &
+         "number of the point of a sweep, from 0"), &
       option_t("--starts", "", "N", "census", "number of random starts; default 200"), &
-      option_t("--seed", "", "N", "census", "of the random starts; default 1"), &
+      option_t("--seed", "", "N", "census", "seed of the random starts; default 1"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
       option_t("--periods", "", "N", "verify", "longest time integration in periods of the slowest tone"), &
       option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 10000 by tens"), &
@@ -81,13 +86,14 @@ module command_table
 
    integer, parameter :: column_of_text = 31
 
+   !> Of verbs that read a file.
    character(*), parameter :: closing(6) = [character(120) :: &
       "exit status: 0 all points solved, 2 invalid input or file error, 3 points remain after a signal or the time limit,", &
       "             which resume solves, 4 some points failed (see their status in the file), a derivative is wrong, or time", &
       "             integration disagrees with a motion.", &
       "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 stop a run at the next iteration, a second signal at once.", &
-      "BLAS uses one thread unless OPENBLAS_NUM_THREADS is set. docs/user/input.md lists the keys of the input,", &
-      "docs/user/schema.md the contents of the results."]
+      "BLAS uses one thread unless OPENBLAS_NUM_THREADS is set. nhbm keys lists the keys of the input, which", &
+      "docs/user/input.md of the sources explains, as docs/user/schema.md does the contents of the results."]
 
 contains
 
@@ -155,14 +161,15 @@ contains
       logical :: is_one
       integer :: i
 
-      is_one = any(verbs%name == verb .and. verbs%argument /= "")
+      is_one = any(verbs%name == verb) .and. verb /= "help"
       if (.not. is_one) call say([character(120) :: &
          "nhbm computes the steady-state vibration of structures with contact and other strong nonlinearities", &
          "under several tones, by the n-dimensional harmonic balance method.", ""])
       do i = 1, size(verbs)
          if (is_one .and. verbs(i)%name /= verb) cycle
          call say_entry(merge("usage: nhbm ", "       nhbm ", i == 1 .or. is_one)//trim(verbs(i)%name)//" "// &
-            trim(verbs(i)%argument)//merge(" [options]", "          ", verbs(i)%argument /= ""), verbs(i)%text, 42)
+            trim(verbs(i)%argument)//merge(" [options]", "          ", has_other_options(trim(verbs(i)%name))), &
+            verbs(i)%text, 42)
       end do
       if (.not. is_one .or. verb == "solve") &
          call say_entry("       mpirun -n 4 nhbm solve INPUT", "the same, points distributed over 4 ranks", 42)
@@ -172,9 +179,19 @@ contains
          call say_entry("  "//merge(options(i)%short//", ", "    ", options(i)%short /= "")//trim(options(i)%name)//" "// &
             options(i)%value, trim(verbs_before(options(i), is_one))//" "//options(i)%text, column_of_text)
       end do
+      if (is_one .and. index(all_verbs, trim(verb)) == 0) return
       call say("")
       call say(closing)
    end subroutine write_help
+
+   !> Whether a verb has options besides those that print help and version.
+   pure logical function has_other_options(verb)
+      character(*), intent(in) :: verb
+      integer :: i
+
+      has_other_options = any([(has(options(i), verb) .and. all(options(i)%name /= [character(12) :: "--help", "--version"]), &
+                                i=1, size(options))])
+   end function has_other_options
 
    !> Writes the manual page in troff.
    subroutine write_manual(version)

@@ -106,6 +106,24 @@ def test_each_verb_has_its_help(tmp_path, verb):
     assert max(map(len, done.stdout.splitlines())) <= 120
 
 
+@pytest.mark.parametrize("verb", ["keys", "new", "completion", "version"])
+def test_verbs_without_a_file_have_their_help_too(tmp_path, verb):
+    """They printed the help of all verbs."""
+    done = run(verb, "--help", cwd=tmp_path)
+    assert (done.status, done.stderr) == (ALL_CONVERGED, "")
+    assert done == run("help", verb, cwd=tmp_path)
+    assert done.stdout.startswith(f"usage: nhbm {verb}") and done.stdout.count("nhbm ") < 6
+    assert ("--json" in done.stdout) == (verb == "keys") and "exit status" not in done.stdout
+
+
+def test_options_say_what_they_do_for_their_verb(tmp_path):
+    """One text for several verbs told of 'resume' in the help of 'verify', and of 'verify' in none."""
+    texts = {verb: run("help", verb, cwd=tmp_path).stdout for verb in (*VERBS, "census")}
+    told = {verb: text.split("options:")[1].split("exit status")[0] for verb, text in texts.items()}
+    assert "nhbm resume" in told["solve"] and not any("resume" in told[verb] for verb in ("check", "census", "verify"))
+    assert "curve%points" in told["resume"] and "curve%points" not in told["solve"] + told["check"]
+
+
 def test_there_is_no_help_for_a_verb_that_there_is_not(tmp_path):
     done = run("help", "resum", cwd=tmp_path)
     assert done.status == BAD_INPUT and "unknown verb 'resum'; did you mean 'resume'?" in done.stderr
