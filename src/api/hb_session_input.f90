@@ -162,7 +162,7 @@ contains
       if (allocated(error)) return
       call self%document%resolve(path, parameter, error)
       if (allocated(error)) then
-         error%message = "'"//path//"' "//error%message
+         error%message = "'"//path//"': "//error%message
          return
       end if
       call self%document%refuse_unknown(parameter, path, error)

@@ -387,7 +387,7 @@ contains
          if (group%has_key(trim(parameter%key))) return
          call group%describe_unknown(trim(parameter%key), text)
       end associate
-      call fail(error, "'"//trim(path)//"' "//text)
+      call fail(error, "'"//trim(path)//"': "//text)
    end subroutine document_refuse_unknown
 
    !> Whether the values of a parameter replace all of those of another: the same key as a whole, or the same element.
@@ -572,11 +572,11 @@ contains
          list = " known groups: "
       else
          call names_in_file(self, known)
-         list = " the file has: "
+         list = " the input has: "
       end if
       close = closest_word(name, known)
       if (close /= "") close = " did you mean '&"//close//"'?"
-      if (size(known) == 0) list = " the file has no groups"
+      if (size(known) == 0) list = " the input has no groups"
       call fail(error, message//";"//close//list//join(known, ", "))
    end subroutine fail_with_advice
 

@@ -233,7 +233,7 @@ contains
       call document%resolve(path, parameter, error)
       if (.not. allocated(error)) return
       parameter%i_group = 0
-      call group%problem(key, "'"//trim(shown(path))//"' "//error%message)
+      call group%problem(key, "'"//trim(shown(path))//"': "//error%message)
    end subroutine find_value
 
    !> Reports a problem for each tie of a value that cannot follow an unknown frequency.

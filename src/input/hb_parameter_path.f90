@@ -94,7 +94,7 @@ contains
       call parse_integer(selector, number, is_number)
       if (is_number) then
          if (number < 1 .or. number > n) then
-            text = "there is no "//name//"("//shown(selector)//"); the file has "//name//"(1)"
+            text = "there is no "//name//"("//shown(selector)//"); the input has "//name//"(1)"
             if (n > 1) text = text//" to "//name//"("//to_text(n)//")"
             call fail(error, text)
          else

@@ -203,7 +203,7 @@ def test_the_line_is_that_of_the_second_frequency(tmp_path):
 def test_messages_name_what_is_in_the_file_and_in_the_command(tmp_path):
     said = run("solve", write(tmp_path, MASS.replace("&tones", "!")), cwd=tmp_path).stderr
     only = "without it a model can only be integrated in time"
-    assert f"missing group &tones; the file has: structure, load; {only}" == said.strip().partition("case.nml: ")[2]
+    assert f"missing group &tones; the input has: structure, load; {only}" == said.strip().partition("case.nml: ")[2]
     assert "--resume" not in run("resume", "case.h5", "--overwrite", cwd=tmp_path).stderr
 
 
