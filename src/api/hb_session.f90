@@ -25,7 +25,7 @@ module hb_session
    use hb_model, only: model_t
    use hb_model_reader, only: read_model, update_model
    use hb_model_tones, only: read_tones
-   use hb_model_warnings, only: describe_warnings
+   use hb_model_warnings, only: commensurate_text, describe_warnings
    use hb_motion_doubt, only: describe_doubt
    use hb_motion_result, only: motion_result_t
    use hb_movement, only: follow_frequencies
@@ -270,14 +270,29 @@ contains
 
    !> What is doubtful about the last motion, with numbers and what to do; empty: nothing.
    subroutine session_doubt(self, text)
-      class(session_t), intent(in) :: self
+      class(session_t), intent(inout), target :: self
       character(:), allocatable, intent(out) :: text
+      type(system_t), pointer :: system
+      character(:), allocatable :: line
 
       text = ""
       if (self%model%is_read) call describe_doubt(self%model%options, self%result, text)
-      if (.not. (self%has_law_doubt .and. allocated(self%law_doubt%text))) return
-      if (len(text) > 0) text = text//new_line("a")
-      text = text//self%law_doubt%text
+      if (self%result%is_near_commensurate) then
+         system => system_of_result(self)
+         line = trim(commensurate_text(system%tones, self%model%options%error_estimate%commensurability))
+         if (len(line) == 0) line = "a low-order combination of the tones nearly vanishes"
+         call add_line(line)
+      end if
+      if (self%has_law_doubt .and. allocated(self%law_doubt%text)) call add_line(self%law_doubt%text)
+
+   contains
+
+      subroutine add_line(line)
+         character(*), intent(in) :: line
+
+         if (len(text) > 0) text = text//new_line("a")
+         text = text//line
+      end subroutine add_line
    end subroutine session_doubt
 
    !> Names the laws that exert no force on the last motion, one per line; empty: none.

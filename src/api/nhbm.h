@@ -385,8 +385,8 @@ NHBM_EXPORT int nhbm_get_labels(const nhbm_model *model, const char *axis, const
 NHBM_EXPORT int nhbm_get_message(const nhbm_model *model, const char **message);
 
 /* Returns what is doubtful about the last motion, with numbers, limits and what to do: that it has not converged, or is less
- * accurate than requested; for the first motion of an input also derivatives of user laws that differ from differences of their
- * forces. Empty: nothing. */
+ * accurate than requested, or has tones of which a low-order combination vanishes; for the first motion of an input also
+ * derivatives of user laws that differ from differences of their forces. Empty: nothing. */
 NHBM_EXPORT int nhbm_get_doubt(const nhbm_model *model, const char **doubt);
 
 /* Returns the laws that exert no force on the last motion, such as a stop that is not touched, one sentence per line; empty: none.

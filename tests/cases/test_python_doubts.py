@@ -70,6 +70,25 @@ def test_all_operations_say_what_is_doubtful_in_the_same_words():
         stopped().sweep({"tones[0]": [0.9, 0.9]}, warm=True, order=3)
 
 
+def test_tones_with_a_common_period_are_named():
+    """The command warned of them, Python advised a higher order."""
+    model = Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.8, 0.8])
+    model.load("x1", (1, 0), cos=0.1)
+    model.law("cubic_spring", "x1", stiffness=0.5)
+    words = r"tones 0.8 and 0.8 rad/s: their combination \(1,-1\) has the frequency 0; use one tone of 0.8 rad/s"
+    for operation in (
+        lambda: model.solve(order=3),
+        lambda: model.response("x1 (1,0)", order=3),
+        lambda: model.sweep({"load[0].cos": [0.1, 0.11]}, order=3),
+    ):
+        with pytest.warns(NotConverged, match=words):
+            operation()
+    model["tones[1]"] = 0.1131370849898476
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NotConverged)
+        model.solve(tolerance=1e-2)
+
+
 def test_a_wrong_derivative_of_a_law_is_said():
     model = duffing(spring=True)
     model.law(lambda q: (0.5 * q**3, 0.5 * q**2), "x1", label="mine")
