@@ -76,7 +76,6 @@ contains
       type(error_t), allocatable :: error
 
       if (group%given("dofs") .and. .not. group%given("weights")) then
-         if (group%given("dof")) call group%problem("dofs", "give either 'dof' or 'dofs', not both")
          call read_dofs(law, group, structure)
       else
          call read_location(law, group, structure)

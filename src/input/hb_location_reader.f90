@@ -48,21 +48,32 @@ contains
       end if
    end subroutine read_location
 
-   !> Reads the coordinates of a law with several of them: `dofs`, each a coordinate of its own.
+   !> Reads the coordinates of a law with several of them: `dofs`, each a coordinate of its own, or `dof`, a single one.
    subroutine read_dofs(self, group, structure)
       class(law_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(placement_t) :: placement
       type(string_t), allocatable :: names(:)
+      character(:), allocatable :: key, name
 
-      call group%get("dofs", names, required=.true.)
-      if (.not. allocated(names)) return
-      call read_coordinate(self, group, structure, "dofs", names, spread(1.0_wp, 1, size(names)))
+      if (group%given("dof") .and. .not. group%given("dofs")) then
+         key = "dof"
+         call group%get(key, name)
+         if (.not. allocated(name)) return
+         allocate (names(1))
+         names(1)%value = name
+      else
+         key = "dofs"
+         if (group%given("dof")) call group%problem(key, "give either 'dof' or 'dofs', not both")
+         call group%get(key, names, required=.true.)
+         if (.not. allocated(names)) return
+      end if
+      call read_coordinate(self, group, structure, key, names, spread(1.0_wp, 1, size(names)))
       if (.not. allocated(self%dofs)) return
       placement = self%placement()
       if (all(placement%counts /= size(self%dofs) .and. placement%counts > 0)) then
-         call group%problem("dofs", trim(placement%dofs))
+         call group%problem(key, trim(placement%dofs))
       else
          call place_on_dofs(self, (self%dofs))
       end if

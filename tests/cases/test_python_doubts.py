@@ -89,6 +89,14 @@ def test_tones_with_a_common_period_are_named():
         model.solve(tolerance=1e-2)
 
 
+def test_a_law_of_several_coordinates_may_act_on_one():
+    """Its single degree of freedom was refused as `dof`."""
+    model, same = duffing(spring=True), duffing(spring=True)
+    model.law("cubic_damping", "x1", coefficient=0.3)
+    same.law("cubic_damping", ["x1"], coefficient=0.3)
+    assert model.response("x1 (1)", order=3) == same.response("x1 (1)", order=3)
+
+
 def test_a_wrong_derivative_of_a_law_is_said():
     model = duffing(spring=True)
     model.law(lambda q: (0.5 * q**3, 0.5 * q**2), "x1", label="mine")
