@@ -89,6 +89,11 @@ def test_tones_with_a_common_period_are_named():
         model.solve(tolerance=1e-2)
 
 
+def test_a_shaft_in_millimetres_is_doubted():
+    with pytest.warns(Implausible, match="shaft 'shaft': diameter = 20 m; lengths are in metres"):
+        nhbm.Rotor().shaft([0.0, 500.0], diameter=20.0)
+
+
 def test_a_law_of_several_coordinates_may_act_on_one():
     """Its single degree of freedom was refused as `dof`."""
     model, same = duffing(spring=True), duffing(spring=True)

@@ -23,6 +23,7 @@ VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")
 N = len(DIRECTIONS)
 _MATERIALS = {"young": (1e5, 1e13, "N/m2", "2.1e11"), "density": (1.0, 3e4, "kg/m3", "7850")}  # plausible values, unit, of steel
+_LARGEST_DIAMETER = 10.0  # [m], of a shaft, plausible
 ACROSS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # i z = x' + i y' turned back: what -i Omega z does to (x, y)
 
 
@@ -81,6 +82,9 @@ class Rotor:
         outer, inner = (_along(f"shaft '{name}': {word}", d, len(z) - 1) for word, d in (("diameter", diameter), ("bore", bore)))
         if not ((outer > inner).all() and (inner >= 0).all()):
             raise ModelError(f"shaft '{name}': the diameter must be above the bore, and this 0 or more")
+        if outer.max() > _LARGEST_DIAMETER:
+            text = f"shaft '{name}': diameter = {outer.max():g} m; lengths are in metres, 1 mm = 1e-3"
+            warnings.warn(text, Implausible, stacklevel=2)
         new = _Shaft(name, speed, z, self.n_nodes)
         for e, h in enumerate(np.diff(z)):
             stiffness, mass, rotary = self._element(h, outer[e], inner[e])
