@@ -85,7 +85,11 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().set("tones", hertz=2.0), r"None removes one: model.set\('tones', frequency=None, hertz=50.0\)"),
     (lambda: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.details, "has numbers, not motions"),
     (lambda: duffing()["spring.stiffness, stop.gap"], "is no path; .* give each of several paths by itself"),
-    (lambda: duffing().__setitem__("load[1].cos", 1.0), r"there is no load.2.; the file has load.1.$"),
+    (lambda: duffing().__setitem__("load[1].cos", 1.0), r"^'load.2.%cos': there is no load.2.; the input has load.1.$"),
+    (lambda: duffing().__setitem__("spring.gap", 1.0), "^'law.spring.%gap': unknown key 'gap'"),
+    (lambda: duffing().law("jenkins", "x1", stifness=1.0), "^&law type = 'jenkins': unknown key 'stifness'; did you mean"),
+    (lambda: duffing().law("annular_clearance", "x1", stiffness=1.0, clearance=1.0), "^&law type = 'annular_clearance': dof: "),
+    (lambda: duffing().integrate(0.0), "^duration must be above 0"),
 ])  # fmt: skip
 def test_wrong_arguments_are_named(made, message):
     with pytest.raises(ModelError, match=message):

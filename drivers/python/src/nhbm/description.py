@@ -28,7 +28,7 @@ from nhbm.groups import (
     plain,
     value_at,
 )
-from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups
+from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups, subject_of
 from nhbm.laws import Law
 from nhbm.session import Session
 from nhbm.signatures import Laws
@@ -400,7 +400,7 @@ class Description(Laws):
         >>> model["stop.gap"] = 1e-3
         Traceback (most recent call last):
             ...
-        nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones
+        nhbm.errors.ModelError: 'law(stop)%gap': there is no group '&law'; the input has: structure, tones
         """
         at = self._groups.resolved(path)
         self._check_value(path, at, value)
@@ -521,7 +521,8 @@ class Description(Laws):
         except ModelError as error:
             wrong = [line for line in str(error).splitlines() if line.startswith(f"&{group.name}")]
             if wrong:
-                raise ModelError("\n".join(wrong)) from None
+                subject = subject_of(group.name, group.keys.get("type"))
+                raise ModelError("\n".join(re.sub(rf"^&{group.name}\b", subject, line) for line in wrong)) from None
 
     def _begin(self, settings: Settings) -> Session:
         """The session of an operation, with a warning of values that suggest a mistake."""

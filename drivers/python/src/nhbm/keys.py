@@ -87,12 +87,12 @@ def check_keys(group: str, given: Mapping[str, Any], subject: str = "") -> None:
     """Raises ModelError for a key that the group, or its type, does not have, and for a word or number that a key does not accept.
 
     `subject` replaces the name of the group in messages."""
-    subject = subject or f"&{group}"
     kind = given.get("type")
     known = keys_of(group)
     if isinstance(kind, str):
-        _check_word(subject, known["type"], kind)
+        _check_word(subject or f"&{group}", known["type"], kind)
         known = keys_of(group, kind.lower())
+    subject = subject or subject_of(group, kind)
     for name, value in given.items():
         stem = name.partition("(")[0]
         if stem.lower() not in known:
@@ -100,6 +100,11 @@ def check_keys(group: str, given: Mapping[str, Any], subject: str = "") -> None:
         if isinstance(value, str):
             _check_word(subject, known[stem.lower()], value)
         check_numbers(subject, name, known[stem.lower()], value)
+
+
+def subject_of(group: str, kind: Any) -> str:
+    """How messages name a group: by its type, too, if there may be several of it."""
+    return f"&{group} type = '{kind}'" if group == "law" and isinstance(kind, str) else f"&{group}"
 
 
 def missing_key(group: str, given: Mapping[str, Any]) -> str:

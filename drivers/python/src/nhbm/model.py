@@ -500,6 +500,8 @@ class Model(Description):
             The record, as written by `nhbm integrate`.
         """
         given = {"duration": None if duration is None else numbers_of("duration", duration)[0], **keys}
+        if duration is not None and not given["duration"] > 0:
+            raise ModelError(f"duration must be above 0, the length of the record [s], not {duration}")
         check_keys("integration", keys)
         given = {key: value for key, value in given.items() if value is not None}
         session = self._live(request(None, order, integration=given)).session
