@@ -24,6 +24,24 @@ def curve():
     return duffing().curve("tones[0]", 0.5, 2.5, order=5, max_step=0.2, peak_of="x1 (1)")
 
 
+def test_errors_by_refinement_are_shown(tmp_path):
+    """Where the difference of two levels was the largest estimate, report and tables showed the smaller ones alone."""
+    model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1000.0, damping_mass=1.0), tones={"hertz": [4.7, 8.1]})
+    model.load("x1", (1, 0), cos=2.0)
+    model.load("x2", (0, 1), cos=1.0)
+    model.law("elastic_stop", "x2", stiffness=5e3, gap=2e-3)
+    motion = model.solve(tolerance=1e-2)
+    level = float(motion.nhbm.details["level_estimate"])
+    assert level > float(motion["truncation_estimate"])
+    assert f"{level:.1e} by refinement" in motion.nhbm._repr_html_()
+    assert motion.nhbm.to_dataframe()["level_estimate"].item() == level
+    motion.nhbm.report().save(tmp_path / "motion.html")
+    shown = '"Estimated error by refinement",["' + f"{level:.2e}".replace("e-0", "e-")
+    assert shown in (tmp_path / "motion.html").read_text(encoding="utf-8")
+    exact = duffing().solve(tolerance=1e-2)
+    assert "refinement" not in exact.nhbm._repr_html_() and "by refinement" not in str(exact.nhbm.report()._page)
+
+
 def test_models_and_results_are_shown_as_tables(curve):
     model = duffing()
     shown = model._repr_html_()

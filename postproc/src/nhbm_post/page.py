@@ -38,6 +38,7 @@ _N_SHAPES, _N_SHAPE_HARMONICS, _SHAPE_NUMBERS = 12, 5, 120_000
 _ERROR_ESTIMATE = (
     ("truncation_estimate", "Estimated error by truncation", ""),
     ("aliasing_estimate", "Estimated error by aliasing", ""),
+    ("level_estimate", "Estimated error by refinement", ""),
     ("residual", "Residual", ""),
     ("penetration", "Penetration of a rigid wall", "m"),
     ("impact_estimate", "Energy of the strongest impact", ""),
@@ -51,7 +52,7 @@ _ERROR_ESTIMATE = (
 )
 
 _GREEK = {"omega": "ω", "Omega": "Ω", "mu": "µ", "alpha": "α", "beta": "β"}
-_ONLY_IF_ANY = ("penetration", "impact_estimate", "power_damping")
+_ONLY_IF_ANY = ("level_estimate", "penetration", "impact_estimate", "power_damping")
 
 
 def write_page(results: Results, path: Path, model: Path | None = None) -> list[str]:

@@ -72,6 +72,14 @@ def record_beside(motion: xr.Dataset) -> tuple[xr.Dataset, Source] | None:
     return found
 
 
+def refinement_of(data: xr.Dataset) -> Any:
+    """Estimated errors by refinement, zero for motions with larger other estimates; None if no motion has one."""
+    if data.encoding.get(_DETAILS) is None:
+        return None
+    found = data.nhbm.details.get("level_estimate")
+    return found.values if found is not None and (found.values > 0).any() else None
+
+
 def has_own_tuples(motion: xr.Dataset) -> bool:
     """Whether the harmonics of a motion were chosen for its tolerance; assumed where its details were lost."""
     found = motion.encoding.get(_DETAILS)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import SOLVED, record_beside, varies_of
+from nhbm.dataset import SOLVED, record_beside, refinement_of, varies_of
 from nhbm.errors import ModelError, imported
 from nhbm.groups import Groups
 from nhbm.located import located_kinds
@@ -72,6 +72,8 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
             rows.append(("harmonics", f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"))
     errors = [f"{np.nanmax(data[name].values):.1e} by {word}" for name, word in _ESTIMATES.items()
               if name in data and np.isfinite(data[name].values).any()]  # fmt: skip
+    if (by_levels := refinement_of(data)) is not None:
+        errors.append(f"{np.nanmax(by_levels):.1e} by refinement")
     if errors:
         rows.append(("largest estimated error", ", ".join(errors)))
     if "curve_kind" in data:

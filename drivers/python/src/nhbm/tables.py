@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
-from nhbm.dataset import check_points, check_result, varies_of
+from nhbm.dataset import check_points, check_result, refinement_of, varies_of
 from nhbm.errors import ModelError
 
 _MOST_DOFS = 12  # of which a table has a column by default
@@ -54,6 +54,8 @@ def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any
     for name in _OUTCOMES:
         if name in data and (name != "message" or any(np.ravel(data[name].values))):
             add(name, data[name].values, "")
+        if name == "aliasing_estimate" and (by_levels := refinement_of(data)) is not None:
+            add("level_estimate", by_levels, "")
     points = np.atleast_1d(data["point"].values) if "point" in data.coords else np.arange(data.sizes.get("point", 1))
     index = pandas.Index(points, name="point")
     return pandas.DataFrame(columns, index=index)
