@@ -149,7 +149,7 @@ int refusal_step(void)
    CHECK(SAYS("'coefficient'; known: ") && SAYS(" coefficients "));
    CHECK(nhbm_verify(model, 5) == NHBM_SUCCESS);
    CHECK(nhbm_get_time_column(model, "displacement", &found) == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_integrate(model) == NHBM_INVALID_INPUT && SAYS("missing key 'duration'"));
+   CHECK(nhbm_integrate(model) == NHBM_INVALID_INPUT && SAYS("missing integration%duration"));
    CHECK(nhbm_curve_begin(model) == NHBM_INVALID_INPUT && SAYS("curve"));
    nhbm_destroy(&model);
    CHECK(model == NULL);

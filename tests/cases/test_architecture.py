@@ -250,7 +250,8 @@ def test_options_that_messages_name_exist():
     text = "\n".join(path.read_text(encoding="utf-8") for path in sources() if layer_of(path) in LAYERS_WITHOUT_INPUT)
     types = dict(re.findall(r"^   type :: (\w+)\n(.*?)^   (?:contains|end type)", text, re.MULTILINE | re.DOTALL))
     stages = {stage: name for name, stage in re.findall(r"type\((\w+)\) :: (\w+)", types["options_t"])}
-    named = {name for line in text.splitlines() for words in TEXT.findall(line.partition("!>")[0]) for name in OPTION.findall(words)}
+    words = [words for line in text.splitlines() for words in TEXT.findall(line.partition("!>")[0])]
+    named = {name for of_text in words for name in OPTION.findall(of_text)}
     assert len(named) > 5
     for name in sorted(named):
         stage, option = name.split("%")
