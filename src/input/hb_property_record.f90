@@ -11,9 +11,10 @@ module hb_property_record
    use hb_text, only: join, lower, max_name, shown, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: key_problem, missing_key, record_t, request, value_problem
+   public :: key_problem, line_of_curve, line_of_sweep, missing_key, record_t, request, value_problem
 
    integer, parameter :: max_problems = 50                  !! further ones are counted, not reported
+   integer, parameter :: first_of_curves = 1000000000       !! lines below its negative are those of a &curve
 
    type :: record_t
       character(:), allocatable :: name                     !! of the group, lower case
@@ -45,6 +46,20 @@ module hb_property_record
    end type record_t
 
 contains
+
+   !> The line of a value that a `&sweep` sets, as properties store it.
+   pure integer function line_of_sweep(line) result(stored)
+      integer, intent(in) :: line                           !! of the group
+
+      stored = -line
+   end function line_of_sweep
+
+   !> Likewise of a `&curve`.
+   pure integer function line_of_curve(line) result(stored)
+      integer, intent(in) :: line                           !! of the group
+
+      stored = -first_of_curves - line
+   end function line_of_curve
 
    !> Whether the key has a value.
    pure logical function record_given(self, key) result(is_given)
@@ -344,7 +359,11 @@ contains
          location = location//":"//to_text(line)
       else if (is_key .and. len(location) > 0) then
          if (line == 0) location = location//" (override)"
-         if (line < 0) location = location//":"//to_text(-line)//": &sweep"
+         if (line < -first_of_curves) then
+            location = location//":"//to_text(-first_of_curves - line)//": &curve"
+         else if (line < 0) then
+            location = location//":"//to_text(-line)//": &sweep"
+         end if
       end if
       if (len(location) > 0) location = location//": "
       location = location//"&"//self%name

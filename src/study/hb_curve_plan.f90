@@ -16,6 +16,7 @@ module hb_curve_plan
    use hb_parameter_number, only: find_number, followed_groups, list_groups
    use hb_point_kinds, only: curve_kind_names, curve_kinds, located_by, response_keys, response_kinds, target_keys
    use hb_properties, only: properties_t
+   use hb_property_record, only: line_of_curve
    use hb_response, only: new_response
    use hb_stability, only: stability_method
    use hb_system, only: system_t
@@ -103,7 +104,7 @@ contains
       if (allocated(error)) return
       call find_values(self, document, error)
       group => document%group("curve", 1)
-      self%parameter%line = group%line
+      self%parameter%line = line_of_curve(group%line)
    end subroutine read_curve_plan
 
    !> Reports a problem for each of the values that is outside the range.

@@ -11,6 +11,7 @@ module hb_sweep_plan
    use hb_kinds, only: int64, wp
    use hb_parameter_number, only: followed_groups
    use hb_properties, only: properties_t
+   use hb_property_record, only: line_of_sweep
    use hb_text, only: lower, number_of, quote, rounded_to, shown, string_t, to_text
    implicit none
    private
@@ -137,7 +138,7 @@ contains
          associate (swept => self%parameters(i))
             call document%resolve(swept%path, swept%parameter, error)
             group => document%group("sweep", i)
-            swept%parameter%line = -group%line
+            swept%parameter%line = line_of_sweep(group%line)
             if (.not. allocated(error)) then
                if (allocated(self%curve)) call refuse_curve(self%curve, swept, error)
                call refuse_same(self%parameters(:i), error)
