@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import resource
+import subprocess
+import sys
 import warnings
 
 import h5py
@@ -122,6 +125,27 @@ def test_an_axis_of_points_with_another_name_is_named(use):
         use(curve.rename(point="p"))
     with pytest.raises(ModelError, match=r"dataset.swap_dims\(tones_frequency='point'\)"):
         use(curve.swap_dims(point="tones_frequency"))
+
+
+@pytest.mark.parametrize("write", ["nhbm.save('a.h5')", "nhbm.to_mat('a.mat')"])
+def test_a_full_disk_is_an_error(tmp_path, write):
+    """HDF5 crashed at the end of the process after a write of its own had failed."""
+    script = f"""
+import nhbm
+model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
+model.load("x1", 1, cos=0.1)
+curve = model.curve("tones[0]", 0.5, 1.5, order=3)
+try:
+    curve.{write}
+except nhbm.ModelError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
+    )  # fmt: skip
+    assert done.returncode == 0 and "cannot be written: File too large" in done.stdout, (done.returncode, done.stdout, done.stderr)
+    assert not list(tmp_path.iterdir())
 
 
 def test_responses_have_the_axes_of_the_points():

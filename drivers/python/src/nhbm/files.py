@@ -15,7 +15,7 @@ from nhbm.child_process import atomic_write
 from nhbm.dataset import AXES, TUPLE, Source, names_of_dofs, split, with_words
 from nhbm.errors import ModelError
 from nhbm.groups import Groups, described, path_of
-from nhbm.hdf5_file import open_hdf5
+from nhbm.hdf5_file import image_of, open_hdf5
 from nhbm.session import Session
 from nhbm.structure import FORMAT, Structure, dofs_of_sets_in
 
@@ -139,6 +139,8 @@ def save(data: xr.Dataset, record: tuple[xr.Dataset, Source], path: Path) -> Non
     text, libraries = source.text, source.libraries
     if not text or data.sizes.get("point") != source.n_points:
         raise ModelError("a file has all points of its input: save the whole result, not a selection of it")
+    if "point" in data.coords and (np.diff(data["point"].values) <= 0).any():
+        raise ModelError("a file has the points in the order of their computation: save the result as it was returned, not sorted")
     columns = _with_absent(_numbers(_columns(data, details, source.has_own_tuples)), source)
     if "curve_kind" in columns:
         columns = _padded(_with_wide_state(columns, text), _rows_of_curve(text), _UNUSED if source.is_complete else _PENDING)
@@ -149,8 +151,9 @@ def save(data: xr.Dataset, record: tuple[xr.Dataset, Source], path: Path) -> Non
             beside = path.with_name(f"{path.stem}.structure.h5")
             source.structure.write(beside)
             text, libraries = text.replace(f"'{_STRUCTURE}'", f"'{beside.name}'"), libraries.replace(_STRUCTURE, beside.name)
-        with atomic_write(path) as name, h5py.File(name, "w") as file:
-            _write(file, columns, dict(data.attrs), text, libraries, path)
+        image = image_of(lambda file: _write(file, columns, dict(data.attrs), text, libraries, path))
+        with atomic_write(path) as name:
+            Path(name).write_bytes(image)
     except OSError as error:
         raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
 

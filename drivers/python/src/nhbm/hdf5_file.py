@@ -7,6 +7,7 @@ could thus show, under the name of a matrix, any file that its reader may read. 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,15 @@ def open_hdf5(path: Any, **options: Any) -> h5py.File:
         file.close()
         raise OSError(f"'{name}' is stored in another file, which is not read")
     return file
+
+
+def image_of(write: Callable[[h5py.File], None]) -> bytes:
+    """The bytes of a new file, which `write` fills. HDF5 makes them in memory: it does not release a file after a failed write of
+    its own, such as on a full disk, and crashes at the end of the process."""
+    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+        write(file)
+        file.flush()
+        return bytes(file.id.get_file_image())
 
 
 def _part_elsewhere(group: h5py.Group, seen: set[Any]) -> str:

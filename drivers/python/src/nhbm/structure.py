@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from nhbm.child_process import atomic_write
 from nhbm.errors import ModelError, meant
-from nhbm.hdf5_file import open_hdf5
+from nhbm.hdf5_file import image_of, open_hdf5
 
 FORMAT = "nhbm model"
 SCHEMA_VERSION = 1
@@ -167,45 +167,42 @@ class Structure:
 
     def write(self, path: Any) -> None:
         """Writes the model file, under a temporary name until it is complete and on disk."""
-        image = self._image()
+        image = image_of(self._fill)
         try:
             with atomic_write(path) as name, open(name, "wb") as file:
                 file.write(image)
         except OSError as error:
             raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
 
-    def _image(self) -> bytes:
-        """The bytes of the file. HDF5 makes them in memory: it does not release a file after a failed write of its own."""
+    def _fill(self, file: h5py.File) -> None:
+        """Writes the structure into an open file."""
         texts = h5py.string_dtype()
-        with h5py.File("model", "w", driver="core", backing_store=False) as file:
-            file.attrs["format"] = FORMAT
-            file.attrs["schema_version"] = np.int32(SCHEMA_VERSION)
-            file.attrs["unit_system"] = self.unit_system
-            file.attrs["source"] = self.source
-            file.create_dataset("labels", data=self.labels, dtype=texts)
-            file.create_dataset("units", data=self.units, dtype=texts)
-            for name, matrix in self.matrices().items():
-                group = file.create_group(name)
-                group["indptr"] = matrix.indptr
-                group["indices"] = matrix.indices
-                group["data"] = matrix.data
-            file["nodes/number"] = np.asarray(self.node_numbers, dtype=np.int64)
-            file["nodes/coordinates"] = np.asarray(self.coordinates, dtype=float)
-            file["dofs/node"] = np.asarray(self.dof_node, dtype=np.int64)
-            file.create_dataset("dofs/direction", data=self.dof_direction, dtype=texts)
-            file["cells/type"] = np.asarray(self.cell_types, dtype=np.uint8)
-            file["cells/indptr"] = np.asarray(self.cell_starts, dtype=np.int64)
-            file["cells/nodes"] = np.asarray(self.cell_nodes, dtype=np.int64)
-            _write_lists(file, "sets", {name: (nodes,) for name, nodes in self.sets.items()}, ("nodes",), texts)
-            _write_lists(file, "loads", self.loads, ("dofs", "values"), texts)
-            if self.recovery is not None:
-                file["recovery/matrix"] = self.recovery.matrix
-                file["recovery/node"] = np.asarray(self.recovery.node, dtype=np.int64)
-                file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
-            if self.up_to is not None:
-                file["up_to"] = np.array([self.up_to])
-            file.flush()
-            return file.id.get_file_image()
+        file.attrs["format"] = FORMAT
+        file.attrs["schema_version"] = np.int32(SCHEMA_VERSION)
+        file.attrs["unit_system"] = self.unit_system
+        file.attrs["source"] = self.source
+        file.create_dataset("labels", data=self.labels, dtype=texts)
+        file.create_dataset("units", data=self.units, dtype=texts)
+        for name, matrix in self.matrices().items():
+            group = file.create_group(name)
+            group["indptr"] = matrix.indptr
+            group["indices"] = matrix.indices
+            group["data"] = matrix.data
+        file["nodes/number"] = np.asarray(self.node_numbers, dtype=np.int64)
+        file["nodes/coordinates"] = np.asarray(self.coordinates, dtype=float)
+        file["dofs/node"] = np.asarray(self.dof_node, dtype=np.int64)
+        file.create_dataset("dofs/direction", data=self.dof_direction, dtype=texts)
+        file["cells/type"] = np.asarray(self.cell_types, dtype=np.uint8)
+        file["cells/indptr"] = np.asarray(self.cell_starts, dtype=np.int64)
+        file["cells/nodes"] = np.asarray(self.cell_nodes, dtype=np.int64)
+        _write_lists(file, "sets", {name: (nodes,) for name, nodes in self.sets.items()}, ("nodes",), texts)
+        _write_lists(file, "loads", self.loads, ("dofs", "values"), texts)
+        if self.recovery is not None:
+            file["recovery/matrix"] = self.recovery.matrix
+            file["recovery/node"] = np.asarray(self.recovery.node, dtype=np.int64)
+            file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
+        if self.up_to is not None:
+            file["up_to"] = np.array([self.up_to])
 
     @classmethod
     def read(cls, path: Any) -> Structure:
