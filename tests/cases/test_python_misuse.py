@@ -90,6 +90,10 @@ def test_wrong_numbers_of_periods_are_refused():
     (lambda: duffing().law("jenkins", "x1", stifness=1.0), "^&law type = 'jenkins': unknown key 'stifness'; did you mean"),
     (lambda: duffing().law("annular_clearance", "x1", stiffness=1.0, clearance=1.0), "^&law type = 'annular_clearance': dof: "),
     (lambda: duffing().integrate(0.0), "^duration must be above 0"),
+    (lambda: duffing().solve(order=3).nhbm.time("x1", np.zeros((2, 2))), "^times are a number or a list of them"),
+    (lambda: duffing().__setitem__("spring.stiffness", np.ma.masked_equal([0.5], 0.5)[0]), "^a masked value is none"),
+    (lambda: duffing().sweep({"tones[0]": range(1, 4001), "spring.stiffness": range(1, 4001)}), "^16,000,000 points"),
+    (lambda: duffing().sweep({"tones[0]": [0.8, 0.9]}, order=3).sortby("point", ascending=False).nhbm.save("x.h5"), "not sorted$"),
 ])  # fmt: skip
 def test_wrong_arguments_are_named(made, message):
     with pytest.raises(ModelError, match=message):

@@ -301,6 +301,8 @@ class Accessor:
         data = self._dataset
         check_found(data, of)
         tuples = self._tuples()
+        if np.ndim(times) > 1:
+            raise ModelError(f"times are a number or a list of them, not an array of {np.ndim(times)} dimensions")
         numbers = np.reshape(numbers_of("times", times), np.shape(times))
         times = xr.DataArray(numbers, dims="time" if np.ndim(times) else (), attrs={"units": "s"})
         phases = (tuples * data["frequency"]).sum("tone") * times

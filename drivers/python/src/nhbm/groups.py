@@ -6,6 +6,8 @@ import inspect
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from decimal import Decimal
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,12 +28,18 @@ _EXPECTED = "expected a real number, text, bool or list of them, not"
 
 def plain(value: Any) -> Any:
     """A value as Python has it, hashable: numbers, texts, truths, tuples of them; objects that the input names stay as they are."""
+    if np.ma.is_masked(value):
+        raise ModelError("a masked value is none: fill it, or leave it out")
+    if hasattr(value, "__array__"):  # of NumPy, xarray, pandas
+        value = np.asarray(value)
     if isinstance(value, np.ndarray):
         value = value.tolist() if value.ndim else value.item()
     if isinstance(value, (list, tuple, range)):
         return tuple(plain(one) for one in value)
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, (Real, Decimal)) and not isinstance(value, (bool, int, float)):
+        value = float(value)
     if isinstance(value, str) and "\n" in value:
         raise ModelError(f"a text of an input has one line, not {value!r}")
     if value is None or isinstance(value, (bool, int, float, str)) or hasattr(value, "input_name"):
