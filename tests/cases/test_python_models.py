@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import functools
+import multiprocessing
 import os
 import pickle
+import signal
 import subprocess
 import sys
+import threading
+import time
 import types
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import xarray as xr
 
 from in_process import DUFFING, ROOT, cubic, duffing, same, session_of
 from program import _ENVIRONMENT
@@ -36,6 +43,16 @@ def test_values_are_set_by_path_and_by_handle():
         model[tone] = 1.1
         np.testing.assert_array_equal(model.solve()["coefficients"], other.solve()["coefficients"])
         assert "stiffness = 0.7" in " ".join(model.to_namelist().split())
+
+
+_THREE_QUARTERS = [np.float64(0.75), np.array(0.75), xr.DataArray(0.75), np.longdouble(0.75), Fraction(3, 4), Decimal("0.75")]
+
+
+@pytest.mark.parametrize("number", _THREE_QUARTERS)
+def test_numbers_of_any_kind_are_values(number):
+    model = duffing()
+    model["spring.stiffness"] = number
+    assert model["spring.stiffness"] == 0.75
 
 
 def test_inputs_go_both_ways():
@@ -412,6 +429,20 @@ def test_sweeps_are_spread_over_processes():
     assert bool(alone.nhbm.is_converged.all())
     together = model.sweep(values, order=5, workers=2)
     same(together["coefficients"].values, alone["coefficients"].values, "coefficients")
+
+
+def wait(model):
+    time.sleep(60)
+    return 1.0
+
+
+def test_an_interrupt_ends_the_processes_of_a_sweep():
+    """They ended what they had begun, and what was left: minutes."""
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+        duffing().sweep({"load[0].cos": [0.1, 0.2, 0.3, 0.4]}, order=3, of=wait, workers=2)
+    assert time.monotonic() - started < 40 and not multiprocessing.active_children()
 
 
 def test_what_cannot_be_sent_to_processes_is_named():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import itertools
+import math
 import pickle
 import sys
 import threading
@@ -23,6 +24,8 @@ from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, wo
 
 if TYPE_CHECKING:
     from nhbm.model import Model
+
+_MOST_POINTS = 10_000_000  # whose values and results are lists in memory
 
 
 @documented
@@ -82,6 +85,10 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
             doubts.warn(f"'{path}': {twice} is given {line.count(twice)} times; the same points are solved again", Implausible)
     if paired and len(set(map(len, grid.values()))) > 1:
         raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
+    n_points = math.prod(len(line) for line in grid.values())
+    if n_points > _MOST_POINTS and not paired:
+        raise ModelError(f"{n_points:,} points: a sweep in memory has at most {_MOST_POINTS:,}; the command writes larger ones to "
+                         "a file, from model.to_namelist() and a group &sweep for each path")  # fmt: skip
     points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
     model = copy.copy(self)  # keeps its values
     settings = request(tolerance, order)
@@ -209,17 +216,23 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
         from concurrent.futures import ProcessPoolExecutor
         from concurrent.futures.process import BrokenProcessPool
 
-        text = _pickled(work)
+        text, others = _pickled(work), set(multiprocessing.active_children())
+        executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
         try:
-            with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
-                with _script_left_out(text):
-                    found = executor.map(work, lines)  # all processes start here
-                yield from _counted(found, bar)
+            with _script_left_out(text):
+                found = executor.map(work, lines)  # all processes start here
+            yield from _counted(found, bar)
         except BrokenProcessPool as error:
             raise ModelError(
                 "a process of the sweep has ended. A script whose own laws or functions are sent to processes is run by each of "
                 'them: put its work below  if __name__ == "__main__":'
             ) from error
+        except BaseException:  # an interrupt: what they compute is not waited for
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+            raise
+        finally:
+            executor.shutdown(cancel_futures=True)
         return
     yield from _counted(map(work, lines) if executor is None else executor.map(work, lines), bar)
 
