@@ -112,10 +112,10 @@ module hb_balance
 
    ! Linear part; bodies in hb_balance_linear
    interface
-      module subroutine prepare_law(self, i)
+      module subroutine prepare_multiplier(self, i)
          type(balance_t), intent(inout) :: self
          integer, intent(in) :: i
-      end subroutine prepare_law
+      end subroutine prepare_multiplier
 
       module subroutine choose_scales(self)
          type(balance_t), intent(inout) :: self
@@ -335,7 +335,7 @@ contains
       call self%stiffness%hold_free(self%frequencies, indifferent_coordinates(laws, self%n_dofs))
       call self%preconditioner%prepare(self%stiffness, self%law_set)
       do i = 1, size(laws)
-         call prepare_law(self, i)
+         if (laws(i)%law%is_multiplier) call prepare_multiplier(self, i)
       end do
       if (allocated(self%reaction)) deallocate (self%reaction, self%force)
       allocate (self%reaction(harmonics%n_coefficients, self%n_dofs), self%force(harmonics%n_coefficients, self%n_dofs))
@@ -395,7 +395,7 @@ contains
       self%law_set%factor = 1.0_wp
       call self%law_set%replace(laws, self%law_set%transform%torus, self%omega)
       do i = 1, size(laws)
-         call prepare_law(self, i)
+         if (laws(i)%law%is_multiplier) call prepare_multiplier(self, i)
       end do
       call choose_scales(self)
       call count_work(self, self%law_set%transform%torus)

@@ -5,10 +5,10 @@ submodule (hb_balance) hb_balance_linear
 
 contains
 
-   !> Passes structural data at the first coordinate of law i to the law: the stiffness 1/|w.S^-1 w| in the first
+   !> Passes structural data at the first coordinate of law i, a multiplier, to the law: the stiffness 1/|w.S^-1 w| in the first
    !> harmonic in which the structure cannot move freely (the static one, unless the set has no zero tuple or the
    !> structure no support), and the impedance, this stiffness over |j.omega| in the fastest harmonic.
-   module procedure prepare_law
+   module procedure prepare_multiplier
       integer :: fastest
       real(wp) :: compliance, mobility
 
@@ -21,7 +21,7 @@ contains
             if (mobility > 0.0_wp) call law%prepare_rate(1.0_wp/mobility, frequency)
          end associate
       end associate
-   end procedure prepare_law
+   end procedure prepare_multiplier
 
    module procedure balance_compliance_of_law
 

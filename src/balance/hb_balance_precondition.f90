@@ -2,7 +2,7 @@
 !>
 !> Source: docs/why/theory.md, section 6.6.
 submodule (hb_balance) hb_balance_precondition
-   use hb_block_factors, only: new_block_factors
+   use hb_block_factors, only: block_pattern_t, new_block_factors, new_block_pattern
    implicit none
 
 contains
@@ -27,14 +27,14 @@ contains
    !> Factorises the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv,
    !> without the coupling of harmonics.
    module procedure balance_factorise_mean_tangent
-      real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
+      real(wp), dimension(self%preconditioner%pattern%n_rows, self%n_dofs) :: df_dq, df_dv, df_ds
       complex(wp) :: block(self%preconditioner%pattern%n_rows, self%n_dofs)
       logical :: is_singular
       integer :: h
 
       call self%differentiate(u, error)
       if (allocated(error)) return
-      call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      call self%law_set%mean_slopes(self%preconditioner%pattern, df_dq, df_dv, df_ds)
       call new_block_factors(self%mean_factors, self%preconditioner%pattern, self%harmonics%n_harmonics)
       do h = 1, self%harmonics%n_harmonics
          call self%preconditioner%harmonic_tangent(self%stiffness, h, self%frequencies(h), df_dq, df_dv, df_ds, block)
@@ -51,10 +51,13 @@ contains
    !> Means over the torus of the derivatives of all forces with respect to motion and rate, at a motion. Reactions
    !> are not included.
    module procedure balance_mean_slopes
+      type(block_pattern_t) :: all_entries
       real(wp) :: df_ds(self%n_dofs, self%n_dofs)
 
       call self%sample_if_new(u)
       call self%law_set%differentiate(error)
-      if (.not. allocated(error)) call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
+      if (allocated(error)) return
+      call new_block_pattern(all_entries, self%n_dofs, self%n_dofs)
+      call self%law_set%mean_slopes(all_entries, df_dq, df_dv, df_ds)
    end procedure balance_mean_slopes
 end submodule hb_balance_precondition

@@ -4,6 +4,7 @@
 !> Source: docs/why/theory.md, sections 5.5 and 5.6.
 module hb_hysteresis
    use, intrinsic :: iso_fortran_env, only: int64
+   use hb_block_factors, only: block_pattern_t
    use hb_characteristic, only: characteristic_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -295,16 +296,23 @@ contains
    end subroutine hysteresis_add_spring_forces
 
    !> Adds the mean over the torus of the derivative of the force with respect to the motion, after `evaluate`.
-   subroutine hysteresis_add_mean_slope(self, characteristic, df_dq)
+   subroutine hysteresis_add_mean_slope(self, characteristic, layout, df_dq)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
-      real(wp), intent(inout) :: df_dq(:, :)                          !! [N/m], (n_dofs, n_dofs)
+      type(block_pattern_t), intent(in) :: layout
+      real(wp), intent(inout) :: df_dq(:, :)                          !! [N/m], (layout%n_rows, n_dofs)
       real(wp), allocatable :: slope(:, :)
+      integer :: k
 
       associate (shape => self%law%shape, columns => self%law%dofs)
          allocate (slope(size(shape, 2), size(shape, 2)))
          call self%sliders%mean_slope(self%law, characteristic, slope)
-         df_dq(columns, columns) = df_dq(columns, columns) + matmul(shape, matmul(slope, transpose(shape)))
+         slope = matmul(shape, matmul(slope, transpose(shape)))
+         do k = 1, size(columns)
+            associate (rows => layout%shift(columns(k)) + columns, column => columns(k))
+               df_dq(rows, column) = df_dq(rows, column) + slope(:, k)
+            end associate
+         end do
       end associate
    end subroutine hysteresis_add_mean_slope
 end module hb_hysteresis

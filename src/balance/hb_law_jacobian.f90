@@ -9,6 +9,7 @@
 !>
 !> Source: docs/why/theory.md, sections 5.3 to 5.6.
 module hb_law_jacobian
+   use hb_block_factors, only: block_pattern_t
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_kinds, only: wp
@@ -19,18 +20,27 @@ module hb_law_jacobian
    private
    public :: add_multiplier_response, find_response, law_jacobian_t, new_law_jacobian, responding_dofs
 
+   !> Columns of a row, in the order of addition.
+   type :: row_t
+      integer :: n = 0
+      integer, allocatable :: columns(:)                              ! the first n are in use
+   contains
+      procedure :: add => row_add
+   end type row_t
+
    !> Owner of external resources: call `destroy`.
    type :: law_jacobian_t
       integer :: n_pairs = 0
       integer, allocatable :: row(:), column(:)                       !! (n_pairs) i and k of each pair
-      integer, allocatable :: pair_at(:, :)                           !! (n_dofs, n_dofs), 0: no pair
-      integer, allocatable :: order(:), first(:)                      !! (n_pairs) row by row, (n_dofs + 1) where each row begins
+      integer, allocatable :: order(:)                                !! (n_pairs) row by row, columns ascending
+      integer, allocatable :: first(:)                                !! (n_dofs + 1) where each row begins
       logical :: needs_velocity = .false., needs_reaction = .false.   !! of any law
       type(real_block_t) :: df_dq                                     !! [N/m], (n_samples, n_pairs), after `allocate_slopes`
       type(real_block_t) :: df_dv                                     !! [N s/m], as df_dq if a law needs it
       type(real_block_t) :: df_ds                                     !! as df_dq if a law needs it
    contains
       procedure :: pattern => law_jacobian_pattern
+      procedure :: pair_at => law_jacobian_pair_at
       procedure :: is_allocated => law_jacobian_is_allocated
       procedure :: allocate_slopes => law_jacobian_allocate_slopes
       procedure :: clear => law_jacobian_clear
@@ -50,13 +60,14 @@ contains
       type(sampled_law_t), intent(in) :: laws(:)
       integer, intent(in) :: n_dofs                                   !! on which they act
       logical, intent(in) :: needs_velocity, needs_reaction           !! of any law
-      logical, allocatable :: coupled(:, :)
-      integer :: a, b, i, pass
+      type(row_t), allocatable :: rows(:)
+      integer :: a, b, i, k, pass
+      integer, allocatable :: next(:)                                 ! pair of each column
 
       call self%destroy()
       self%needs_velocity = needs_velocity
       self%needs_reaction = needs_reaction
-      allocate (coupled(n_dofs, n_dofs), source=.false.)
+      allocate (rows(n_dofs))
       do pass = 1, 2                                                   ! explicit laws, then multipliers
          do i = 1, size(laws)
             if (laws(i)%law%is_multiplier .neqv. pass == 2) cycle
@@ -64,38 +75,80 @@ contains
             associate (columns => laws(i)%columns)
                do b = 1, size(columns)
                   do a = 1, size(columns)
-                     coupled(columns(a), columns(b)) = .true.
-                     if (pass == 2) coupled(columns(a), :) = coupled(columns(a), :) .or. coupled(columns(b), :)
+                     call rows(columns(a))%add([columns(b)])
+                     if (pass == 1 .or. a == b .or. rows(columns(b))%n == 0) cycle
+                     call rows(columns(a))%add(rows(columns(b))%columns(:rows(columns(b))%n))
                   end do
                end do
             end associate
          end do
       end do
-      self%n_pairs = count(coupled)
-      allocate (self%row(self%n_pairs), self%column(self%n_pairs))
-      allocate (self%pair_at(n_dofs, n_dofs), source=0)
-      i = 0
-      do b = 1, n_dofs
-         do a = 1, n_dofs
-            if (.not. coupled(a, b)) cycle
-            i = i + 1
-            self%row(i) = a
-            self%column(i) = b
-            self%pair_at(a, b) = i
-         end do
-      end do
-      allocate (self%order(self%n_pairs), self%first(n_dofs + 1))
-      i = 0
+      allocate (self%first(n_dofs + 1))
+      self%first(1) = 1
       do a = 1, n_dofs
-         self%first(a) = i + 1
-         do b = 1, n_dofs
-            if (.not. coupled(a, b)) cycle
-            i = i + 1
-            self%order(i) = self%pair_at(a, b)
+         self%first(a + 1) = self%first(a) + rows(a)%n
+      end do
+      self%n_pairs = self%first(n_dofs + 1) - 1
+      allocate (next(n_dofs + 1), source=0)
+      do a = 1, n_dofs
+         do k = 1, rows(a)%n
+            next(rows(a)%columns(k) + 1) = next(rows(a)%columns(k) + 1) + 1
          end do
       end do
-      self%first(n_dofs + 1) = i + 1
+      next(1) = 1
+      do b = 1, n_dofs
+         next(b + 1) = next(b) + next(b + 1)
+      end do
+      allocate (self%row(self%n_pairs), self%column(self%n_pairs), self%order(self%n_pairs))
+      do a = 1, n_dofs
+         call sort(rows(a)%columns(:rows(a)%n))
+         do k = 1, rows(a)%n
+            b = rows(a)%columns(k)
+            self%row(next(b)) = a
+            self%column(next(b)) = b
+            self%order(self%first(a) + k - 1) = next(b)
+            next(b) = next(b) + 1
+         end do
+      end do
    end subroutine new_law_jacobian
+
+   !> Adds columns that are not there yet.
+   pure subroutine row_add(self, columns)
+      class(row_t), intent(inout) :: self
+      integer, intent(in) :: columns(:)
+      integer, allocatable :: longer(:)
+      integer :: i
+
+      do i = 1, size(columns)
+         if (self%n > 0) then
+            if (any(self%columns(:self%n) == columns(i))) cycle
+         else
+            allocate (self%columns(4))
+         end if
+         if (self%n == size(self%columns)) then
+            allocate (longer(2*self%n))
+            longer(:self%n) = self%columns
+            call move_alloc(longer, self%columns)
+         end if
+         self%n = self%n + 1
+         self%columns(self%n) = columns(i)
+      end do
+   end subroutine row_add
+
+   !> Sorts by insertion: rows are short, and almost sorted.
+   pure subroutine sort(columns)
+      integer, intent(inout) :: columns(:)
+      integer :: column, i, k
+
+      do i = 2, size(columns)
+         column = columns(i)
+         do k = i - 1, 1, -1
+            if (columns(k) <= column) exit
+            columns(k + 1) = columns(k)
+         end do
+         columns(k + 1) = column
+      end do
+   end subroutine sort
 
    !> Returns a Jacobian with these pairs, without memory for derivatives.
    pure type(law_jacobian_t) function law_jacobian_pattern(self) result(pattern)
@@ -104,12 +157,30 @@ contains
       pattern%n_pairs = self%n_pairs
       allocate (pattern%row, source=self%row)
       allocate (pattern%column, source=self%column)
-      allocate (pattern%pair_at, source=self%pair_at)
       allocate (pattern%order, source=self%order)
       allocate (pattern%first, source=self%first)
       pattern%needs_velocity = self%needs_velocity
       pattern%needs_reaction = self%needs_reaction
    end function law_jacobian_pattern
+
+   !> Number of the pair (i, k), which must be one.
+   pure integer function law_jacobian_pair_at(self, i, k) result(pair)
+      class(law_jacobian_t), intent(in) :: self
+      integer, intent(in) :: i, k
+      integer :: first, last, middle
+
+      first = self%first(i)
+      last = self%first(i + 1) - 1
+      do while (first < last)                                         ! bisection
+         middle = (first + last)/2
+         if (self%column(self%order(middle)) < k) then
+            first = middle + 1
+         else
+            last = middle
+         end if
+      end do
+      pair = self%order(first)
+   end function law_jacobian_pair_at
 
    !> Whether derivatives are allocated.
    pure logical function law_jacobian_is_allocated(self)
@@ -183,15 +254,15 @@ contains
    subroutine add_multiplier(self, law)
       type(law_jacobian_t), intent(inout) :: self
       type(sampled_law_t), intent(in) :: law
-      integer :: a, b, i, k, own, pair
+      integer :: a, b, i, k, m, own, pair
       real(wp), dimension(size(law%law%shape, 2)) :: square, w_k
       real(wp), dimension(size(law%f, 1), size(law%law%shape, 2)) :: explicit_q, explicit_v
       real(wp), dimension(size(law%f, 1)) :: slope_q, slope_v, slope_s
 
       associate (shape => law%law%shape, columns => law%columns, needs_velocity => self%needs_velocity)
          square = sum(shape**2, dim=1)
-         do k = 1, size(self%pair_at, 2)
-            if (self%pair_at(columns(1), k) == 0) cycle
+         do m = self%first(columns(1)), self%first(columns(1) + 1) - 1
+            k = self%column(self%order(m))
             own = findloc(columns, k, dim=1)
             w_k = 0.0_wp
             if (own > 0) w_k = shape(own, :)
@@ -290,10 +361,11 @@ contains
       end do
    end subroutine law_jacobian_add_transposed
 
-   !> Computes the means of all derivatives over the torus.
-   subroutine law_jacobian_mean(self, df_dq, df_dv, df_ds)
+   !> Computes the means of all derivatives over the torus, in a memory layout with room for all pairs.
+   subroutine law_jacobian_mean(self, layout, df_dq, df_dv, df_ds)
       class(law_jacobian_t), intent(in) :: self
-      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
+      type(block_pattern_t), intent(in) :: layout
+      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (layout%n_rows, n_dofs)
       real(wp) :: weight
       integer :: i
 
@@ -302,7 +374,7 @@ contains
       df_ds = 0.0_wp
       weight = 1.0_wp/real(size(self%df_dq%values, 1), wp)
       do i = 1, self%n_pairs
-         associate (row => self%row(i), column => self%column(i))
+         associate (row => layout%shift(self%column(i)) + self%row(i), column => self%column(i))
             df_dq(row, column) = weight*sum(self%df_dq%values(:, i))
             if (self%needs_velocity) df_dv(row, column) = weight*sum(self%df_dv%values(:, i))
             if (self%needs_reaction) df_ds(row, column) = weight*sum(self%df_ds%values(:, i))
@@ -347,7 +419,7 @@ contains
       call self%df_dq%destroy()
       call self%df_dv%destroy()
       call self%df_ds%destroy()
-      if (allocated(self%row)) deallocate (self%row, self%column, self%pair_at, self%order, self%first)
+      if (allocated(self%row)) deallocate (self%row, self%column, self%order, self%first)
       self%n_pairs = 0
    end subroutine law_jacobian_destroy
 

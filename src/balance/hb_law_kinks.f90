@@ -7,6 +7,7 @@ module hb_law_kinks
    use hb_kinds, only: wp
    use hb_kinks, only: kink_grid_t, kink_slopes_t, new_kink_grid
    use hb_law, only: kink_t, law_t
+   use hb_law_jacobian, only: law_jacobian_t
    use hb_law_samples, only: law_samples_t
    use hb_sampled_law, only: sampled_law_t
    use hb_torus, only: torus_t
@@ -178,23 +179,23 @@ contains
    end subroutine law_kinks_fill_part
 
    !> Adds the response of forces to the motion at the same sample to the derivatives of the pairs.
-   subroutine law_kinks_add_own_slopes(self, pair_at, df_dq)
+   subroutine law_kinks_add_own_slopes(self, jacobian)
       class(law_kinks_t), intent(in) :: self
-      integer, intent(in) :: pair_at(:, :)                            !! (n_dofs, n_dofs)
-      type(real_block_t), intent(inout) :: df_dq                      !! (n_samples, n_pairs)
-      integer :: a, b, i, k
+      type(law_jacobian_t), intent(inout) :: jacobian
+      integer :: a, b, i, k, pair
+      real(wp) :: weight
 
       do i = 1, size(self%lines)
          associate (line => self%lines(i), slopes => self%lines(i)%slopes)
             do b = 1, size(line%columns)
                do a = 1, size(line%columns)
-                  associate (pair => pair_at(line%columns(a), line%columns(b)), weight => line%force(a)*line%motion(b))
-                     do k = 1, slopes%n
-                        associate (slope => df_dq%values(slopes%row(k), pair))
-                           slope = slope + weight*slopes%value(0, k)
-                        end associate
-                     end do
-                  end associate
+                  pair = jacobian%pair_at(line%columns(a), line%columns(b))
+                  weight = line%force(a)*line%motion(b)
+                  do k = 1, slopes%n
+                     associate (slope => jacobian%df_dq%values(slopes%row(k), pair))
+                        slope = slope + weight*slopes%value(0, k)
+                     end associate
+                  end do
                end do
             end do
          end associate

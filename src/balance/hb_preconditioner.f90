@@ -57,13 +57,13 @@ contains
       if (allocated(self%coupled)) deallocate (self%coupled)
    end subroutine preconditioner_prepare
 
-   !> Computes the tangent of harmonic h by itself, (1 - df/ds) S + df/dq + i w df/dv, from mean slopes.
+   !> Computes the tangent of harmonic h by itself, (1 - df/ds) S + df/dq + i w df/dv, from mean slopes in the layout of `pattern`.
    subroutine preconditioner_harmonic_tangent(self, linear, h, frequency, df_dq, df_dv, df_ds, block)
       class(preconditioner_t), intent(in) :: self
       type(linear_part_t), intent(in) :: linear
       integer, intent(in) :: h
       real(wp), intent(in) :: frequency                               !! j.omega [rad/s]
-      real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! (n_dofs, n_dofs)
+      real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! (pattern%n_rows, n_dofs)
       complex(wp), intent(out) :: block(:, :)                         !! [N/m], (pattern%n_rows, n_dofs)
       complex(wp) :: column(linear%n_law)
       integer :: i, k, m
@@ -77,12 +77,14 @@ contains
                   block(at + m, k) = block(at + m, k) + s
                   if (.not. self%needs_reaction) cycle
                   do i = max(own%first(m), own%first(k)), min(own%last(m), own%last(k))
-                     block(at + i, k) = block(at + i, k) - df_ds(i, m)*s
+                     block(at + i, k) = block(at + i, k) - df_ds(own%shift(m) + i, m)*s
                   end do
                end associate
             end do
             do i = own%first(k), own%last(k)
-               block(own%shift(k) + i, k) = block(own%shift(k) + i, k) + cmplx(df_dq(i, k), frequency*df_dv(i, k), wp)
+               associate (row => own%shift(k) + i)
+                  block(row, k) = block(row, k) + cmplx(df_dq(row, k), frequency*df_dv(row, k), wp)
+               end associate
             end do
             if (linear%is_singular(h)) block(own%shift(k) + k, k) = block(own%shift(k) + k, k) + linear%support_in(k, h)
          end do
@@ -100,12 +102,12 @@ contains
                                                                       !! (n_dofs)
       integer, intent(in) :: level                                    !! >= 0
       logical, intent(out) :: is_strongest                            !! a higher level would not be better
-      real(wp), dimension(laws%n_dofs, laws%n_dofs) :: df_dq, df_dv, df_ds
+      real(wp), dimension(self%pattern%n_rows, laws%n_dofs) :: df_dq, df_dv, df_ds
       real(wp), dimension(laws%n_dofs) :: varies_q, varies_v, varies_s
       real(wp) :: coupling(size(frequencies))
       integer :: h, n
 
-      call laws%mean_slopes(df_dq, df_dv, df_ds)
+      call laws%mean_slopes(self%pattern, df_dq, df_dv, df_ds)
       df_dq = laws%factor*df_dq
       df_dv = laws%factor*df_dv
       df_ds = laws%factor*df_ds
@@ -238,7 +240,7 @@ contains
       end if
       call self%coupled%clear()
       call add_linear_part(self%coupled, linear)
-      call add_memory(self%coupled, laws)
+      call add_memory(self%coupled, self%pattern, laws)
       do i = 1, laws%jacobian%n_pairs
          call laws%tabulate(i, 1)
          call add_pair(self%coupled, laws, laws%jacobian%row(i), laws%jacobian%column(i), frequencies)
@@ -268,21 +270,22 @@ contains
    end subroutine add_linear_part
 
    !> Adds the mean slopes of laws with memory.
-   subroutine add_memory(coupled, laws)
+   subroutine add_memory(coupled, pattern, laws)
       type(coarse_tangent_t), intent(inout) :: coupled
+      type(block_pattern_t), intent(in) :: pattern                    !! of a harmonic
       type(projected_laws_t), intent(inout) :: laws
       real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
-      real(wp) :: slopes(laws%n_dofs, laws%n_dofs)
+      real(wp) :: slopes(pattern%n_rows, laws%n_dofs)
       integer :: h, i, k
 
       slopes = 0.0_wp
-      call laws%add_memory_slopes(slopes)
+      call laws%add_memory_slopes(pattern, slopes)
       do k = 1, laws%n_dofs
-         do i = 1, laws%n_dofs
-            if (.not. abs(slopes(i, k)) > 0.0_wp) cycle
+         do i = pattern%first(k), pattern%last(k)
+            if (.not. abs(slopes(pattern%shift(k) + i, k)) > 0.0_wp) cycle
             block = 0.0_wp
             do h = 1, coupled%set%n_harmonics
-               call add_harmonic(coupled%set, h, cmplx(laws%factor*slopes(i, k), kind=wp), block)
+               call add_harmonic(coupled%set, h, cmplx(laws%factor*slopes(pattern%shift(k) + i, k), kind=wp), block)
             end do
             call coupled%add(i, k, block)
          end do

@@ -6,6 +6,7 @@
 module hb_sampled_laws
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: shared_work_t, work_of_thread
+   use hb_block_factors, only: block_pattern_t
    use hb_characteristic, only: characteristic_t, new_characteristic
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
@@ -270,7 +271,7 @@ contains
             end if
          end do
          call self%kinks%correct(samples, with_derivatives)
-         if (with_derivatives) call self%kinks%add_own_slopes(self%jacobian%pair_at, self%jacobian%df_dq)
+         if (with_derivatives) call self%kinks%add_own_slopes(self%jacobian)
       end associate
    end subroutine run_laws
 
@@ -432,24 +433,27 @@ contains
       end do
    end subroutine sampled_laws_add_frequency_slopes
 
-   !> Computes the means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
-   subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds)
+   !> Computes the means over the torus of df/dq, df/dv and df/ds, after `differentiate`, in a memory layout with room for what
+   !> laws couple.
+   subroutine sampled_laws_mean_slopes(self, layout, df_dq, df_dv, df_ds)
       class(sampled_laws_t), intent(inout) :: self
-      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
+      type(block_pattern_t), intent(in) :: layout
+      real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (layout%n_rows, n_dofs)
 
-      call self%jacobian%mean(df_dq, df_dv, df_ds)
-      call self%add_memory_slopes(df_dq)
+      call self%jacobian%mean(layout, df_dq, df_dv, df_ds)
+      call self%add_memory_slopes(layout, df_dq)
    end subroutine sampled_laws_mean_slopes
 
    !> Adds the mean slopes of the laws with memory, which are not in `jacobian`.
-   subroutine sampled_laws_add_memory_slopes(self, df_dq)
+   subroutine sampled_laws_add_memory_slopes(self, layout, df_dq)
       class(sampled_laws_t), intent(inout) :: self
-      real(wp), intent(inout) :: df_dq(:, :)                          !! (n_dofs, n_dofs)
+      type(block_pattern_t), intent(in) :: layout
+      real(wp), intent(inout) :: df_dq(:, :)                          !! (layout%n_rows, n_dofs)
       integer :: i
 
       do i = 1, size(self%sampled)
          if (allocated(self%sampled(i)%hysteresis)) &
-            call self%sampled(i)%hysteresis%add_mean_slope(self%characteristic, df_dq)
+            call self%sampled(i)%hysteresis%add_mean_slope(self%characteristic, layout, df_dq)
       end do
    end subroutine sampled_laws_add_memory_slopes
 

@@ -187,14 +187,14 @@ contains
       end do
    end function law_shape_on_dofs
 
-   !> Passes the static stiffness [N/m] of the structure at the first coordinate of the law; most laws do not need it.
+   !> Passes the static stiffness [N/m] of the structure at the first coordinate of a law that is a multiplier.
    subroutine law_prepare(self, static_stiffness)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: static_stiffness                        !! > 0; dynamic stiffness if the structure can move freely
    end subroutine law_prepare
 
    !> Passes the impedance [N s/m] of the structure at the first coordinate of the law in the fastest retained
-   !> harmonic, and its frequency; most laws do not need it.
+   !> harmonic, and its frequency, to a law that is a multiplier.
    subroutine law_prepare_rate(self, impedance, frequency)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: impedance                               !! > 0
