@@ -60,13 +60,12 @@ contains
                                                                       !! the motion is a point: errors along its last form, and
                                                                       !! along a null vector where another one crosses, do not count
       complex(wp), allocatable :: c(:, :)
-      class(balance_t), allocatable :: wide
+      type(balance_t), target :: wide                                 ! not `allocatable`: several kB, for each point
       type(harmonics_t) :: set
       type(tones_t) :: tones
       type(torus_t) :: grid
 
       self%wanted = wanted
-      allocate (wide)
       call new_tones(tones, balance%omega, error)
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
