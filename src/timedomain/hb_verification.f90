@@ -5,7 +5,8 @@
 !> and the remaining difference of integration and motion is the error of the motion. Frequencies of unknown tones may
 !> drift (hb_integration_difference): if the drift exceeds the estimated errors of the frequencies, the motion is
 !> wrong. The integration lasts until this is decided, at most as long as the decay of the linear structure takes,
-!> within a limit of work.
+!> within a limit of work. Methods with fixed steps have errors of their own: a motion that differs is integrated again with
+!> half the steps, and what the difference falls by is added to its limit.
 !>
 !> The start has the error of the series. If disturbances of this size diverge from a periodic motion that is stable, the
 !> integration leaves the series though both its values and its stability are right. Therefore, before a motion that is not
@@ -54,6 +55,7 @@ module hb_verification
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
    integer, parameter :: min_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
+   real(wp), parameter :: falls = 1.5_wp ! ratio of differences by a step and its half, if they are errors of the steps
    real(wp), parameter :: shooting_tolerance = 1.0e-7_wp ! of the matrix with which the periodic motion is found
    integer, parameter :: max_matrices = 20                           ! work of shooting, in that of one matrix
    integer, parameter :: max_shooting_dofs = 50
@@ -125,6 +127,8 @@ contains
          return
       end if
       call decide_pair(pair, claim, result, error)
+      if (allocated(error)) return
+      if (result%kind == verdict%differs) call halve_steps(model, claim, n_periods, result, error)
       if (allocated(error) .or. claim%is_unstable) return
       if (result%kind == verdict%unstable .or. result%kind == verdict%differs) call verify_orbit(model, claim, n_periods, result, &
          error)
@@ -143,6 +147,27 @@ contains
       end do
       call write_up(self, claim, result)
    end subroutine decide_pair
+
+   !> Verdict by half the fixed steps on a motion that differs, if the difference falls with the steps.
+   subroutine halve_steps(model, claim, n_periods, result, error)
+      type(model_t), intent(in) :: model
+      type(claim_t), intent(in) :: claim
+      integer, intent(in) :: n_periods
+      type(verdict_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(pair_t), target :: pair
+      type(verdict_t) :: finer
+
+      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
+      if (pair%config%method == integration_method%cvode) return
+      pair%config%substeps = 2*pair%config%substeps
+      call decide_pair(pair, claim, finer, error)
+      if (allocated(error) .or. finer%kind == verdict%unstable) return
+      if (finer%difference > result%difference/falls .or. any(abs(finer%drift) > abs(result%drift)/falls)) return
+      finer%limit = max(finer%limit, min(result%difference - finer%difference, limit_of(1.0_wp, 1.0_wp)))
+      if (finer%kind == verdict%differs .and. finer%difference <= finer%limit) finer%kind = verdict%agrees
+      result = finer
+   end subroutine halve_steps
 
    !> Verdict from the periodic motion next to the series, if there is one within the permitted difference to which nearby
    !> trajectories return; otherwise the verdict remains.
