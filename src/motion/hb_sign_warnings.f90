@@ -13,6 +13,7 @@ module hb_sign_warnings
    public :: describe_signs
 
    real(wp), parameter :: rounding = 1.0e-9_wp                        ! of an eigenvalue, relative to the largest entry
+   real(wp), parameter :: zero = 1.0e-11_wp                           ! of an entry, likewise: rigid body modes of a reduction
    integer, parameter :: n_shown = 4                                  ! digits of a number
    integer, parameter :: max_dofs = 100                               ! of a structure whose eigenvalues take milliseconds
    character(*), parameter :: feeding = "energy is fed into vibrations; unless the motion is to be self-excited, "
@@ -66,7 +67,7 @@ contains
       integer :: at, i, info
 
       at = minloc(diagonal, dim=1)
-      if (diagonal(at) < 0.0_wp) then
+      if (diagonal(at) < -zero*maxval(abs(diagonal))) then
          call add_string(lines, "the "//name//" of '"//trim(structure%labels(at))//"' is negative, "//to_text(diagonal(at))//" "// &
                          trim(unit_of(name, structure%units(at)))//": "//meaning//remedy)
          return

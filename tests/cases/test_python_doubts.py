@@ -89,6 +89,14 @@ def test_tones_with_a_common_period_are_named():
         model.solve(tolerance=1e-2)
 
 
+def test_rigid_body_modes_of_a_reduction_are_not_doubted():
+    """Their stiffness is zero but for rounding, which was called negative."""
+    model = Model(nhbm.Matrices(mass=[[1.0, 0.0], [0.0, 1.0]], stiffness=[[-1e-4, 0.0], [0.0, 1e9]]), tones=[0.9])
+    assert not any("negative" in text for text in model.check())
+    model = Model(nhbm.Matrices(mass=[[1.0, 0.0], [0.0, 1.0]], stiffness=[[-1.0, 0.0], [0.0, 1e9]]), tones=[0.9])
+    assert any("the stiffness of 'x1' is negative" in text for text in model.check())
+
+
 def test_a_shaft_in_millimetres_is_doubted():
     with pytest.warns(Implausible, match="shaft 'shaft': diameter = 20 m; lengths are in metres"):
         nhbm.Rotor().shaft([0.0, 500.0], diameter=20.0)
