@@ -59,7 +59,7 @@ contains
             call skip_comment(text, scan)
             cycle
          case ("/")
-            call stop_at(scan, scan%line, "'/' outside of a group; was the group closed too early?")
+            call stop_at(scan, scan%line, "'/' outside of a group; was the group closed too early? a comment begins with '!'")
             return
          case ("&")
             last = word_last(text, scan%position + 1)
@@ -397,6 +397,8 @@ contains
 
       if (allocated(scan%problem)) return
       scan%problem = problem
+      if (index(problem, char(194)//char(160)) > 0) &                 ! in UTF-8
+         scan%problem = problem//"; a blank is a no-break space, as of a web page: write it anew"
       scan%problem_line = line
    end subroutine stop_at
 

@@ -286,8 +286,13 @@ contains
                comma = value%last + 1
                if (next%first /= comma + 1 .or. value%kind /= kind_of%whole .or. value%last < value%first) cycle
                if (self%spelling(comma:comma) /= "," .or. scan(self%spelling(comma + 1:comma + 1), "0123456789") == 0) cycle
-               message = message//"; if "//self%spelling(value%first:next%last)//" is one number, write it with a point: "// &
-                  self%spelling(value%first:value%last)//"."//self%spelling(next%first:next%last)
+               message = message//"; if "//self%spelling(value%first:next%last)//" is one number, write it "
+               if (index(self%spelling(next%first:next%last), ".") > 0) then  ! 1,000.0
+                  message = message//"without the comma: "//self%spelling(value%first:value%last)
+               else
+                  message = message//"with a point: "//self%spelling(value%first:value%last)//"."
+               end if
+               message = message//self%spelling(next%first:next%last)
                return
             end associate
          end do
@@ -300,10 +305,12 @@ contains
       character(:), allocatable, intent(inout) :: message
       logical, intent(out) :: is_found
       character(*), parameter :: minus = char(226)//char(136)//char(146), dash = char(226)//char(128)//char(147) ! in UTF-8
+      character(*), parameter :: no_break = char(194)//char(160)
       character(:), allocatable :: advice
 
       advice = ""
       if (index(word, minus) + index(word, dash) > 0) advice = "its minus is another character than '-'"
+      if (index(word, no_break) > 0) advice = "a blank is a no-break space, as of a web page"
       if (index(word, ";") > 0) advice = "separate numbers by commas or blanks, not by ';'"
       if (scan(word, "[](){}") > 0) advice = "lists of numbers have no brackets"
       if (scan(word, "*^") > 0) advice = "there are no products or powers; 3*0.5 repeats 0.5 three times"
