@@ -311,6 +311,8 @@ contains
       type(structure_t), intent(in) :: structure
       integer, parameter :: most = 10
       integer, parameter :: largest = 200                        ! degrees of freedom: a general eigenvalue problem of twice as many
+      real(wp), parameter :: rounding = 1.0e-13_wp               ! of a ratio
+      real(wp), allocatable :: ratios(:)
       type(error_t), allocatable :: error
       type(modes_t) :: modes
       integer :: n
@@ -324,9 +326,9 @@ contains
       if (n == 0) return
       note = ""
       if (n < modes%n_modes) note = "  (the "//to_text(n)//" lowest)"
-      call say("damping     "//list_text(-modes%growth(:n)/hypot(modes%growth(:n), modes%frequency(:n)), 1.0_wp, &
-         "(es9.2)")// &
-         " of critical"//note)
+      ratios = -modes%growth(:n)/hypot(modes%growth(:n), modes%frequency(:n))
+      where (abs(ratios) < rounding) ratios = 0.0_wp
+      call say("damping     "//list_text(ratios, 1.0_wp, "(es9.2)")//" of critical"//note)
    end subroutine describe_damping
 
    !> Formats numbers, with six digits unless a format is given.

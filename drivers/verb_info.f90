@@ -148,7 +148,7 @@ contains
 
       n_stable = count(record%is_stable > 0)
       n_unstable = count(record%is_stable < 0)
-      if (n_stable + n_unstable == 0) return
+      if (.not. any(is_solved(record%status))) return
       call write_fact("stability", stability_text(n_stable, n_unstable, count(is_solved(record%status)))// &
          first_unstable())
 
@@ -263,6 +263,7 @@ contains
 
       is_done = record%status /= outcome%pending .and. ieee_is_finite(record%solve_seconds)
       if (.not. any(is_done)) return
+      if (.not. sum(record%solve_seconds, is_done) > 0.0_wp) return    ! of a model in memory, which has no clock
       i = maxloc(record%solve_seconds, dim=1, mask=is_done)
       location = "point "//to_text(i - 1)
       if (size(plan%parameters) > 0) location = location//" ("//plan%describe(i)//")"

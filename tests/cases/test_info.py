@@ -54,3 +54,21 @@ def test_info_agrees_with_the_reader(tmp_path):
             line = [text for text in ours if text.startswith(name + " ")]
             assert line and line[0].rstrip() in [text.rstrip() for text in theirs], name
         run("resume", result, cwd=tmp_path)
+
+
+def test_info_says_that_stability_is_not_known_and_no_times_of_none(tmp_path):
+    """A file from memory had times of zero seconds, and a run without verdicts no line of them."""
+    import nhbm
+
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
+    model.load("x1", 1, cos=0.1)
+    model.set("stability", method="off")
+    model.solve(order=3).nhbm.save(tmp_path / "saved.h5")
+    told = run("info", "saved.h5", cwd=tmp_path).stdout
+    assert "stability  0 stable, 0 unstable, 1 not known" in told and "times" not in told
+
+
+def test_check_shows_no_rounding_as_damping(tmp_path):
+    text = "&structure type = 'matrices', n_dofs = 2, mass = 1.0, 0.5, stiffness = 3.0, -2.0, -2.0, 2.0 /\n&tones frequency = 1 /\n"
+    (tmp_path / "case.nml").write_text(text + "&load dof = 'x1', tuple = 1, cos = 1 /\n")
+    assert "damping     0.00E+00, 0.00E+00 of critical" in run("check", "case.nml", cwd=tmp_path).stdout
