@@ -43,6 +43,16 @@ def results():
     }
 
 
+def test_a_model_without_laws_is_saved_for_the_command(tmp_path):
+    """Its axes of laws, without labels, were numbers, and no result file to the command."""
+    model = Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
+    model.load("x1", 1, cos=0.1)
+    model.sweep({"tones[0]": [0.8, 0.9]}, order=3).nhbm.save(tmp_path / "linear.h5")
+    for verb in (("info", "--check"), ("why",), ("verify",)):
+        done = run(verb[0], "linear.h5", *verb[1:], cwd=tmp_path)
+        assert done.status == ALL_CONVERGED, done.stderr
+
+
 def test_users_get_what_they_need_and_internals_stand_apart():
     for name, data in results().items():
         assert not INTERNALS & set(data.variables), name

@@ -309,6 +309,9 @@ _MEANING = {
 }
 
 
+_OF_LABELS = "law", "law_dof", "law_coordinate", "output", "gradient_value"  # axes that may have none: a model without laws
+
+
 class _Axes:
     """Dimension scales of a file, and datasets along them."""
 
@@ -318,7 +321,7 @@ class _Axes:
         lengths.update({str(axis): size for axis, size in data.sizes.items()})
         for axis, size in lengths.items():
             values = data[axis].values if axis in data.variables else np.arange(size, dtype=np.int32)
-            is_text = values.dtype.kind in "OU" or (size == 0 and axis in ("output", "gradient_value"))
+            is_text = values.dtype.kind in "OU" or (size == 0 and axis in _OF_LABELS)
             kind = h5py.string_dtype() if is_text else values.dtype
             scale = file.create_dataset(axis, data=values.astype(object) if is_text else values, dtype=kind)
             scale.make_scale(_NO_VARIABLE.format(size) if axis == "message_byte" else axis)
