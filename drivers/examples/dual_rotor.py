@@ -1,8 +1,8 @@
 """Run-up of a rotor of two shafts with an unbalance on each, a roller bearing with clearance between them, and a casing that the
 first disk rubs: two tones whose ratio is not a simple one, 224 degrees of freedom, each speed with its estimated error.
 
-The inner shaft turns with the first tone, the outer one 1.2 times as fast. Dimensions are those of a small engine; the rollers have
-2 micrometres of clearance, the casing is 12 micrometres away.
+The inner shaft turns with the first tone, the outer one 1.236 times as fast. Dimensions are those of a small engine; the rollers
+have 2 micrometres of clearance, the casing is 12 micrometres away.
 """
 
 import time
@@ -13,7 +13,7 @@ import nhbm
 import nhbm.assembly
 import nhbm.reduction
 
-RATIO = 1.2 * (1 + 1e-4 * np.sqrt(2))  # of the speeds: no common period
+RATIO = np.sqrt(5) - 1  # of the speeds: no common period, nor a long beat, over which stability would have to be integrated
 SPEEDS = np.linspace(300.0, 440.0, 29)  # of the inner shaft [rad/s], over the first bending of the pair
 
 
