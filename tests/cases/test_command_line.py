@@ -253,6 +253,15 @@ def test_shells_complete_verbs_and_options(tmp_path):
     assert "bash or zsh" in run("completion", "fish", cwd=tmp_path).stderr
 
 
+@pytest.mark.parametrize("verb", ["import", "check", "plate", "ring", "reduce"])
+def test_verbs_of_models_say_what_they_do(capsys, verb):
+    """Only the list of all verbs did, which cut those of examples within a sentence."""
+    with pytest.raises(SystemExit):
+        nhbm.command.main([verb, "--help"])
+    told = capsys.readouterr().out.split("\n\n")[1]
+    assert told[0].isupper() and told.rstrip().endswith((".", ")."))
+
+
 PYTHON_COMMANDS = {"nhbm-post": nhbm_post.cli.main, "nhbm-model": nhbm.command.main}
 PAGES = {
     "man/man1/{}.1": ("help", "man"),

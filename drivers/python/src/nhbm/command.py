@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 import warnings
@@ -66,7 +67,12 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"nhbm-model {__version__}")
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
-    verb = verbs.add_parser("import", help="create a model file from matrices of other programs")
+    def add(name: str, text: str, more: str = "", **options: Any) -> argparse.ArgumentParser:
+        """A verb, with a text for the list of all, also above its own help unless there is more to say."""
+        described = more or f"{text[:1].upper()}{text[1:]}."
+        return verbs.add_parser(name, help=text, description=described.replace("%", "%%"), **options)
+
+    verb = add("import", "create a model file from matrices of other programs")
     verb.set_defaults(run=run_import)
     verb.add_argument("--calculix", metavar="STEM", help="STEM.sti, STEM.mas and STEM.dof of SOLVER=MATRIXSTORAGE")
     verb.add_argument("--abaqus", action="store_true", help="the matrices are Abaqus' MATRIX INPUT (.mtx)")
@@ -80,7 +86,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--units", default="m kg s", help="unit system, for information only (default: m kg s)")
     _output(verb)
 
-    verb = verbs.add_parser("fit", prog="nhbm fit", help="fit parameters of an input to a measured response over the frequency")
+    verb = add("fit", "fit parameters of an input to a measured response over the frequency", prog="nhbm fit")
     verb.set_defaults(run=run_fit)
     verb.add_argument("input", help="input file; its values are the first guess")
     verb.add_argument("data", help="CSV with columns frequency or hertz, amplitude; optional: phase [rad], negative for a lag, "
@@ -98,11 +104,11 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--write", metavar="INPUT", help="write the complete input with the fitted values")
     verb.add_argument("--picture", metavar="FILE", help="draw data, fit and residuals (.png, .pdf, .svg)")
 
-    verb = verbs.add_parser("info", help="contents of a model file")
+    verb = add("info", "contents of a model file")
     verb.set_defaults(run=run_info)
     verb.add_argument("model", help="model file")
 
-    verb = verbs.add_parser("check", help="symmetry, definiteness, rigid body modes, plausible units")
+    verb = add("check", "symmetry, definiteness, rigid body modes, plausible units")
     verb.set_defaults(run=run_check)
     verb.add_argument("model", help="model file")
 
@@ -113,7 +119,8 @@ def parser() -> argparse.ArgumentParser:
         ("sector", examples.sector),
         ("ring", examples.ring),
     ):
-        verb = verbs.add_parser(name, help=f"an example created with scikit-fem: {str(make.__doc__).splitlines()[0]}")
+        text = " ".join(str(make.__doc__).split())
+        verb = add(name, f"an example by scikit-fem: {re.split('[:;.]', text)[0]}", text)
         verb.set_defaults(run=run_example, make=make)
         for key, default in zip(make.__code__.co_varnames, make.__defaults__ or ()):
             verb.add_argument(f"--{key.replace('_', '-')}", dest=key, type=type(default), default=default,
@@ -123,7 +130,7 @@ def parser() -> argparse.ArgumentParser:
         _loads(verb)
         _output(verb)
 
-    verb = verbs.add_parser("rotor", help="a shaft with disks in bearings, by beam elements")
+    verb = add("rotor", "a shaft with disks in bearings, by beam elements")
     verb.set_defaults(run=run_rotor)
     verb.add_argument("--length", type=float, default=0.6, help="[m] (default: 0.6)")
     verb.add_argument("--diameter", type=float, default=0.02, help="[m] (default: 0.02)")
@@ -140,7 +147,7 @@ def parser() -> argparse.ArgumentParser:
     _loads(verb)
     _output(verb)
 
-    verb = verbs.add_parser("wheel", help="the whole wheel of a sector, and its natural frequencies by nodal diameter")
+    verb = add("wheel", "the whole wheel of a sector, and its natural frequencies by nodal diameter")
     verb.set_defaults(run=run_wheel)
     verb.add_argument("model", help="sector about the axis z")
     verb.add_argument("--sectors", type=int, required=True, metavar="N", help="number of sectors of the wheel")
@@ -156,7 +163,7 @@ def parser() -> argparse.ArgumentParser:
     _reduction(verb, 10, "of each nodal diameter; for double modes the number of pairs")
     _output(verb)
 
-    verb = verbs.add_parser("assemble", help="combine parts to one model")
+    verb = add("assemble", "combine parts to one model")
     verb.set_defaults(run=run_assemble)
     verb.add_argument("parts", nargs="+", metavar="NAME=FILE", help="a part and its model file; its sets become NAME_SET")
     verb.add_argument("--at", action="append", default=[], metavar="NAME=X,Y,Z", help="shift a part")
@@ -167,7 +174,7 @@ def parser() -> argparse.ArgumentParser:
     _loads(verb)
     _output(verb)
 
-    verb = verbs.add_parser("reduce", help="reduce a large model, with error estimate")
+    verb = add("reduce", "reduce a large model, with error estimate")
     verb.set_defaults(run=run_reduce)
     verb.add_argument("model", help="model file")
     verb.add_argument("--keep", required=True,
