@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import single, walled
 
-from nhbm_post import Results
+from nhbm_post import Results, verbs
 from nhbm_post.cli import main
 from nhbm_post.draw.time_history import read_record
 from nhbm.child_process import run_in_child_process
@@ -170,6 +170,15 @@ def integration_record(path, t, x, dof="v3"):
         file.attrs["kind"], file.attrs["method"] = "integration", "runge_kutta_4"
         file["time"], file["displacement"], file["dof"] = t, x[None, :], [dof]
     return path
+
+
+def test_a_picture_over_time_shows_few_motions(capsys, sweep, tmp_path, monkeypatch):
+    """Many had a legend taller than the picture."""
+    monkeypatch.setattr(verbs, "_MOST_MOTIONS", 1)
+    chosen = ("time", sweep, "--at", "law(1)%gap=1.5e-3")
+    status, _, err = run(capsys, *chosen)
+    assert status == 2 and "2 points are chosen, of which a picture shows 1 at most: choose fewer by --point" in err
+    assert "a picture shows" not in run(capsys, *chosen, "-o", tmp_path / "table.csv")[2]
 
 
 def test_time_lays_an_integration_below_with_the_difference(sweep, tmp_path, capsys, monkeypatch):

@@ -81,6 +81,7 @@ def test_map_hatches_the_redundant_half(tmp_path):
     assert (~mask).sum() == 25 and mask[:, :3].all() and mask[:3, 3].all() and not mask[3:, 3].any()
     hatched = [patch for patch in ax.patches if patch.get_hatch()]
     assert len(hatched) == 1 and len(hatched[0].get_path().vertices) == 24 * 5
+    assert ax.get_xlim() == (-1.5, 3.5)  # it took more room than the data
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from .outcome import CONVERGED, words
 from .reader import QUANTITIES, Results
 from .text import counted, list_text, number_text
 
+_MOST_MOTIONS = 10  # that a picture over time can tell apart
+
 # matplotlib takes a second to load, so only the verbs that draw import nhbm_post.draw.
 
 
@@ -386,6 +388,9 @@ def time(arguments):
                 points = results.select(at)
             else:
                 points = [results.point()]
+            if len(points) > _MOST_MOTIONS and not (arguments.output and arguments.output.suffix.lower() == ".csv"):
+                raise UsageError(f"{len(points)} points are chosen, of which a picture shows {_MOST_MOTIONS} at most: choose fewer by "
+                                 "--point, or by an --at for each parameter")  # fmt: skip
             dof = arguments.dof or results.default_dof(arguments.quantity)
             curves = [(_legend(results, point, points), _series(results, point, dof, arguments)) for point in points]
             outcome = results.warning(points[0]) if len(points) == 1 else ""

@@ -56,9 +56,12 @@ def draw_spectrum(
     what = "Normalised amplitudes" if is_normalised else "Amplitudes"
     with style.look():
         if form == "map":
-            fig = style.figure(6.2, 5.4)
+            left, (n1, n2) = series.tuples[:, 0].min() - 1, np.maximum(np.abs(series.tuples).max(axis=0), 1)
+            cell = min(4.4 / (n1 - left + 1), 4.4 / (2 * n2 + 1))  # [inch]
+            fig = style.figure(max(5.2, cell * (n1 - left + 1) + 1.8), max(3.4, cell * (2 * n2 + 1) + 1.6))
             ax = fig.add_subplot()
             draw_map(ax, series.tuples, amplitudes, norm)
+            ax.set_xlim(left - 0.5, n1 + 0.5)  # of the redundant half one column
             colour_bar(fig, norm, amplitudes, label, cax=style.bar_beside(ax))
         elif form == "bars":
             fig = style.figure(7.2, 5.6, is_arranged=False)
