@@ -31,7 +31,7 @@ module hb_error_estimate
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set, shifted
-   use hb_wide_problem, only: nearer, new_wide_problem, slightly_later, wide_problem_t
+   use hb_wide_problem, only: clearly_smaller, new_wide_problem, slightly_later, wide_problem_t
    implicit none
    private
    public :: choose_wider_set, estimate_error, estimate_linear_error, finer_samples, near_commensurate, wider_orders
@@ -311,9 +311,7 @@ contains
    end function reference_size
 
    !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further
-   !> change of retained harmonics, others and unknown frequencies by two steps of Newton's method in the wider set,
-   !> with its exact tangent. The second step starts from the end of the first: contacts reached only by the harmonics
-   !> outside respond there.
+   !> change of retained harmonics, others and unknown frequencies in the wider set. Both are `huge` if they are not found.
    subroutine estimate_errors(self, balance, wide, u, error, bordered)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
@@ -325,9 +323,8 @@ contains
       type(wide_problem_t) :: whole
       type(law_measure_t) :: measure
       class(problem_t), pointer :: problem
-      real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), later(:), r(:), second(:), x(:)
+      real(wp), allocatable :: alias(:), big(:, :), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
-      integer :: i
       logical :: is_free, is_lost
 
       if (all(u == 0.0_wp)) return
@@ -336,25 +333,12 @@ contains
       measure = measure_of(balance)
       size_of_motion = reference_size(balance, u)
       is_free = has_unknown_tones(bordered)
-      problem => balance
-      x = [u]
-      later = [slightly_later(balance, u)]
-      if (present(bordered)) then
-         problem => bordered
-         x = bordered%unknowns(x)
-         later = bordered%unknowns(later)
-      end if
+      call find_tangent(balance, u, problem, x, tangent, is_lost, bordered)
       select type (problem)
       class is (phase_problem_t)
          self%frequency_error(problem%tones) = balance%omega(problem%tones)
       end select
-      ! with parameters and kinks each product of the wide problem is a solution; of polynomials few products suffice
-      call new_tangent_solver(tangent, problem, later, is_lost, well_solved, are_many=present(bordered) .and. &
-                              any([(balance%law_set%laws(i)%law%degree == 0, i=1, size(balance%law_set%laws))]))
       if (is_lost .or. is_interrupted()) return
-      if (present(bordered)) then
-         if (allocated(bordered%units_across)) call tangent%leave_out_null_vector(problem, bordered%units_across)
-      end if
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
       call wide%factorise_mean_tangent(slightly_later(wide, big), error)
@@ -369,17 +353,9 @@ contains
       self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
       call whole%find_two_steps(big, r, has_multipliers(balance), acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
-      self%truncation = hypot(measure%norm(on_wide(first)), measure%norm(on_wide(second)))/size_of_motion
-      if (measure%norm(on_wide(second)) < nearer*measure%norm(on_wide(first))) then
-         first = first + second
-         change = first
-         change(whole%positions) = change(whole%positions) - alias(:size(u))
-         self%truncation = measure%norm(on_wide(change))/size_of_motion
-      end if
-      if (any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) then
-         self%truncation = of_first_power*self%truncation
-         if (.not. needs_fine_grid(balance, is_free)) self%aliasing = of_first_power_of_grid*self%aliasing
-      end if
+      call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
+      self%truncation = self%truncation/size_of_motion
+      call allow_for_slow_convergence(self, balance, is_free)
       call store_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
@@ -390,17 +366,76 @@ contains
       self%wider = wide%harmonics
       call whole%improve(self%wanted%improvement_steps, big)
       self%improved = wide%at_law_dofs(big)
+   end subroutine estimate_errors
+
+   !> The problem that a motion solves, its unknowns, and its tangent slightly later than the motion; `is_lost` if that is singular.
+   subroutine find_tangent(balance, u, problem, x, tangent, is_lost, bordered)
+      type(balance_t), intent(inout), target :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      class(problem_t), pointer, intent(out) :: problem               !! `bordered`, or else the balance
+      real(wp), allocatable, intent(out) :: x(:)                      !! its unknowns
+      type(tangent_solver_t), intent(inout) :: tangent                !! a new one
+      logical, intent(out) :: is_lost
+      class(bordered_problem_t), intent(inout), optional, target :: bordered
+      real(wp), allocatable :: later(:)
+      integer :: i
+
+      problem => balance
+      x = [u]
+      later = [slightly_later(balance, u)]
+      if (present(bordered)) then
+         problem => bordered
+         x = bordered%unknowns(x)
+         later = bordered%unknowns(later)
+      end if
+      ! with parameters and kinks each product of the wide problem is a solution; of polynomials few products suffice
+      call new_tangent_solver(tangent, problem, later, is_lost, well_solved, are_many=present(bordered) .and. &
+                              any([(balance%law_set%laws(i)%law%degree == 0, i=1, size(balance%law_set%laws))]))
+      if (is_lost .or. .not. present(bordered)) return
+      if (allocated(bordered%units_across)) call tangent%leave_out_null_vector(problem, bordered%units_across)
+   end subroutine find_tangent
+
+   !> The length of what two steps of Newton's method in the wider set add to the change by the grid. The second step starts from
+   !> the end of the first: contacts reached only by the harmonics outside respond there. It is added to `first` if it is clearly
+   !> smaller; otherwise both count, and the change by the grid is not known well enough to be left out.
+   pure subroutine add_up_steps(measure, shape_of_motion, positions, by_grid, second, first, length)
+      type(law_measure_t), intent(in) :: measure
+      integer, intent(in) :: shape_of_motion(2)                       !! in the wider set
+      integer, intent(in) :: positions(:)                             !! of the retained unknowns
+      real(wp), intent(in) :: by_grid(:)                              !! change of these
+      real(wp), intent(in) :: second(:)                               !! (n_unknowns)
+      real(wp), intent(inout) :: first(:)                             !! (n_unknowns)
+      real(wp), intent(out) :: length                                 !! [m]
+      real(wp) :: change(size(first))
+
+      length = hypot(length_of(first), length_of(second))
+      if (.not. length_of(second) < clearly_smaller*length_of(first)) return   ! nor if it is NaN
+      first = first + second
+      change = first
+      change(positions) = change(positions) - by_grid
+      length = length_of(change)
 
    contains
 
-      !> The coefficients in a vector of all unknowns.
-      function on_wide(vector) result(coefficients)
-         real(wp), intent(in) :: vector(:)
-         real(wp) :: coefficients(size(big, 1), size(big, 2))
+      pure real(wp) function length_of(step)
+         real(wp), intent(in) :: step(:)
 
-         coefficients = reshape(vector(:size(big)), shape(big))
-      end function on_wide
-   end subroutine estimate_errors
+         length_of = measure%norm(reshape(step(:product(shape_of_motion)), shape_of_motion))
+      end function length_of
+   end subroutine add_up_steps
+
+   !> Errors under rigid friction fall with the first power of the order and of the samples: more of them is left than the steps
+   !> show.
+   subroutine allow_for_slow_convergence(self, balance, is_free)
+      type(error_estimate_t), intent(inout) :: self
+      type(balance_t), intent(in) :: balance
+      logical, intent(in) :: is_free                                  !! the motion has unknown tones
+      integer :: i
+
+      if (.not. any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) return
+      self%truncation = of_first_power*self%truncation
+      if (.not. needs_fine_grid(balance, is_free)) self%aliasing = of_first_power_of_grid*self%aliasing
+   end subroutine allow_for_slow_convergence
 
    !> Whether the run ends: the point is solved again, without the results of this one.
    logical function is_interrupted()

@@ -18,7 +18,7 @@ module hb_wide_problem
    use hb_tangent_solver, only: new_tangent_krylov, tangent_krylov_t, tangent_solver_t
    implicit none
    private
-   public :: nearer, new_wide_problem, slightly_later, vectors_of_steps, wide_problem_t
+   public :: clearly_smaller, new_wide_problem, slightly_later, vectors_of_steps, wide_problem_t
 
    type, extends(bordered_problem_t) :: wide_problem_t
       integer :: n_products = 0                                       !! so far
@@ -41,7 +41,7 @@ module hb_wide_problem
 
    real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step, and of the one after it in units of that
    real(wp), parameter :: nothing = 1.0e-10_wp                        ! of a residual, relative to its largest component: rounding
-   real(wp), parameter :: nearer = 0.5_wp                             !! a second step, relative to the first
+   real(wp), parameter :: clearly_smaller = 0.5_wp                    !! a second step, relative to the first
    ! products for one step: with 16 and 30, points of stops under two tones were more expensive and their sets no
    ! smaller
    integer, parameter :: of_one_tone = 100, of_several = 8
@@ -173,7 +173,6 @@ contains
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step was found
       real(wp) :: r_there(size(r))
-      integer :: most
       logical :: is_found
 
       if (allocated(self%krylov) .and. .not. acts_rigidly) then
@@ -181,30 +180,14 @@ contains
          if (is_found .or. is_lost) return
          deallocate (self%krylov)                                     ! the preconditioner is too weak
       end if
-      most = merge(of_one_tone, of_several, size(self%wide%omega) == 1)
       call self%step_in_blocks(r, first)
       is_lost = self%is_lost
       if (is_lost) return
       if (size(self%wide%omega) > 1) then
-         call self%find_residual(moved(), first, r_there, is_lost)
-         if (is_lost) return
-         call self%step_in_blocks(r_there, second)
-         if (.not. self%is_lost) then
-            is_found = length_of(second) < nearer*length_of(first)
-            if (is_found .and. .not. is_rigid) call add_third()
-            if (is_found .or. is_lost) return
-            if (is_rigid) second = 0.0_wp
-            if (is_rigid) return
-         end if
-         self%is_lost = .false.
+         call find_second_in_blocks()
+         if (is_found .or. is_lost) return
       end if
-      call self%find_step(motion, r, most, 0.0_wp, first, is_found)
-      is_lost = .not. is_found
-      if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
-      if (is_lost) return
-      call self%step_in_blocks(r_there, second)
-      call self%find_step(moved(), r_there, most, accuracy*norm2(first(:size(motion))), second, is_found)
-      is_lost = .not. is_found
+      call find_coupled_steps(merge(of_one_tone, of_several, size(self%wide%omega) == 1))
 
    contains
 
@@ -232,6 +215,38 @@ contains
          end if
       end subroutine find_whole_steps
 
+      !> Finds the second step in blocks, and adds a third one; `is_found` is false if they do not add up to the full step. With
+      !> rigid laws there is no second step then.
+      subroutine find_second_in_blocks()
+         is_found = .false.
+         call self%find_residual(moved(), first, r_there, is_lost)
+         if (is_lost) return
+         call self%step_in_blocks(r_there, second)
+         if (.not. self%is_lost) then
+            is_found = length_of(second) < clearly_smaller*length_of(first)
+            if (is_rigid) then
+               if (.not. is_found) second = 0.0_wp
+               is_found = .true.
+            else if (is_found) then
+               call add_third()
+            end if
+         end if
+         self%is_lost = .false.
+      end subroutine find_second_in_blocks
+
+      !> Finds both steps with the coupling of retained and added harmonics.
+      subroutine find_coupled_steps(most)
+         integer, intent(in) :: most                                  ! products for one step
+
+         call self%find_step(motion, r, most, 0.0_wp, first, is_found)
+         is_lost = .not. is_found
+         if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
+         if (is_lost) return
+         call self%step_in_blocks(r_there, second)
+         call self%find_step(moved(), r_there, most, accuracy*norm2(first(:size(motion))), second, is_found)
+         is_lost = .not. is_found
+      end subroutine find_coupled_steps
+
       !> Adds a third block step to the second; `is_found` becomes false if it is no smaller.
       subroutine add_third()
          real(wp) :: third(size(r))
@@ -240,7 +255,7 @@ contains
          if (is_lost) return
          call self%step_in_blocks(r_there, third)
          is_found = .not. self%is_lost
-         if (is_found) is_found = length_of(third) < nearer*length_of(second)
+         if (is_found) is_found = length_of(third) < clearly_smaller*length_of(second)
          if (is_found) second = second + third
       end subroutine add_third
 
@@ -258,17 +273,17 @@ contains
       class(wide_problem_t), intent(inout) :: self
       integer, intent(in) :: n_steps                                  !! >= 1, halved ones included
       real(wp), intent(inout) :: motion(:, :)                         !! [m], (n_coefficients, n_dofs)
-      real(wp), dimension(self%n_unknowns) :: nothing, r, blocks, step
+      real(wp), dimension(self%n_unknowns) :: no_step, r, blocks, step
       real(wp) :: least, now(size(motion, 1), size(motion, 2))
       integer :: i
       logical :: is_found, is_lost
 
       now = motion
-      nothing = 0.0_wp
+      no_step = 0.0_wp
       least = huge(1.0_wp)
       do i = 0, n_steps
          if (work_is_over()) return
-         call self%find_residual(now, nothing, r, is_lost)
+         call self%find_residual(now, no_step, r, is_lost)
          if (.not. is_lost) call self%step_in_blocks(r, blocks)
          if (is_lost .or. self%is_lost) return
          if (norm2(blocks) < least) then
