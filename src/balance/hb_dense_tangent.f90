@@ -7,8 +7,8 @@ module hb_dense_tangent
    use hb_fftw, only: new_real_block, real_block_t
    use hb_hysteresis_tangent, only: width
    use hb_kinds, only: wp
-   use hb_law_jacobian, only: find_response, responding_dofs
    use hb_linear_part, only: linear_part_t
+   use hb_memory_response, only: find_response, responding_dofs
    use hb_projected_laws, only: part_of, projected_laws_t, slope
    use hb_threads, only: this_thread
    implicit none

@@ -13,8 +13,9 @@ module hb_sampled_laws
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_law, only: defects_t, law_box_t, law_t
-   use hb_law_jacobian, only: add_multiplier_response, law_jacobian_t, new_law_jacobian
+   use hb_law_jacobian, only: law_jacobian_t, new_law_jacobian
    use hb_law_kinks, only: law_kinks_t, new_law_kinks
+   use hb_memory_response, only: add_multiplier_response
    use hb_law_samples, only: law_samples_t, new_law_samples
    use hb_numbers, only: number_t
    use hb_sampled_law, only: new_sampled_law, sampled_law_t
