@@ -10,9 +10,8 @@ module hb_sampled_laws
    use hb_characteristic, only: characteristic_t, new_characteristic
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
-   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, law_box_t, law_t
+   use hb_law, only: defects_t, has_memory, law_box_t, law_t
    use hb_law_jacobian, only: law_jacobian_t, new_law_jacobian
    use hb_law_kinks, only: law_kinks_t, new_law_kinks
    use hb_memory_response, only: add_multiplier_response

@@ -6,10 +6,10 @@
 !> over the torus. Source: docs/why/theory.md, section 5.5.
 module hb_hysteretic_law
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t, law_t
+   use hb_law, only: law_t
    implicit none
    private
-   public :: advance_step_by_step, has_memory, hysteretic_law_t, n_path_parts, path_part
+   public :: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
 
    !> Data of a coordinate along one step: its value at both ends [m], and its rate times the step [m]; in this order a law of
    !> the user has them (hb_user_library).
@@ -60,14 +60,6 @@ module hb_hysteretic_law
    end interface
 
 contains
-
-   !> Whether any of these laws has a memory.
-   pure logical function has_memory(laws)
-      type(law_box_t), intent(in) :: laws(:)
-      integer :: i
-
-      has_memory = any([(laws(i)%law%n_states > 0, i=1, size(laws))])
-   end function has_memory
 
    !> Integrates once along a closed line of samples, from the states of the first to those of the second and so on,
    !> back to the first, whose previous states are those of the last times `closing`. Laws may override it with a

@@ -16,7 +16,7 @@ module hb_law
    use hb_text, only: max_name
    implicit none
    private
-   public :: add_coordinate, defects_t, hold_t, kink_t, law_box_t, law_t, new_law, place_on_dofs, placement_t
+   public :: add_coordinate, defects_t, has_memory, hold_t, kink_t, law_box_t, law_t, new_law, place_on_dofs, placement_t
 
    !> Largest defects over the samples.
    type :: defects_t
@@ -439,4 +439,12 @@ contains
       if (.not. allocated(self%weights)) allocate (self%weights(0))
       self%weights = [self%weights, weights_t(key, weights, row, n_coordinates)]
    end subroutine add_coordinate
+
+   !> Whether any of these laws has a memory.
+   pure logical function has_memory(laws)
+      type(law_box_t), intent(in) :: laws(:)
+      integer :: i
+
+      has_memory = any([(laws(i)%law%n_states > 0, i=1, size(laws))])
+   end function has_memory
 end module hb_law

@@ -10,8 +10,8 @@ module hb_base_change
    use hb_error_estimate, only: near_commensurate
    use hb_estimated_errors, only: error_estimate_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_harmonics
-   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
+   use hb_law, only: has_memory
    use hb_level, only: degree_of, level_t, needed_samples
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t

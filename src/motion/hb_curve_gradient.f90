@@ -14,8 +14,8 @@ module hb_curve_gradient
    use hb_error, only: error_t
    use hb_event_location, only: response_event_t
    use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, store_slope, zero_gradient
-   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
+   use hb_law, only: has_memory
    use hb_level, only: level_t, transferred
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number

@@ -16,8 +16,8 @@ module hb_followed_motion
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
-   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
+   use hb_law, only: has_memory
    use hb_level, only: apply_safety_factor, estimate_of, level_t, set_to_level, transferred
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even

@@ -7,8 +7,8 @@ module hb_level
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_box, new_harmonics
-   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
+   use hb_law, only: has_memory
    use hb_law_measure, only: law_measure_t
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model_basis, only: measure_of

@@ -13,9 +13,8 @@ module hb_model_basis
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, tuple_text
-   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t
+   use hb_law, only: has_memory, law_box_t
    use hb_law_coordinates, only: laws_at, new_law_coordinates
    use hb_law_measure, only: law_measure_t, new_law_measure
    use hb_options, only: options_t
