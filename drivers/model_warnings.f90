@@ -13,9 +13,9 @@ module model_warnings
    use hb_law_coordinates, only: laws_at
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
+   use hb_system, only: coordinates_of
    use hb_text, only: lower, max_name, string_t, to_text
    implicit none
    private

@@ -18,7 +18,7 @@ module verb_check
    use hb_level, only: level_t
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of, find_basis
+   use hb_model_basis, only: find_basis
    use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
    use hb_modes, only: modes_t, new_modes
    use hb_motion_result, only: motion_result_t
@@ -27,6 +27,7 @@ module verb_check
    use hb_outcome, only: outcome, outcome_name
    use hb_signals, only: signal_caught, wait_for_points
    use hb_structure, only: structure_t
+   use hb_system, only: coordinates_of
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
    use run_texts, only: ending_text

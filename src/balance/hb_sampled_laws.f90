@@ -14,8 +14,8 @@ module hb_sampled_laws
    use hb_law, only: defects_t, has_memory, law_box_t, law_t
    use hb_law_jacobian, only: law_jacobian_t, new_law_jacobian
    use hb_law_kinks, only: law_kinks_t, new_law_kinks
-   use hb_memory_response, only: add_multiplier_response
    use hb_law_samples, only: law_samples_t, new_law_samples
+   use hb_memory_response, only: add_multiplier_response
    use hb_numbers, only: number_t
    use hb_sampled_law, only: new_sampled_law, sampled_law_t
    use hb_threads, only: n_threads

@@ -15,13 +15,12 @@ module hb_autonomous
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: fundamental, new_search, search_t
-   use hb_model_basis, only: coordinates_of
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_self_excitation, only: search_from_modes
    use hb_structure, only: structure_t
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, system_t
    use hb_text, only: number_of, to_text
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none

@@ -20,12 +20,12 @@ module hb_census
    use hb_law_coordinates, only: laws_at
    use hb_level, only: degree_of, join, level_t, set_to_harmonics, set_to_level, transferred
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
    use hb_point, only: solve_point
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_system, only: coordinates_of
    use hb_thresholds, only: agreement, faint, rounding, same_motion
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order

@@ -19,7 +19,6 @@ module hb_gradient
    use hb_level, only: degree_of, level_t, needed_samples, set_to_level, transferred
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
@@ -31,7 +30,7 @@ module hb_gradient
    use hb_phase, only: coefficient_functional, shift_functional
    use hb_problem, only: problem_t
    use hb_response_slope, only: find_motion_slopes
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, system_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: difference_step, minor, sharp
    use hb_tuple_choice, only: new_doubled_set

@@ -14,7 +14,6 @@ module hb_integrate_to_tolerance
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_harmonics, set_to_level
-   use hb_model_basis, only: coordinates_of, measure_of
    use hb_modes, only: slowest_decay
    use hb_motion, only: start_from
    use hb_motion_in_basis, only: status_of_ended
@@ -23,7 +22,7 @@ module hb_integrate_to_tolerance
    use hb_outcome, only: is_integrated, outcome, reason
    use hb_refinement, only: refinable_t, refine
    use hb_structure, only: max_dense, structure_t
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, measure_of, system_t
    use hb_text, only: rounded, to_text
    use hb_thresholds, only: reliable, safety, well_solved
    use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t

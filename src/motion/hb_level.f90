@@ -11,11 +11,10 @@ module hb_level
    use hb_law, only: has_memory
    use hb_law_measure, only: law_measure_t
    use hb_memory_estimate, only: check_memory, sizes_of
-   use hb_model_basis, only: measure_of
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: options_t
    use hb_reduced_base, only: grid_share
-   use hb_system, only: system_t
+   use hb_system, only: measure_of, system_t
    use hb_thresholds, only: minor, next_to_none, reliable
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: chosen_tuples, largest_indices, tuple_union_t

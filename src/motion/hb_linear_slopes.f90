@@ -10,11 +10,11 @@ module hb_linear_slopes
    use hb_kinds, only: wp
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: build_beside
    use hb_movement, only: add_linear_numbers, movement_t
    use hb_structure, only: structure_t
+   use hb_system, only: coordinates_of
    use hb_thresholds, only: difference_step
    implicit none
    private

@@ -11,11 +11,12 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_kinds, only: complex_bytes, real_bytes
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
-   use hb_model_basis, only: coordinates_of, find_basis
+   use hb_model_basis, only: find_basis
    use hb_preconditioner, only: unit_work
    use hb_shared_stiffness, only: pays_to_share
    use hb_solver_types, only: largest_affordable, method
    use hb_structure, only: structure_t
+   use hb_system, only: coordinates_of
    use hb_torus, only: cheap_size, default_samples, torus_t
    use hb_wide_problem, only: vectors_of_steps
    implicit none

@@ -1,29 +1,21 @@
-!> The coordinates of the unknowns of a model, and the basis in which it is solved: all tuples of its set or, if its
-!> equations are odd, the odd ones on half of the grid.
-!> An odd motion satisfies the balance of all harmonics: both sides of the even ones vanish. This does not exclude
-!> other motions: `symmetry = 'none'` includes them in the search. Source: docs/why/theory.md, section 2.
-!> Determines whether the equations of a model are odd: the negative of a motion, half a period later in every tone,
-!> is then a motion as well.
+!> The basis in which a model is solved: all tuples of its set or, if its equations are odd, the odd ones on half of the grid.
 !> Laws with f(-q, -v) = -f(q, v) and loads of odd tuples only permit motions u(tau + pi) = -u(tau), all phases
-!> shifted, whose tuples have odd sums. Other motions may exist beside these. Source: docs/why/theory.md, section 2.
+!> shifted, whose tuples have odd sums: both sides of the balance of the even ones vanish. This does not exclude other
+!> motions: without the symmetry they are included in the search. Source: docs/why/theory.md, section 2.
 module hb_model_basis
    use hb_amplitudes, only: amplitudes_t
    use hb_basis, only: basis_t, new_basis, whole_basis
-   use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, tuple_text
    use hb_kinds, only: wp
    use hb_law, only: has_memory, law_box_t
-   use hb_law_coordinates, only: laws_at, new_law_coordinates
-   use hb_law_measure, only: law_measure_t, new_law_measure
    use hb_options, only: options_t
    use hb_system, only: system_t
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: asymmetry, coordinates_of, even_part, find_basis, half_of_odd, is_solved_odd, max_even, &
-      measure_of, why_not_odd
+   public :: asymmetry, even_part, find_basis, half_of_odd, is_solved_odd, max_even, why_not_odd
 
    real(wp), parameter :: max_even = 1.0e-10_wp                      !! negligible even part of a motion, relative; 1e-9 would
                                                                       !! take curves beside branch points for symmetric ones
@@ -54,28 +46,6 @@ contains
          self = whole_basis(discretisation%harmonics, discretisation%torus)
       end if
    end subroutine find_basis
-
-   !> The coordinates of the unknowns.
-   function coordinates_of(system, n_laws) result(coordinates)
-      type(system_t), intent(in) :: system
-      integer, intent(in), optional :: n_laws                         !! only the first ones; default: all
-      type(coordinates_t) :: coordinates
-      integer :: last
-
-      last = size(system%laws)
-      if (present(n_laws)) last = n_laws
-      call new_law_coordinates(coordinates, system%structure, system%laws(:last), system%wanted_dofs())
-   end function coordinates_of
-
-   !> The norm of motions at the coordinates of the unknowns: what the laws see of them.
-   function measure_of(system) result(measure)
-      type(system_t), intent(in) :: system
-      type(law_measure_t) :: measure
-      type(coordinates_t) :: coordinates
-
-      coordinates = coordinates_of(system)
-      measure = new_law_measure(laws_at(coordinates, system%laws), coordinates%n)
-   end function measure_of
 
    !> Whether the motion is searched for among odd ones, unless a first guess from elsewhere is not odd. Loads and
    !> first guesses that are not read yet count as zero.

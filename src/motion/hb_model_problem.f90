@@ -18,11 +18,10 @@ module hb_model_problem
    use hb_law_coordinates, only: laws_at
    use hb_linear_slopes, only: beside_t, find_slopes_between, find_slopes_by, linear_slopes_t, reaction_slope
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
    use hb_model_number, only: has_number, model_number_t
    use hb_movement, only: movement_t, movement_with_tone, new_movement, set_movement
    use hb_options, only: options_t
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, system_t
    use hb_thresholds, only: difference_step
    implicit none
    private

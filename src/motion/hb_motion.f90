@@ -11,7 +11,7 @@ module hb_motion
    use hb_kinds, only: wp
    use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of, find_basis
+   use hb_model_basis, only: find_basis
    use hb_motion_in_basis, only: solve_in_basis, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
@@ -19,7 +19,7 @@ module hb_motion
    use hb_solver_types, only: attempt_rule_t, attempt_t, stage, technique
    use hb_stability, only: stability_method
    use hb_structure, only: max_dense
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, system_t
    use hb_threads, only: use_threads
    use hb_thresholds, only: nearby_steps, rounding
    use hb_time_domain, only: primary_method, steady_motion_t

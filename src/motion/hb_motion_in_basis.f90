@@ -18,7 +18,6 @@ module hb_motion_in_basis
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: cached_linear_parts_t, linear_part_t, new_linear_part
-   use hb_model_basis, only: coordinates_of
    use hb_motion_description, only: add_stability_of, describe_motion, solution_t, store_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
@@ -26,7 +25,7 @@ module hb_motion_in_basis
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_stability, only: harmonic_motion_t
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, system_t
    use hb_time_domain, only: locking_t, may_be_locked
    implicit none
    private

@@ -12,14 +12,13 @@ module hb_motion_ridge
    use hb_kinds, only: pi, wp
    use hb_level, only: distance, level_of, level_t
    use hb_model, only: model_t
-   use hb_model_basis, only: measure_of
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
    use hb_point_kinds, only: curve_kind
-   use hb_system, only: system_t
+   use hb_system, only: measure_of, system_t
    use hb_text, only: to_text
    use hb_threads, only: use_threads
    use hb_thresholds, only: next_to_none

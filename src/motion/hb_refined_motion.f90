@@ -15,13 +15,12 @@ module hb_refined_motion
       margin, max_failures, min_goal, trim_for_neighbour, trim_set
    use hb_level_solver, only: level_solver_t, solver_tolerance
    use hb_level_stability, only: add_stability
-   use hb_model_basis, only: measure_of
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
    use hb_outcome, only: is_answer => is_solved, outcome
    use hb_refinement, only: refinable_t, refine
    use hb_stability, only: stability_method
-   use hb_system, only: system_t
+   use hb_system, only: measure_of, system_t
    use hb_thresholds, only: minor, reliable
    implicit none
    private

@@ -1,9 +1,11 @@
 !> The system whose motions are computed: structure, laws, loads and base frequencies. It has no harmonics and no settings.
 module hb_system
+   use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
-   use hb_law_coordinates, only: dofs_of_unknowns
+   use hb_law_coordinates, only: dofs_of_unknowns, laws_at, new_law_coordinates
+   use hb_law_measure, only: law_measure_t, new_law_measure
    use hb_load, only: load_t
    use hb_model_number, only: has_number, model_number_t, tie_t
    use hb_numbers, only: numbered_t
@@ -14,7 +16,7 @@ module hb_system
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: normal_mode_t, only_in_time, shared_walls, system_t
+   public :: coordinates_of, measure_of, normal_mode_t, only_in_time, shared_walls, system_t
 
    !> Why a load with a course over time has no balance.
    character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
@@ -111,6 +113,28 @@ contains
 
       dofs = dofs_of_unknowns(self%laws, self%wanted_dofs())
    end function system_dofs_of_unknowns
+
+   !> The coordinates of the unknowns.
+   function coordinates_of(system, n_laws) result(coordinates)
+      type(system_t), intent(in) :: system
+      integer, intent(in), optional :: n_laws                         !! only the first ones; default: all
+      type(coordinates_t) :: coordinates
+      integer :: last
+
+      last = size(system%laws)
+      if (present(n_laws)) last = n_laws
+      call new_law_coordinates(coordinates, system%structure, system%laws(:last), system%wanted_dofs())
+   end function coordinates_of
+
+   !> The norm of motions at the coordinates of the unknowns: what the laws see of them.
+   function measure_of(system) result(measure)
+      type(system_t), intent(in) :: system
+      type(law_measure_t) :: measure
+      type(coordinates_t) :: coordinates
+
+      coordinates = coordinates_of(system)
+      measure = new_law_measure(laws_at(coordinates, system%laws), coordinates%n)
+   end function measure_of
 
    !> Gives unknowns to a linear system, so that a curve can be followed: the degrees of freedom of its loads, at which each mode
    !> that they excite moves.

@@ -9,7 +9,6 @@ module hb_study
    use hb_input_keys, only: input_groups
    use hb_kinds, only: wp
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
    use hb_model_reader, only: read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
@@ -23,7 +22,7 @@ module hb_study
    use hb_stored_origin, only: request_curve
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, system_t
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
    use hb_version, only: git_commit, program_version

@@ -25,7 +25,6 @@ module hb_impact_curve
    use hb_level, only: level_t, set_to_harmonics
    use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
    use hb_motion_curve, only: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motion_ridge, only: new_motion_curve
@@ -37,7 +36,7 @@ module hb_impact_curve
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, system_t
    use hb_time_domain, only: steady_motion_t
    use hb_tuple_choice, only: new_lowest_set
    implicit none

@@ -18,7 +18,6 @@ module hb_steady_windows
    use hb_kinds, only: int64, two_pi, wp
    use hb_law_measure, only: law_measure_t
    use hb_line_fit, only: line_fit_t, new_line_fit, unresolved_by
-   use hb_model_basis, only: coordinates_of, measure_of
    use hb_modes, only: slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_newton, only: solve_newton
@@ -29,7 +28,7 @@ module hb_steady_windows
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
-   use hb_system, only: system_t
+   use hb_system, only: coordinates_of, measure_of, system_t
    use hb_text, only: rounded, to_text
    use hb_thresholds, only: same_motion
    use hb_time_domain, only: evaluation_work, integration_config_t, integration_method, steady_motion_t, step_of

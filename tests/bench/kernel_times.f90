@@ -17,13 +17,14 @@ module kernel_times
    use hb_lapack, only: dgetrf
    use hb_law_coordinates, only: laws_at
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of, find_basis
+   use hb_model_basis, only: find_basis
    use hb_model_reader, only: read_model
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_run_callbacks, only: run_callbacks
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
+   use hb_system, only: coordinates_of
    use hb_tangent_solver, only: new_tangent_factor, tangent_factor_t
    implicit none
    private

@@ -6,7 +6,7 @@ module model_balances
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_model, only: model_t
-   use hb_model_basis, only: coordinates_of
+   use hb_system, only: coordinates_of
    use random_numbers, only: fill_random
    implicit none
    private
