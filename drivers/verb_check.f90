@@ -20,15 +20,14 @@ module verb_check
    use hb_model, only: model_t
    use hb_model_basis, only: find_basis
    use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
-   use hb_modes, only: modes_t, new_modes
+   use hb_modes, only: find_natural_frequencies, max_dofs, modes_t, new_modes
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, rank_of
-   use hb_natural_frequencies, only: find_natural_frequencies, max_dofs
    use hb_outcome, only: outcome, outcome_name
    use hb_signals, only: signal_caught, wait_for_points
    use hb_structure, only: structure_t
-   use hb_system, only: coordinates_of
    use hb_study, only: study_t
+   use hb_system, only: coordinates_of
    use hb_text, only: number_of, to_text
    use run_texts, only: ending_text
    use verb_solve, only: load_study

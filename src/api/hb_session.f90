@@ -26,11 +26,11 @@ module hb_session
    use hb_model_reader, only: read_model, update_model
    use hb_model_tones, only: read_tones
    use hb_model_warnings, only: commensurate_text, describe_warnings
+   use hb_modes, only: find_natural_frequencies
    use hb_motion_doubt, only: describe_doubt
    use hb_motion_result, only: motion_result_t
    use hb_movement, only: follow_frequencies
    use hb_namelist, only: set_text
-   use hb_natural_frequencies, only: find_natural_frequencies
    use hb_neighbour, only: neighbour_t
    use hb_options, only: callbacks_t, purpose_t
    use hb_outcome, only: is_solved, outcome, reason
@@ -256,7 +256,7 @@ contains
       if (.not. allocated(error)) call describe_warnings(self%model%system, self%model%discretisation, self%model%options, text)
    end subroutine session_warnings
 
-   !> Natural frequencies [rad/s] of the structure with its present values (hb_natural_frequencies).
+   !> Natural frequencies [rad/s] of the structure with its present values (hb_modes).
    subroutine session_natural_frequencies(self, frequencies, error)
       class(session_t), intent(inout), target :: self
       real(wp), allocatable, intent(out) :: frequencies(:)

@@ -1,21 +1,23 @@
-!> The levels of a point that is refined to a tolerance: each is solved with the same settings, within what is left of the work.
+!> The levels of a point that is refined to a tolerance: each is solved with the same settings, within what is left of the work,
+!> in the base frequencies in which it needs the fewest samples.
 module hb_level_solver
+   use hb_base_change, only: base_change_t
    use hb_cancellation, only: cancellation_t, verdict
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_level, only: apply_safety_factor, level_t
+   use hb_level, only: apply_safety_factor, level_t, set_to_level
+   use hb_motion, only: solve_system
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_answer => is_solved, outcome, reason
-   use hb_solve_level, only: solve_level
    use hb_stability, only: stability_method
    use hb_system, only: system_t
    use hb_thresholds, only: well_solved
    use hb_time_domain, only: primary_method
    implicit none
    private
-   public :: level_solver_t, solver_tolerance
+   public :: level_solver_t, solve_level, solver_tolerance
 
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
    real(wp), parameter :: share_of_first = 0.5_wp                     ! of all work: a level that takes more leaves too little
@@ -102,6 +104,33 @@ contains
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_solve
+
+   !> Solves a model on the set of a level, from a first guess if there is one, in the base that needs the fewest samples. What it
+   !> returns is in the given base.
+   subroutine solve_level(system, whole, options, level, guess, result, error, found)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: whole                     !! has all loads
+      type(options_t), intent(in) :: options
+      type(level_t), intent(in) :: level
+      real(wp), allocatable, intent(inout) :: guess(:)                !! unknowns as those of a level; lost
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(out) :: found(:)                  !! unknowns of the motion, if there is one
+      type(discretisation_t) :: here
+      type(base_change_t) :: base
+
+      call base%choose(system, whole, options, level, guess)
+      if (base%is_on) then
+         here = base%discretisation
+         call set_to_level(here, base%system, base%discretisation, options, base%level, error)
+         if (.not. allocated(error)) call solve_system(base%system, here, options, result, error, guess, found)
+         if (.not. allocated(error)) call base%bring_back(system, options, level%set, result, found)
+      else
+         here = whole
+         call set_to_level(here, system, whole, options, level, error)
+         if (.not. allocated(error)) call solve_system(system, here, options, result, error, guess, found)
+      end if
+   end subroutine solve_level
 
    !> Work that a level may take: what is left, without the share of a time integration that may follow. The first takes
    !> half of it, a further search no more than all levels before it, but a share of the limit in any case.

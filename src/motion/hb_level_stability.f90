@@ -6,12 +6,12 @@ module hb_level_stability
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_level, only: estimate_of_motion, level_t, set_to_harmonics, set_to_level
+   use hb_level_solver, only: solve_level
    use hb_motion, only: solve_system
    use hb_motion_description, only: add_stability_of, allow_for_growth, compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
-   use hb_solve_level, only: solve_level
    use hb_stability, only: few_periods, harmonic_motion_t, stability_method
    use hb_system, only: system_t
    use hb_text, only: rounded

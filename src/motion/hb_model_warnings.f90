@@ -7,7 +7,7 @@ module hb_model_warnings
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_t
    use hb_load, only: load_t
-   use hb_natural_frequencies, only: find_natural_frequencies
+   use hb_modes, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
    use hb_sign_warnings, only: describe_signs

@@ -1,4 +1,5 @@
-!> Free vibration of a linear structure: growth rates, frequencies and shapes of its oscillatory modes.
+!> Free vibration of a linear structure: growth rates, frequencies and shapes of its oscillatory modes; natural frequencies in
+!> vacuum, without damping, dynamic stiffness or laws.
 !>
 !> q(t) = Re(shape exp((growth + i frequency) t)) solves M q'' + D q' + K q = 0. The quadratic eigenvalue problem is
 !> solved in its first companion form with time scaled by sqrt(max |K|/max |M|), without masses by max |K|/max |D|, by the
@@ -7,12 +8,15 @@ module hb_modes
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_lapack, only: dggev, dsygv
+   use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: modes_t, natural_frequencies, new_modes, slowest_decay
+   public :: find_natural_frequencies, max_dofs, modes_t, natural_frequencies, new_modes, slowest_decay
 
    integer, parameter :: largest_structure = 500                      ! degrees of freedom: all modes are computed
+   integer, parameter :: max_dofs = 1500               !! for natural frequencies alone, computed at once in some seconds
+   integer, parameter :: max_gyroscopic_dofs = 200     ! likewise, with gyroscopic terms
 
    type :: modes_t
       integer :: n_modes = 0
@@ -152,4 +156,29 @@ contains
          allocate (frequencies(0))
       end if
    end function natural_frequencies
+
+   !> Finds the natural frequencies in ascending order, with gyroscopic terms for structures of up to 200 degrees of freedom, as far
+   !> as a reduced structure is valid. None for large or sparse structures, or if some part has neither mass nor support. A negative
+   !> one is the growth rate of an unstable structure.
+   subroutine find_natural_frequencies(structure, frequencies, lacks_gyroscopic)
+      type(structure_t), intent(in) :: structure
+      real(wp), allocatable, intent(out) :: frequencies(:)            !! [rad/s]
+      logical, intent(out) :: lacks_gyroscopic                        !! gyroscopic terms exist and are left out
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+
+      allocate (frequencies(0))
+      lacks_gyroscopic = .false.
+      if (structure%n_dofs > max_dofs .or. allocated(structure%sparse)) return
+      deallocate (frequencies)
+      lacks_gyroscopic = any(abs(structure%damping - transpose(structure%damping)) > 0.0_wp)
+      if (lacks_gyroscopic .and. structure%n_dofs <= max_gyroscopic_dofs) then
+         call new_modes(modes, structure%mass, 0.5_wp*(structure%damping - transpose(structure%damping)), structure%stiffness, &
+                        error)
+         if (.not. allocated(error)) frequencies = modes%frequency
+      end if
+      lacks_gyroscopic = lacks_gyroscopic .and. .not. allocated(frequencies)
+      if (.not. allocated(frequencies)) frequencies = natural_frequencies(structure%mass, structure%stiffness)
+      if (structure%up_to > 0.0_wp) frequencies = pack(frequencies, frequencies <= structure%up_to)
+   end subroutine find_natural_frequencies
 end module hb_modes
