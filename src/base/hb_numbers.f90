@@ -33,7 +33,7 @@ module hb_numbers
       procedure :: add_integers => numbers_add_integers
       procedure :: add_logical => numbers_add_logical
       procedure :: note_given => numbers_note_given
-      procedure :: refuse => numbers_refuse
+      procedure :: reject => numbers_reject
    end type numbers_t
 
    abstract interface
@@ -136,10 +136,10 @@ contains
    end subroutine numbers_note_given
 
    !> Declares that an input must not give a key; `text` is the reason.
-   subroutine numbers_refuse(self, key, text)
+   subroutine numbers_reject(self, key, text)
       class(numbers_t), intent(inout) :: self
       character(*), intent(in) :: key, text
-   end subroutine numbers_refuse
+   end subroutine numbers_reject
 
    !> Declares the numbers of the object to `numbers`; without an override it has none.
    subroutine numbered_declare_numbers(self, numbers)

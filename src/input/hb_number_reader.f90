@@ -18,7 +18,7 @@ module hb_number_reader
       procedure :: add_integers => reader_add_integers
       procedure :: add_logical => reader_add_logical
       procedure :: note_given => reader_note_given
-      procedure :: refuse => reader_refuse
+      procedure :: reject => reader_reject
    end type reader_t
 
    !> Problems of an object as those of its group.
@@ -109,12 +109,12 @@ contains
       is_given = self%group%given(key)
    end subroutine reader_note_given
 
-   subroutine reader_refuse(self, key, text)
+   subroutine reader_reject(self, key, text)
       class(reader_t), intent(inout) :: self
       character(*), intent(in) :: key, text
 
       if (self%group%given(key)) call self%group%problem(key, text)
-   end subroutine reader_refuse
+   end subroutine reader_reject
 
    subroutine group_problems_add(self, key, text)
       class(group_problems_t), intent(inout) :: self

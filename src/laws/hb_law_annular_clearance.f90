@@ -70,11 +70,11 @@ contains
       end if
       call numbers%add("center", self%center, n=2)
       if (self%slides) then
-         call numbers%refuse("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' gives the direction")
+         call numbers%reject("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' gives the direction")
       else
          call numbers%add("spin", self%spins_backwards, word="negative")
-         call numbers%refuse("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
-         call numbers%refuse("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
+         call numbers%reject("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
+         call numbers%reject("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
       end if
    end subroutine annular_clearance_declare_numbers
 

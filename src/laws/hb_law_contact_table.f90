@@ -109,11 +109,11 @@ contains
       call numbers%add("contact", self%is_rigid, word="rigid")
       call numbers%add("gaps", self%given_gaps)
       if (self%is_rigid) then
-         call numbers%refuse("stiffness", "rigid contacts have none: remove it, or use contact = 'elastic'")
+         call numbers%reject("stiffness", "rigid contacts have none: remove it, or use contact = 'elastic'")
          self%given_stiffness = [0.0_wp]
          call numbers%add("augmentation", self%augmentation)
       else
-         call numbers%refuse("augmentation", "only rigid contacts have one: remove it, or use contact = 'rigid'")
+         call numbers%reject("augmentation", "only rigid contacts have one: remove it, or use contact = 'rigid'")
          call numbers%add("stiffness", self%given_stiffness)
       end if
       call numbers%add("friction_coefficient", self%given_friction)

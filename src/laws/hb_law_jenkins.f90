@@ -43,7 +43,7 @@ contains
          call numbers%add("friction_coefficient", self%friction_coefficient)
          call numbers%add("normal_stiffness", self%normal_stiffness)
          call numbers%add("preload", self%preload)
-         call numbers%refuse("limit", "give either 'limit' or 'friction_coefficient', not both")
+         call numbers%reject("limit", "give either 'limit' or 'friction_coefficient', not both")
       else
          call numbers%add("limit", self%limit)
       end if

@@ -48,7 +48,7 @@ module hb_motion_columns
       procedure :: integer_array => columns_integer_array
       procedure :: real_array => columns_real_array
       procedure :: attribute => columns_attribute
-      procedure :: append_connected => columns_go_through
+      procedure :: append_connected => columns_append_connected
    end type columns_t
 
    abstract interface
@@ -125,7 +125,7 @@ contains
    end subroutine columns_real_array
 
    !> Visits all columns of a motion, in the order of the file.
-   subroutine columns_go_through(t, m)
+   subroutine columns_append_connected(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
 
@@ -139,7 +139,7 @@ contains
       call surface_columns(t, m)
       t%is_there = .true.
       t%is_known = .true.
-   end subroutine columns_go_through
+   end subroutine columns_append_connected
 
    subroutine outcome_columns(t, m)
       class(columns_t), intent(inout) :: t

@@ -73,7 +73,7 @@ module hb_curve
       procedure :: locate => curve_locate
       procedure :: find_zero => curve_find_zero
       procedure :: tangent_at => curve_tangent_at
-      procedure :: set_plane => curve_put_plane
+      procedure :: set_plane => curve_set_plane
       procedure, private :: turn_at_kink => curve_turn_at_kink
    end type curve_t
 
@@ -335,7 +335,7 @@ contains
    end subroutine curve_find_zero
 
    !> Sets the last equation to the plane at a distance from a point.
-   subroutine curve_put_plane(self, x, direction, distance)
+   subroutine curve_set_plane(self, x, direction, distance)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:), direction(:), distance
       integer :: last
@@ -348,7 +348,7 @@ contains
       if (self%is_along_functional) self%problem%functionals(:, last) = self%functional/dot_product(self%functional, direction)
       self%problem%values(last) = dot_product(self%problem%functionals(:, last), x) + distance
       call self%problem%rescale()
-   end subroutine curve_put_plane
+   end subroutine curve_set_plane
 
    !> Copies the functionals of the whole problem to `part`.
    subroutine copy_plane_to_part(self)

@@ -117,7 +117,7 @@ contains
             return
          end if
          q = q + h*half_v
-         call system%accelerations%go_on()
+         call system%accelerations%step_on()
          call system%accelerations%act_within(time_after - 0.5_wp*h, time_after + 0.5_wp*h)
          ! (1 + h/2 M^-1 D) a = M^-1 (F - K q - S f - D v(n+1/2)), laws at the velocity that the last acceleration predicts
          v = half_v + 0.5_wp*h*a

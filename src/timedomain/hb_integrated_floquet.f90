@@ -178,7 +178,7 @@ contains
       self%x = self%integration%state_at(self%time)
       do period = 1, n_periods
          begun = self%x
-         call go_on(self, is_done)
+         call integrate_period(self, is_done)
          if (.not. is_done) return
          is_still = is_still .and. abs(matmul(self%x - begun, axes)) <= unmoved
       end do
@@ -189,7 +189,7 @@ contains
    end subroutine integrated_propagation_reach_steady_state
 
    !> Integrates over the next period; not done if it diverges from the motion.
-   subroutine go_on(self, is_done)
+   subroutine integrate_period(self, is_done)
       type(integrated_propagation_t), intent(inout) :: self
       logical, intent(out) :: is_done
       real(wp) :: after(self%size)
@@ -201,7 +201,7 @@ contains
       associate (n => self%integration%system%n_dofs, there => self%integration%state_at(self%time))
          is_done = maxval(abs(after(:n) - there(:n))) <= same_motion
       end associate
-   end subroutine go_on
+   end subroutine integrate_period
 
    subroutine integrated_propagation_propagate(self, x, is_done)
       class(integrated_propagation_t), intent(inout) :: self
@@ -211,7 +211,7 @@ contains
 
       x = x - matmul(self%still, matmul(transpose(self%still), x))
       call self%integration%differences(self%time, self%length, self%x, distance, x, after, is_done)
-      if (is_done) call go_on(self, is_done)
+      if (is_done) call integrate_period(self, is_done)
       if (is_done) x = after - matmul(self%still, matmul(transpose(self%still), after))
    end subroutine integrated_propagation_propagate
 end module hb_integrated_floquet

@@ -47,7 +47,7 @@ module hb_integration_system
       procedure :: at => loads_at
       procedure :: after => loads_after
       procedure :: begin => loads_begin
-      procedure :: go_on => loads_go_on
+      procedure :: step_on => loads_step_on
       procedure :: here => loads_here
    end type integration_loads_t
 
@@ -377,7 +377,7 @@ contains
    end subroutine loads_begin
 
    !> Advances by one step.
-   pure subroutine loads_go_on(self)
+   pure subroutine loads_step_on(self)
       class(integration_loads_t), intent(inout) :: self
       real(wp) :: time
 
@@ -388,7 +388,7 @@ contains
       else
          self%phasor = self%phasor*self%rotation
       end if
-   end subroutine loads_go_on
+   end subroutine loads_step_on
 
    !> Value at the present step.
    pure subroutine loads_here(self, values)

@@ -71,9 +71,9 @@ contains
             call loads%act_within(time, time_after)
             call loads%here(self%load_start)
          end if
-         call loads%go_on()
+         call loads%step_on()
          call loads%here(self%load_middle)
-         call loads%go_on()
+         call loads%step_on()
          call loads%here(self%load_end)
          self%q_start = state%q
          self%v_start = state%v

@@ -142,7 +142,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       do while (result%kind == verdict%not_done)
-         call go_on(self, result, error)
+         call integrate_next_periods(self, result, error)
          if (allocated(error)) return
       end do
       call write_up(self, claim, result)
@@ -266,7 +266,7 @@ contains
    end subroutine begin_pair
 
    !> Integrates both through the next group of periods.
-   subroutine go_on(self, result, error)
+   subroutine integrate_next_periods(self, result, error)
       type(pair_t), intent(inout), target :: self
       type(verdict_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
@@ -314,7 +314,7 @@ contains
          length%bound = min(2*length%bound, length%most)
          result%kind = verdict%not_done
       end associate
-   end subroutine go_on
+   end subroutine integrate_next_periods
 
    !> Fills the result in.
    subroutine write_up(self, claim, result)
