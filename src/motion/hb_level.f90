@@ -64,8 +64,8 @@ contains
       integer, intent(in) :: n_failures                               !! of levels chosen from this one
       type(level_t), intent(out) :: next
       type(error_t), allocatable :: error
-      real(wp) :: finer, share
-      integer, allocatable :: least(:)
+      real(wp) :: finer
+      logical :: is_possible
 
       if (.not. goal > 0.0_wp) return
       next%set = top%set
@@ -75,28 +75,10 @@ contains
          raised_by(result)*result%error_estimate%truncation >= merge(reliable, max_removable, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
-         allocate (least, source=needed_samples(next%set%highest, degree_of(system)))
          finer = 1.0_wp
-         if (degree_of(system) == 0) then
-            finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
-            finer = max(clearly_smaller, min(finer, largest_refinement))
-            if (estimate_of_wanted(result) <= margin*options%accuracy%tolerance) &
-               finer = min(finer, affordable_growth(options, result)**(1.0_wp/top%set%n_tones))
-            finer = finer*1.3_wp**n_failures
-         end if
-         next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
-         if (degree_of(system) > 0) next%n_samples = least
-         if (has_memory(system%laws) .and. .not. any(system%tones%is_unknown)) &
-            next%n_samples = samples_along_time(next%n_samples, system%tones%omega)
-         do while (product(real(next%n_samples, wp)) > options%accuracy%max_samples)
-            if (all(next%n_samples <= least)) then
-               if (estimate_of_wanted(result) <= options%accuracy%tolerance) return
-               share = grid_share(system, options, next%set%tuples, next%n_samples) ! in its own base the level may have fewer
-               if (share*product(real(next%n_samples, wp)) > options%accuracy%max_samples) return
-               exit
-            end if
-            next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
-         end do
+         if (degree_of(system) == 0) finer = refinement_of(options, result, top, goal, n_failures)
+         call choose_grid(system, options, result, next%set, finer*top%n_samples, next%n_samples, is_possible)
+         if (.not. is_possible) return
       else if (any(next%n_samples < 2*next%set%highest + 1)) then
          return
       end if
@@ -107,6 +89,56 @@ contains
       if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
          call apply_first_order_correction(system, result, top, next)
    end subroutine choose_next
+
+   !> Samples per tone of the next level, relative to those of this one, for laws that are not polynomials.
+   pure real(wp) function refinement_of(options, result, top, goal, n_failures) result(finer)
+      type(options_t), intent(in) :: options
+      type(motion_result_t), intent(in) :: result                     !! on `top`
+      type(level_t), intent(in) :: top
+      real(wp), intent(in) :: goal                                    !! for the estimated error, > 0
+      integer, intent(in) :: n_failures                               !! of levels chosen from this one
+      real(wp), parameter :: per_failure = 1.3_wp
+
+      finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
+      finer = max(clearly_smaller, min(finer, largest_refinement))
+      if (estimate_of_wanted(result) <= margin*options%accuracy%tolerance) &
+         finer = min(finer, affordable_growth(options, result)**(1.0_wp/top%set%n_tones))
+      finer = finer*per_failure**n_failures
+   end function refinement_of
+
+   !> Chooses the grid of the next level: as many samples as wanted, within the limit and at least those that its set needs, which
+   !> are exact for polynomials. It is not possible if these are more than the limit, unless the base of the level needs fewer and
+   !> the motion is not accurate yet.
+   subroutine choose_grid(system, options, result, set, wanted, n_samples, is_possible)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(motion_result_t), intent(in) :: result
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: wanted(:)                               !! (n_tones)
+      integer, intent(inout) :: n_samples(:)                          !! (n_tones)
+      logical, intent(out) :: is_possible
+      real(wp) :: share
+      integer :: least(size(n_samples))
+
+      least = needed_samples(set%highest, degree_of(system))
+      n_samples = least
+      if (degree_of(system) == 0) n_samples = max(least, fast_size(ceiling(wanted)))
+      if (has_memory(system%laws) .and. .not. any(system%tones%is_unknown)) &
+         n_samples = samples_along_time(n_samples, system%tones%omega)
+      is_possible = .true.
+      associate (limit => options%accuracy%max_samples)
+         do while (product(real(n_samples, wp)) > limit)
+            if (all(n_samples <= least)) then
+               is_possible = estimate_of_wanted(result) > options%accuracy%tolerance
+               if (.not. is_possible) return
+               share = grid_share(system, options, set%tuples, n_samples)   ! in its own base the level may have fewer
+               is_possible = share*product(real(n_samples, wp)) <= limit
+               return
+            end if
+            n_samples = max(least, min(n_samples - 2, fast_size(floor(0.9_wp*n_samples))))
+         end do
+      end associate
+   end subroutine choose_grid
 
    !> Samples of a level that only checks the estimate of a motion, relative to those of that motion: as many as the permitted work
    !> suffices for. From a known motion a sample takes half as much.

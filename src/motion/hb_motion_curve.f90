@@ -195,8 +195,6 @@ contains
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: result
-      type(level_t) :: level
-      integer :: i
 
       self%request = request
       call self%prepare(model%system, model%discretisation, model%options, further_of(stored(1), model%system), &
@@ -205,14 +203,7 @@ contains
       if (self%is_done) return
       self%first%x = stored(1)%unknowns
       if (allocated(request%origin)) self%first%direction = stored(1)%direction
-      do i = 1, size(stored)
-         level = level_of(model%discretisation, stored(i))
-         if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
-            call add_origin(self%origins, .false., stored(i)%unknowns, stored(i)%direction, level)
-         if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
-            call add_origin(self%origins, .true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, level)
-         call store_met_motion(self, stored(i)%unknowns, level)
-      end do
+      call restore_origins(self, model%discretisation, stored)
       associate (last => stored(size(stored)))
          self%branch = last%branch
          self%is_reversed = last%length < 0.0_wp .or. &
@@ -222,7 +213,7 @@ contains
          self%n_reported = size(stored)
          self%length = abs(last%length)
          if (model%options%accuracy%is_on) then
-            call self%adopt_level(level, error)
+            call self%adopt_level(level_of(model%discretisation, last), error)
             if (allocated(error)) return
             call self%make_curve(last%unknowns, last%direction)
             call self%transfer_start()
@@ -232,21 +223,11 @@ contains
          self%curve%step = last%step
          self%curve%orientation = last%orientation
          self%largest = last%largest_motion
-         do i = 1, size(stored)
-            if (stored(i)%kind == curve_kind%end .and. stored(i)%branch > 0) call note_traced(self, stored(i))
-         end do
-         do i = size(stored), 2, -1                                   ! folds, peaks and minima on the branch of the last point
-            if (stored(i)%kind == curve_kind%start .or. stored(i)%length*last%length < 0.0_wp) exit
-            if (curve_kinds(stored(i)%kind)%is_extreme) &
-               self%reported = [self%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length))]
-         end do
-         call restore_course(self, stored(max(1, i):), model%discretisation)
+         call restore_passed(self, model%discretisation, stored)
          self%course%n_unreliable = last%n_unreliable
          self%course%n_exhausted = last%n_exhausted
-      end associate
-      call self%update_units()
-      call self%evaluate_here(self%at_point)
-      associate (last => stored(size(stored)))
+         call self%update_units()
+         call self%evaluate_here(self%at_point)
          if (model%options%accuracy%is_on .and. last%kind == curve_kind%regular) then
             call self%describe(waiting_t(last%kind, x=self%curve%x), result, error)
             self%estimate = estimate_of(result)
@@ -254,6 +235,42 @@ contains
       end associate
       self%is_done = self%n_reported >= request%n_points
    end subroutine motion_curve_continue_from
+
+   !> Restores where branches begin, and the motions that were met.
+   subroutine restore_origins(self, discretisation, stored)
+      class(motion_curve_t), intent(inout), target :: self
+      type(discretisation_t), intent(in) :: discretisation
+      type(curve_position_t), intent(in) :: stored(:)
+      type(level_t) :: level
+      integer :: i
+
+      do i = 1, size(stored)
+         level = level_of(discretisation, stored(i))
+         if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. self%request%switches) &
+            call add_origin(self%origins, .false., stored(i)%unknowns, stored(i)%direction, level)
+         if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
+            call add_origin(self%origins, .true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, level)
+         call store_met_motion(self, stored(i)%unknowns, level)
+      end do
+   end subroutine restore_origins
+
+   !> Restores what the present branch has passed: the ends of others, folds, peaks and minima, and its course since its start.
+   subroutine restore_passed(self, discretisation, stored)
+      class(motion_curve_t), intent(inout), target :: self
+      type(discretisation_t), intent(in) :: discretisation
+      type(curve_position_t), intent(in) :: stored(:)
+      integer :: i
+
+      do i = 1, size(stored)
+         if (stored(i)%kind == curve_kind%end .and. stored(i)%branch > 0) call note_traced(self, stored(i))
+      end do
+      do i = size(stored), 2, -1
+         if (stored(i)%kind == curve_kind%start .or. stored(i)%length*stored(size(stored))%length < 0.0_wp) exit
+         if (curve_kinds(stored(i)%kind)%is_extreme) &
+            self%reported = [self%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length))]
+      end do
+      call restore_course(self, stored(max(1, i):), discretisation)
+   end subroutine restore_passed
 
    !> The unknowns of a point other than those of the balance.
    pure function further_of(position, system) result(further)

@@ -232,9 +232,9 @@ contains
       limited%patience = 0                                            ! the guess is near
       is_found = .false.
       do i = 1, size(shares)
+         is_solved = .false.
          if (is_found) call solve_larger(shares(i), shares(i - 1), is_solved)
-         if (.not. is_found .or. .not. is_solved) call solve_at_size(problem_level=shares(i), config_of_level=all_methods, &
-            is_there=is_solved)
+         if (.not. is_solved) call solve_at_size(shares(i), all_methods, is_solved)
          if (is_over()) return
          if (is_solved .and. .not. is_found) then
             is_found = .true.
@@ -247,7 +247,7 @@ contains
 
    contains
 
-      !> One level up, if necessary through an intermediate one.
+      !> Solves the next larger problem, if necessary through an intermediate one.
       subroutine solve_larger(share, share_below, is_there)
          real(wp), intent(in) :: share, share_below
          logical, intent(out) :: is_there
@@ -260,20 +260,20 @@ contains
       end subroutine solve_larger
 
       !> Solves a problem of the given size from x; x is unchanged on failure, except for the problem itself.
-      subroutine solve_at_size(problem_level, config_of_level, is_there)
-         real(wp), intent(in) :: problem_level
-         type(solver_config_t), intent(inout) :: config_of_level
+      subroutine solve_at_size(share, settings, is_there)
+         real(wp), intent(in) :: share
+         type(solver_config_t), intent(inout) :: settings             !! its budget is what is left of the work
          logical, intent(out) :: is_there
          real(wp) :: before(size(x))
 
-         config_of_level%max_work = config%max_work - report%work
-         if (problem_level < 1.0_wp) then
-            call problem%coarse_guess(problem_level, config_of_level, x, step, is_there)
+         settings%max_work = config%max_work - report%work
+         if (share < 1.0_wp) then
+            call problem%coarse_guess(share, settings, x, step, is_there)
             if (is_there) report%levels = report%levels + 1
             call report%add(step)
          else
             before = x
-            call solve_directly(problem, config_of_level, chosen, x, step)
+            call solve_directly(problem, settings, chosen, x, step)
             is_there = step%status == outcome%converged
             if (.not. is_there .and. .not. has_ended(step)) x = before
             call report%adopt(step)

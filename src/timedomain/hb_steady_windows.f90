@@ -135,7 +135,6 @@ contains
       real(wp), allocatable :: z(:, :)
       real(wp) :: spread_before, work_of_window
       integer :: n_periods, status_before, window
-      logical :: has_forgotten
 
       call begin_windows(windows, system, discretisation, options, state, error, start)
       if (allocated(error)) return
@@ -161,32 +160,60 @@ contains
                if (window < min_windows .and. steady%spread > aim*allowed_of(options)) cycle
                windows%remainder = remainder_of(z, steady%averages, record, windows%frequencies)
             end if
-            has_forgotten = window == max_windows .or. windows%decay*steady%n_periods*windows%period >= enough_decay .or. &
-                            (windows%decay <= 0.0_wp .and. window > min_windows)   ! no mode decays, or none is known
             status_before = steady%status
             call describe_verdict(discretisation, options, steady, z, windows%remainder, system%tones%omega*record%step/two_pi, &
-                                  has_forgotten, window == max_windows)
+                                  has_forgotten(windows, window, steady%n_periods), window == max_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
             if (is_final(steady, status_before, spread_before, allowed_of(options), options%integration%aim)) exit
          end do
-         if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(windows%n_first)// &
-            " periods has too many samples"
-         if (steady%status == outcome%broadband .and. options%integration%aim > 0.0_wp) steady%message = steady%message// &
-            ": the motion is none of these tones"
-         if (steady%status == outcome%integrated) then
-            if (windows%unresolved > steady%spread) steady%message = steady%message//", and "//rounded(windows%unresolved)// &
-               " of the motion is of harmonics too close to each other for a record of this length"
-            steady%spread = hypot(steady%spread, windows%unresolved)
-            windows%fit%max_work = huge(1.0_wp)
-            steady%amplitudes = transpose(averages_of(system, discretisation, options, record%every_displacement, record, &
-                                                      windows%fit))
-            if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
-               call polish(system, discretisation, options, windows%coordinates, state, steady)
-         end if
       end associate
+      call describe_end(options, windows, steady)
+      if (steady%status == outcome%integrated) call complete(system, discretisation, options, windows, state, steady)
       call windows%fit%destroy()
    end subroutine integrate_to_steady
+
+   !> Whether the start has no effect any more on the last window, or is not waited for any longer.
+   pure logical function has_forgotten(self, window, n_periods)
+      type(windows_t), intent(in) :: self
+      integer, intent(in) :: window                                   !! its number
+      integer, intent(in) :: n_periods                                !! of all windows so far
+
+      has_forgotten = window == max_windows .or. self%decay*n_periods*self%period >= enough_decay .or. &
+                      (self%decay <= 0.0_wp .and. window > min_windows)   ! no mode decays, or none is known
+   end function has_forgotten
+
+   !> Adds to the message what the last window shows: nothing if there was none, or lines that are not, or not separated.
+   subroutine describe_end(options, self, steady)
+      type(options_t), intent(in) :: options
+      type(windows_t), intent(in) :: self
+      type(steady_motion_t), intent(inout) :: steady
+
+      if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(self%n_first)// &
+         " periods has too many samples"
+      if (steady%status == outcome%broadband .and. options%integration%aim > 0.0_wp) steady%message = steady%message// &
+         ": the motion is none of these tones"
+      if (steady%status == outcome%integrated .and. self%unresolved > steady%spread) steady%message = steady%message// &
+         ", and "//rounded(self%unresolved)//" of the motion is of harmonics too close to each other for a record of this length"
+   end subroutine describe_end
+
+   !> Completes a steady motion: the error of lines that are not separated, the series of all degrees of freedom, and the periodic
+   !> motion next to one with impacts.
+   subroutine complete(system, discretisation, options, self, state, steady)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      type(windows_t), intent(inout) :: self
+      type(integration_state_t), intent(in) :: state                  !! at the end of the last window
+      type(steady_motion_t), intent(inout) :: steady
+
+      steady%spread = hypot(steady%spread, self%unresolved)
+      self%fit%max_work = huge(1.0_wp)
+      steady%amplitudes = transpose(averages_of(system, discretisation, options, self%record%every_displacement, self%record, &
+                                                self%fit))
+      if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
+         call polish(system, discretisation, options, self%coordinates, state, steady)
+   end subroutine complete
 
    !> Prepares the windows, and the state at their start.
    subroutine begin_windows(self, system, discretisation, options, state, error, start)
