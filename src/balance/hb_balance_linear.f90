@@ -33,26 +33,13 @@ contains
    !> Scales of unknowns and equations, one each per degree of freedom: linear motion and loads; if these vanish, gaps
    !> and the forces at rest.
    module procedure choose_scales
-      real(wp) :: motion(self%n_dofs), load(self%n_dofs)
-      real(wp) :: u(self%harmonics%n_coefficients, self%n_dofs), r(self%n_unknowns)
-      real(wp) :: loads(self%harmonics%n_harmonics)
-      integer :: h, i
+      real(wp) :: motion(self%n_dofs), load(self%n_dofs), r(self%n_unknowns)
+      integer :: i
 
-      call self%linear_solution(u)
-      motion = norm2(u, dim=1)
-      do i = 1, self%n_dofs
-         do h = 1, self%harmonics%n_harmonics
-            associate (s => self%stiffness%entry(i, i, h))
-               loads(h) = max(abs(self%stiffness%load(i, h)), abs(s*self%harmonics%amplitude(u(:, i), h)))
-            end associate
-         end do
-         associate (shift => exponent(maxval(loads)))                 ! the squares may be out of range although the norm is not
-            load(i) = scale(sqrt(sum(scale(loads, -shift)**2)), shift)
-         end associate
-      end do
+      call self%stiffness%find_scales(self%harmonics, motion, load)
       if (maxval(load) <= 0.0_wp) then                                ! no loads: forces of the laws at rest
-         call self%residual([(0.0_wp, i=1, size(u))], r)
-         load = norm2(reshape(r, shape(u)), dim=1)
+         call self%residual([(0.0_wp, i=1, size(r))], r)
+         load = norm2(reshape(r, [self%harmonics%n_coefficients, self%n_dofs]), dim=1)
       end if
       if (maxval(motion) <= 0.0_wp) then
          do i = 1, size(self%law_set%laws)

@@ -31,6 +31,7 @@ module hb_linear_part
       real(wp), allocatable, private :: support(:)                    ! (n_law) [N/m]
       complex(wp), allocatable, private :: undamped(:, :, :)          ! `condensed` without artificial damping, if there is any
       complex(wp), allocatable, private :: free_motion(:, :)          ! without laws, [m], (n_law, n_harmonics); not allocated
+      real(wp), allocatable, private :: scales(:, :)                  ! of `find_scales`, (n_law, 2), while nothing has changed
       type(block_factors_t), private :: factors                       ! LU of S on its supports, of the requested harmonics
    contains
       procedure :: move => linear_part_move
@@ -43,6 +44,7 @@ module hb_linear_part
       procedure :: find_reaction => linear_part_find_reaction
       procedure :: find_reaction_slope => linear_part_find_reaction_slope
       procedure :: find_motion => linear_part_find_motion
+      procedure :: find_scales => linear_part_find_scales
       procedure :: solve => linear_part_solve
       procedure :: compliance => linear_part_compliance
       procedure, private :: factorise => linear_part_factorise
@@ -95,6 +97,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(self%free_motion)) deallocate (self%free_motion)
+      if (allocated(self%scales)) deallocate (self%scales)
       call self%factors%forget()
       call self%dynamic_stiffness_t%move(frequencies, drives, error)
    end subroutine linear_part_move
@@ -106,6 +109,7 @@ contains
       complex(wp) :: c(self%n_law, size(positions))
       logical :: is_singular(size(positions))
 
+      if (allocated(self%scales)) deallocate (self%scales)
       call self%dynamic_stiffness_t%adopt_loads(part, positions)
       call part%linear_amplitudes(c, is_singular)
       self%free_motion(:, positions) = c
@@ -233,6 +237,7 @@ contains
       integer :: h, i
 
       call self%factors%forget()
+      if (allocated(self%scales)) deallocate (self%scales)
       if (allocated(self%undamped)) call move_alloc(self%undamped, self%condensed)
       if (allocated(self%shared)) then
          if (allocated(self%shared%extra)) deallocate (self%shared%extra)
@@ -418,6 +423,34 @@ contains
          end do
       end do
    end subroutine linear_part_find_motion
+
+   !> Finds the sizes of motion and forces without laws at each coordinate: norms of the motion, and of the larger of load and
+   !> force of the structure in each harmonic.
+   subroutine linear_part_find_scales(self, set, motion, load)
+      class(linear_part_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(out) :: motion(:), load(:)                     !! [m], [N], (n_law)
+      real(wp) :: loads(set%n_harmonics), u(set%n_coefficients, self%n_law)
+      integer :: h, i
+
+      if (.not. allocated(self%scales)) then
+         call self%find_motion(set, u)
+         allocate (self%scales(self%n_law, 2))
+         self%scales(:, 1) = norm2(u, dim=1)
+         do i = 1, self%n_law
+            do h = 1, set%n_harmonics
+               associate (s => self%entry(i, i, h))
+                  loads(h) = max(abs(self%load(i, h)), abs(s*set%amplitude(u(:, i), h)))
+               end associate
+            end do
+            associate (shift => exponent(maxval(loads)))              ! the squares may be out of range although the norm is not
+               self%scales(i, 2) = scale(sqrt(sum(scale(loads, -shift)**2)), shift)
+            end associate
+         end do
+      end if
+      motion = self%scales(:, 1)
+      load = self%scales(:, 2)
+   end subroutine linear_part_find_scales
 
    !> Solves S step = r on the supports.
    subroutine linear_part_solve(self, set, r, step)
