@@ -76,17 +76,15 @@ contains
       type(options_t), intent(in) :: options
       type(results_layout_t), intent(in) :: layout
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: law_dofs(:)
       logical :: is_same
 
-      allocate (law_dofs, source=system%dofs_of_unknowns())
-      is_same = size(options%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
-                .and. size(system%laws) == size(layout%law_labels) .and. size(options%output%samples) == size(layout%n_samples)
-      if (is_same) then
-         is_same = all(system%structure%labels(options%output%dofs) == layout%dof_labels) .and. &
-                   all(system%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
-                   all(options%output%samples == layout%n_samples)
-      end if
+      associate (law_dofs => system%dofs_of_unknowns())
+         is_same = size(options%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
+                   .and. size(system%laws) == size(layout%law_labels) .and. size(options%output%samples) == size(layout%n_samples)
+         if (is_same) is_same = all(system%structure%labels(options%output%dofs) == layout%dof_labels) .and. &
+                                all(system%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
+                                all(options%output%samples == layout%n_samples)
+      end associate
       if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
                                    "list the common ones in &output dofs, or run it by itself")
    end subroutine check_dofs
