@@ -67,7 +67,7 @@ contains
          if (.not. options_ended .and. words(i)%value == "--") then
             options_ended = .true.
          else if (.not. options_ended .and. index(words(i)%value, "-") == 1) then
-            call cut_option(words(i)%value, name, value, has_value, error)
+            call cut_option(self, words(i)%value, name, value, has_value, error)
             if (allocated(error)) return
             if (takes_value(name) .and. .not. has_value) then
                i = i + 1
@@ -93,18 +93,22 @@ contains
          self%verb = word
       else if (.not. allocated(self%input)) then
          self%input = word
+      else if (self%verb == "keys") then
+         call fail(error, "unexpected argument '"//word//"'; several words need quotes: nhbm keys '"//self%input//" "//word//"'")
       else
-         call fail(error, "unexpected argument '"//word//"'; the input file is '"//self%input//"'")
+         call fail(error, "unexpected argument '"//word//"'; the file is '"//self%input//"'")
       end if
    end subroutine store_word
 
    !> Splits `--name=value`, `--name` or `-n` into the long name and the value, which is empty if there is none.
-   subroutine cut_option(word, name, value, has_value, error)
+   subroutine cut_option(self, word, name, value, has_value, error)
+      type(arguments_t), intent(in) :: self                           !! as far as read: the verb
       character(*), intent(in) :: word
       character(:), allocatable, intent(out) :: name, value
       logical, intent(out) :: has_value
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest, given
+      character(12), allocatable :: known(:)
       integer :: equals
 
       equals = 0
@@ -118,9 +122,13 @@ contains
       end if
       name = long_name(given)
       if (name == "") then
-         closest = trim(closest_word(given, option_names()))
+         allocate (known, source=option_names())
+         if (allocated(self%verb)) then
+            if (any(verb_names() == self%verb)) known = option_names(self%verb)
+         end if
+         closest = trim(closest_word(given, known))
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
-         call fail(error, "unknown option '"//given//"';"//closest//" known: "//join(option_names(), ", "))
+         call fail(error, "unknown option '"//given//"';"//closest//" known: "//join(known, ", "))
       end if
    end subroutine cut_option
 
@@ -162,7 +170,6 @@ contains
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: option, value
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: numbers(:)
 
       select case (option)
       case ("--set"); call store_override(self, value, error)
@@ -171,22 +178,11 @@ contains
          if (index(value, "=") > 0) call fail(error, "--unset takes a path without a value, not '"//value//"'")
       case ("--ranks"); self%ranks = value
       case ("--points"); self%points = value
-      case ("--point")
-         call read_numbers(option, value, 0, numbers, error)
-         if (.not. allocated(error)) self%point = numbers(1)
-      case ("--periods")
-         call read_numbers(option, value, 2, numbers, error)
-         if (.not. allocated(error)) self%n_periods = numbers(1)
-      case ("--starts")
-         call read_numbers(option, value, 0, numbers, error)
-         if (.not. allocated(error)) self%n_starts = numbers(1)
-      case ("--seed")
-         call read_numbers(option, value, 0, numbers, error)
-         if (.not. allocated(error)) self%seed = numbers(1)
-      case ("--workers")
-         call read_numbers(option, value, 1, numbers, error)
-         if (.not. allocated(error) .and. size(numbers) /= 1) call fail(error, "--workers needs one number, not '"//value//"'")
-         if (.not. allocated(error)) self%n_workers = numbers(1)
+      case ("--point"); call read_number(option, value, 0, self%point, error)
+      case ("--periods"); call read_number(option, value, 2, self%n_periods, error)
+      case ("--starts"); call read_number(option, value, 0, self%n_starts, error)
+      case ("--seed"); call read_number(option, value, 0, self%seed, error)
+      case ("--workers"); call read_number(option, value, 1, self%n_workers, error)
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
       case ("--time-limit"); call read_time_limit(value, self%time_limit, error)
@@ -209,6 +205,23 @@ contains
       if (equals == 0 .or. len_trim(assignment(equals + 1:)) > 0) return
       call fail(error, "--set "//assignment//" has no value; --unset "//assignment(:equals - 1)//" removes the key")
    end subroutine store_override
+
+   !> Reads a whole number with a lower bound.
+   subroutine read_number(option, text, least, number, error)
+      character(*), intent(in) :: option, text
+      integer, intent(in) :: least
+      integer, intent(inout) :: number                                !! unchanged if there is none
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_number
+      integer :: found
+
+      call parse_integer(text, found, is_number)
+      if (is_number .and. found >= least) then
+         number = found
+      else
+         call fail(error, option//" needs a whole number, "//to_text(least)//" or more, not '"//text//"'")
+      end if
+   end subroutine read_number
 
    !> Reads whole numbers separated by commas, each with a lower bound.
    subroutine read_numbers(option, text, least, numbers, error)

@@ -53,7 +53,7 @@ def test_two_dashes_end_the_options(tmp_path):
     assert run("--", "check", "-case.nml", cwd=tmp_path).status == ALL_CONVERGED
     done = run("check", "--", "-case.nml", "--quiet", cwd=tmp_path)
     assert done.status == BAD_INPUT and len(done.messages) == 1
-    assert done.messages[0].strip() == "unexpected argument '--quiet'; the input file is '-case.nml'"
+    assert done.messages[0].strip() == "unexpected argument '--quiet'; the file is '-case.nml'"
 
 
 @pytest.mark.parametrize(
@@ -64,6 +64,11 @@ def test_two_dashes_end_the_options(tmp_path):
         (("solve", "case.nml", "--ouput=x.h5"), "unknown option '--ouput'; did you mean '--output'?"),
         (("solve", "case.nml", "--set", "law%gap="), "--set law%gap= has no value; --unset law%gap removes the key"),
         (("solve", "case.nml", "--unset", "law%gap=1"), "--unset takes a path without a value, not 'law%gap=1'"),
+        (("solve", "case.nml", "-v"), "unknown option '-v'; known: --output, -o, --overwrite, --resume,"),
+        (("keys", "law", "gap"), "unexpected argument 'gap'; several words need quotes: nhbm keys 'law gap'"),
+        (("why", "case.h5", "--point", "1,2"), "--point needs a whole number, 0 or more, not '1,2'"),
+        (("census", "case.nml", "--starts=2,3"), "--starts needs a whole number, 0 or more, not '2,3'"),
+        (("verify", "case.h5", "--periods", "0"), "--periods needs a whole number, 2 or more, not '0'"),
         (("info", "case.h5", "--set", "a%b=1"), "info has no option --set; it has --check, --quiet"),
         (("verify", "case.h5", "--overwrite"), "verify has no option --overwrite; it has --time-limit, --workers"),
         (("verify", "case.h5", "--point", "0"), "verify has no option --point; did you mean --points? it has --time-limit"),

@@ -389,8 +389,8 @@ def time(arguments):
             else:
                 points = [results.point()]
             if len(points) > _MOST_MOTIONS and not (arguments.output and arguments.output.suffix.lower() == ".csv"):
-                raise UsageError(f"{len(points)} points are chosen, of which a picture shows {_MOST_MOTIONS} at most: choose fewer by "
-                                 "--point, or by an --at for each parameter")  # fmt: skip
+                text = f"{len(points)} points are chosen, of which a picture shows {_MOST_MOTIONS} at most: choose fewer by --point"
+                raise UsageError(f"{text}, or by an --at for each parameter")
             dof = arguments.dof or results.default_dof(arguments.quantity)
             curves = [(_legend(results, point, points), _series(results, point, dof, arguments)) for point in points]
             outcome = results.warning(points[0]) if len(points) == 1 else ""
