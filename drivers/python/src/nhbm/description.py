@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from nhbm import doubts
-from nhbm.errors import Implausible, ModelError, among
+from nhbm.errors import Implausible, ModelError, among, check_file
 from nhbm.groups import (
     OPERATIONS,
     Builder,
@@ -94,8 +94,8 @@ class Description(Laws):
             from nhbm.files import is_result  # with h5py
 
             file = structure if isinstance(structure, Structure) else str(structure)
-            if isinstance(file, str) and not Path(file).is_file():
-                raise ModelError(f"model file '{file}' does not exist")
+            if isinstance(file, str):
+                check_file(file, "model file")
             if isinstance(file, str) and is_result(file):
                 raise ModelError(f"'{file}' is a result, not a model file: nhbm.open_dataset({file!r}) reads it")
             self._groups.add(Group("structure", {"type": "model", "file": file}))

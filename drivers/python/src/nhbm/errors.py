@@ -2,6 +2,8 @@
 
 import difflib
 import importlib
+import os
+import stat
 from typing import Any
 
 _EXTRAS = {"matplotlib": "plot", "meshio": "fe", "pyNastran": "nastran", "skfem": "fe"}  # of pyproject.toml
@@ -18,6 +20,18 @@ class NotConverged(UserWarning):
 class Implausible(UserWarning):
     """A model can be solved, but suggests a mistake: a stop that no motion reaches, a gap of a kilometre, negative damping, a tone
     far above or below all natural frequencies, no load."""
+
+
+def check_file(path: Any, what: str = "file") -> None:
+    """Raises ModelError where there is no file to be read: none, a folder, or one behind a folder that is closed."""
+    try:
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        raise ModelError(f"{what} '{path}' does not exist") from None
+    except OSError as error:
+        raise ModelError(f"{what} '{path}' cannot be read: {error.strerror}") from None
+    if stat.S_ISDIR(mode):
+        raise ModelError(f"'{path}' is a folder")
 
 
 def imported(module: str, purpose: str, package: str = "") -> Any:

@@ -13,7 +13,7 @@ import xarray as xr
 
 from nhbm.child_process import atomic_write
 from nhbm.dataset import AXES, TUPLE, Source, names_of_dofs, split, with_words
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, check_file
 from nhbm.groups import Groups, described, path_of
 from nhbm.hdf5_file import image_of, open_hdf5
 from nhbm.session import Session
@@ -67,8 +67,7 @@ def is_result(path: str | Path) -> bool:
 
 def opened(path: str | Path) -> xr.Dataset:
     """A result file as the dataset that `Model` returns for the same motions."""
-    if not Path(path).is_file():
-        raise ModelError(f"'{path}' is a folder" if Path(path).is_dir() else f"file '{path}' does not exist")
+    check_file(path)
     try:
         with open_hdf5(path) as file:
             is_model, version = file.attrs.get("format") == FORMAT, int(file.attrs.get("schema_version", _SCHEMA))

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.child_process import atomic_write
-from nhbm.errors import ModelError, meant
+from nhbm.errors import ModelError, check_file, meant
 from nhbm.hdf5_file import image_of, open_hdf5
 
 FORMAT = "nhbm model"
@@ -207,8 +207,7 @@ class Structure:
     @classmethod
     def read(cls, path: Any) -> Structure:
         """Reads a model file."""
-        if not Path(path).is_file():
-            raise ModelError(f"file '{path}' does not exist")
+        check_file(path)
         try:
             with open_hdf5(path) as file:
                 return cls._from_file(file)
