@@ -113,6 +113,8 @@ class Law:
         address = _address(function)
         self.takes_parameters = False
         self.steps_slowly = states > 0 and None in (address, _address(advance))  # in time: an evaluation takes 1 ms
+        if address is None and not callable(function):
+            raise ModelError(f"a law is a function of q, v and p, a pointer to one, or the name of a type, not {function!r}")
         if address is None:
             caller = _Force(function, self.__name__, arguments, velocity, states)
             self.takes_parameters = "p" in caller.roles

@@ -262,6 +262,8 @@ class Model(Description):
         True
         """
         paths = self._paths(by)
+        if self._resolved(path) in paths:
+            raise ModelError(f"'{path}' varies along the curve, so that the peak does not depend on it: leave it out of by")
         none = np.full(len(paths), np.nan)
 
         def here(session: Session, value: float, at: float) -> PeakGradient:
