@@ -183,7 +183,7 @@ contains
                       (self%decay <= 0.0_wp .and. window > min_windows)   ! no mode decays, or none is known
    end function has_forgotten
 
-   !> Adds to the message what the last window shows: nothing if there was none, or lines that are not, or not separated.
+   !> Completes the message: no window was short enough, the lines are none of the tones, or some are not separated.
    subroutine describe_end(options, self, steady)
       type(options_t), intent(in) :: options
       type(windows_t), intent(in) :: self
