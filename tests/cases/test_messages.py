@@ -189,7 +189,8 @@ def test_the_line_is_that_of_the_second_frequency(tmp_path):
     model = MASS.replace("frequency = 0.2", "hertz = 0.2") + "&harmonics order = 3 /\n"
     n = model.count("\n") + 1
     curve = model + "&curve parameter = 'tones%frequency', from = 0.1, to = 0.5 /\n"
-    assert f"nhbm: case.nml:{n}: &curve: &tones: frequency: give either" in run("check", write(tmp_path, curve), cwd=tmp_path).stderr
+    said = run("check", write(tmp_path, curve), cwd=tmp_path).stderr
+    assert f"nhbm: case.nml:{n}: &curve: &tones: frequency: give either" in said
     sweep = model + "&sweep parameter = 'tones%frequency', values = 0.1, 0.5 /\n"
     assert f"case.nml:{n}: &sweep: &tones: frequency: give" in run("check", write(tmp_path, sweep), cwd=tmp_path).stderr
     sweep = sweep.replace("hertz", "FREQUENCY").replace("tones%frequency", "tones%hertz")
