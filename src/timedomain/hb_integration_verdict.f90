@@ -9,13 +9,13 @@ module hb_integration_verdict
    use hb_kinds, only: wp
    implicit none
    private
-   public :: decide, growing, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_text
+   public :: decide, growing, grown, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_text
 
    real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the error estimate
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
                                                                       !! a longer time integration would find up to a tenth
    real(wp), parameter :: smallest_limit = 1.0e-9_wp
-   real(wp), parameter :: grown = 30.0_wp                             ! of the distance: certain
+   real(wp), parameter :: grown = 30.0_wp                             !! of the distance: certain
    real(wp), parameter :: growing = 3.0_wp !! of the distance: before the difference exceeds its limit, growth
    real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start has no influence
    real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one group of periods to the next

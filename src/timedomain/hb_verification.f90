@@ -21,7 +21,7 @@ module hb_verification
    use hb_integrated_motion, only: find_steady_motion
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
-   use hb_integration_verdict, only: decide, growing, growth_of, limit_of, n_steady, verdict
+   use hb_integration_verdict, only: decide, growing, grown, growth_of, limit_of, n_steady, verdict
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
    use hb_modes, only: slowest_decay
@@ -157,15 +157,31 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(pair_t), target :: pair
       type(verdict_t) :: finer
+      real(wp) :: gain
 
       call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
       if (pair%config%method == integration_method%cvode) return
       pair%config%substeps = 2*pair%config%substeps
       call decide_pair(pair, claim, finer, error)
-      if (allocated(error) .or. finer%kind == verdict%unstable) return
+      if (allocated(error) .or. size(pair%distance) == 0) return
+      if (finer%kind == verdict%unstable) then
+         result = finer
+         return
+      end if
+      gain = maxval(pair%distance) - max(pair%distance(1), 0.0_wp)
+      if (gain > log(growing)) then                                   ! errors of the steps grow as any other
+         if (gain < log(grown) .or. finer%first_difference > result%first_difference/falls) return
+         result = finer
+         result%kind = verdict%unstable
+         result%growth = gain/(maxloc(pair%distance, dim=1)*pair%length%period)
+         return
+      end if
       if (finer%difference > result%difference/falls .or. any(abs(finer%drift) > abs(result%drift)/falls)) return
       finer%limit = max(finer%limit, min(result%difference - finer%difference, limit_of(1.0_wp, 1.0_wp)))
-      if (finer%kind == verdict%differs .and. finer%difference <= finer%limit) finer%kind = verdict%agrees
+      if (finer%kind == verdict%differs .and. finer%difference <= finer%limit) then
+         finer%kind = verdict%agrees
+         finer%growth = growth_of(0.0_wp*pair%ratio, pair%distance)/pair%length%period
+      end if
       result = finer
    end subroutine halve_steps
 

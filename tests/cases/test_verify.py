@@ -247,3 +247,17 @@ def test_verify_agrees_where_the_basin_is_smaller_than_the_error(tmp_path):
     assert stable[1] == 1 and multipliers[1] == pytest.approx([-0.7265306, -0.7265306], abs=1e-6)
     done = run("verify", result, "--points", "1", cwd=tmp_path)
     assert done.status == 0 and "agrees with time integration that starts on the periodic motion" in done.stdout, done.stdout
+
+
+def test_verify_knows_unstable_motions_of_coordinates_without_mass(tmp_path):
+    """Implicit steps have errors of 1e-6, far above those of the motion: behind the fold they grow, elsewhere they do not."""
+    text = "&structure type='matrices', n_dofs=3, mass=1,0,0, 0,0,0, 0,0,1.3, damping=.05,0,0, 0,.2,0, 0,0,.04,\n"
+    text += "stiffness=2,-1,0, -1,2.5,-.8, 0,-.8,1.9 /\n&tones frequency=1.1 /\n&law type='cubic_spring', dof='x1', stiffness=.8 /\n"
+    text += "&load dof='x3', tuple=1, cos=.5 /\n&curve parameter='tones%frequency', from=1.4, to=1.6 /\n"
+    result = solve(text, tmp_path)
+    kind, stable = read(result, "curve_kind", "is_stable")
+    first, second = np.flatnonzero(kind == 3)
+    points = [0, (first + second) // 2]
+    assert list(stable[points]) == [1, -1]
+    found = verified(result, "--points", ",".join(map(str, points)), status=NOT_ALL_CONVERGED)["integration_verdict"]
+    assert list(found[points]) == [AGREES, UNSTABLE]
