@@ -1,8 +1,9 @@
 !> Texts of the command about a run: its points, the time of its ranks, and the located points of its curves.
 module run_texts
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
-   use hb_hdf5, only: h5_file_t, open_file
+   use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text, reason
@@ -22,6 +23,8 @@ module run_texts
 
    integer, parameter :: max_line = 160                               !! length of the lines that are returned
    integer, parameter :: max_points = 60                             ! of curves
+   real(wp), parameter :: hides_others = 1.0e5_wp ! multiplier beside which a matrix that is accurate to 1e-6 leaves others an
+                                                  !! error of 0.1: their number is not known
 
 contains
 
@@ -132,7 +135,7 @@ contains
       character(16) :: digits
       integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), response(:), status(:)
       type(string_t), allocatable :: names(:)                         ! of all responses, if there are several
-      real(wp), allocatable :: lengths(:)
+      real(wp), allocatable :: largest(:), lengths(:)
       integer :: first_gap, i, n
 
       allocate (lines(0))
@@ -146,6 +149,7 @@ contains
       call file%get("n_unstable", n_unstable, error, [plan%n_points])
       call file%get("reason", reasons, error, [plan%n_points])
       call file%get("curve_response", response, error, [plan%n_points])
+      call read_largest_multipliers(file, plan%n_points, largest, error)
       call file%close(error)
       if (allocated(error)) return
       rounded = plan
@@ -159,8 +163,8 @@ contains
          if (n <= max_points) lines = [character(max_line) :: lines, line_of(i)]
       end do
       if (n > max_points) lines = [character(max_line) :: lines, "and "//to_text(n - max_points)//" more (see 'curve_kind')"]
-      call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, lengths, merge(n_unstable, -1, is_stable /= 0), &
-                     plan%n_fastest(), n, first_gap)
+      call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, lengths, &
+                     merge(n_unstable, -1, is_stable /= 0 .and. largest < hides_others), plan%n_fastest(), n, first_gap)
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
          ", point "//to_text(first_gap - 1)//": stability changes here, but no bifurcation was located"]
@@ -257,6 +261,33 @@ contains
       if (allocated(plan%curve)) is_regular_end = any(status == [outcome%collapsed, outcome%locked]) .and. &
                                                     modulo(point - 1, plan%n_fastest()) > 0
    end function is_regular_end
+
+   !> Magnitude of the largest multiplier of each point; 0 without multipliers.
+   subroutine read_largest_multipliers(file, n_points, largest, error)
+      type(h5_file_t), intent(in) :: file
+      integer, intent(in) :: n_points
+      real(wp), allocatable, intent(out) :: largest(:)
+      type(error_t), allocatable, intent(inout) :: error
+      type(h5_dataset_t) :: dataset
+      real(wp), allocatable :: imaginary(:), real_part(:)
+      integer, allocatable :: extents(:)
+      integer :: i, n
+
+      allocate (largest(n_points), source=0.0_wp)
+      if (allocated(error)) return
+      if (.not. (file%has("multiplier_real") .and. file%has("multiplier_imag"))) return
+      call file%open_dataset("multiplier_real", dataset, error)
+      if (allocated(error)) return
+      extents = dataset%get_extents()
+      call dataset%close()
+      call file%get("multiplier_real", real_part, error, extents)
+      call file%get("multiplier_imag", imaginary, error, extents)
+      if (allocated(error)) return
+      n = size(real_part)/max(1, n_points)
+      if (n == 0) return
+      largest = [(hypot(real_part((i - 1)*n + 1), imaginary((i - 1)*n + 1)), i=1, n_points)]
+      where (.not. ieee_is_finite(largest)) largest = 0.0_wp
+   end subroutine read_largest_multipliers
 
    !> Counts the steps along curves on which the number of growing disturbances changes without a point on the step or
    !> next to it that explains this. Steps with an unknown number are passed over.

@@ -65,14 +65,31 @@ contains
                                                              piece%stability(2))
          end associate
          if (.not. piece%ends(1) < piece%ends(2)) cycle
-         if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
+         if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) then
+            if (.not. seem_different(piece%stability(1), piece%stability(2))) cycle
+         end if
          call make_certain(self, piece%ends(1), piece%stability(1))
          call make_certain(self, piece%ends(2), piece%stability(2))
+         if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
          n_before = size(self%waiting)
          call find_by_kind(self, search, piece)
          call find_by_number(self, search, piece, n_before)
       end do
    end subroutine find_bifurcations
+
+   !> Whether multipliers with errors, taken as they are, would have passed the unit circle.
+   pure logical function seem_different(a, b)
+      type(stability_t), intent(in) :: a, b
+      integer :: kind
+
+      seem_different = .false.
+      if (.not. (allocated(a%multipliers) .and. allocated(b%multipliers))) return
+      seem_different = n_outside(a) /= n_outside(b)
+      do kind = bifurcation%branch, bifurcation%torus
+         seem_different = seem_different .or. ((bifurcation_value(kind, a%multipliers) < 0.0_wp) .neqv. &
+                                               (bifurcation_value(kind, b%multipliers) < 0.0_wp))
+      end do
+   end function seem_different
 
    !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
    !> are.
@@ -83,9 +100,15 @@ contains
       type(stability_t) :: better
       real(wp) :: same_position
 
-      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*self%model%options%stability%tolerance) return
+      if (.not. allocated(there%multipliers)) return
+      associate (tolerance => max(self%model%options%stability%tolerance, there%noise))
+         if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*tolerance .and. there%resolves_circle()) return
+      end associate
+      if (clearly*epsilon(1.0_wp)*maxval(abs(there%multipliers)) >= minor) return   ! nor sharply
       call evaluate_stability_at(self, position, sharp, same_position, better)
-      if (allocated(better%multipliers)) there%multipliers = better%multipliers
+      if (.not. allocated(better%multipliers)) return
+      there%multipliers = better%multipliers
+      there%noise = better%noise
    end subroutine make_certain
 
    !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.

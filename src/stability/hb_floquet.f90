@@ -418,7 +418,7 @@ contains
          neutral = neutral(retained, :)
       end if
       call deflate_all(monodromy%matrix, neutral)
-      call assess_matrix(self, monodromy%matrix, variation%motion%omega(1))
+      call assess_matrix(self, monodromy%matrix, variation%motion%omega(1), monodromy%estimate)
    end subroutine assess_period
 
    !> Stability from the derivative of a period map by shooting; without multipliers if LAPACK fails.
@@ -434,13 +434,15 @@ contains
    end function stability_of_map
 
    !> Stores the multipliers of a monodromy matrix and derives the verdict, with the present estimate.
-   subroutine assess_matrix(self, matrix, omega)
+   subroutine assess_matrix(self, matrix, omega, matrix_error)
       type(stability_t), intent(inout) :: self
       real(wp), intent(in) :: matrix(:, :)
       real(wp), intent(in) :: omega                                   !! [rad/s]
+      real(wp), intent(in), optional :: matrix_error                  !! relative to its largest entry, or 1; default: rounding
       complex(wp), allocatable :: multipliers(:)
 
       call eigenvalues_of(matrix, multipliers)
+      if (present(matrix_error) .and. size(multipliers) > 0) self%noise = matrix_error*max(1.0_wp, abs(multipliers(1)))
       if (size(multipliers) > 0) call assess_multipliers(self, multipliers, omega)
    end subroutine assess_matrix
 
@@ -453,7 +455,7 @@ contains
 
       noise = clearly*epsilon(1.0_wp)*abs(multipliers(1))             ! of all others
       if (noise >= minor) multipliers = pack(multipliers, abs(multipliers) >= noise)
-      margin = max(rounding, clearly*self%estimate, noise)
+      margin = max(rounding, clearly*self%estimate, noise, clearly*self%noise)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable

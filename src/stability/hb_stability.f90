@@ -58,6 +58,8 @@ module hb_stability
                                                                       !! error for a phase shift, or of the change of the
                                                                       !! largest multiplier with the errors of the motion; for
                                                                       !! several tones the spread of the largest exponent [1/s]
+      real(wp) :: noise = 0.0_wp                                      !! error of all multipliers by that of the matrix, which is
+                                                                      !! relative to the largest one
       real(wp) :: growth = 1.0_wp                                     !! of disturbances that decay on average, within a period
                                                                       !! of the slowest tone, if that prevents a verdict
       complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
@@ -163,12 +165,13 @@ contains
       stability%verdict = verdict%unstable
    end function stability_unstable_along_series
 
-   !> Whether multipliers on the unit circle have digits beside the rounding errors of the largest one.
+   !> Whether multipliers on the unit circle have digits beside the errors of the largest one.
    pure logical function stability_resolves_circle(self) result(resolves)
       class(stability_t), intent(in) :: self
 
       resolves = .false.
-      if (allocated(self%multipliers)) resolves = all(clearly*epsilon(1.0_wp)*abs(self%multipliers) < minor)
+      if (allocated(self%multipliers)) resolves = clearly*self%noise < minor .and. &
+                                                  all(clearly*epsilon(1.0_wp)*abs(self%multipliers) < minor)
    end function stability_resolves_circle
 
    !> Whether twice the change of a multiplier moves it to the unit circle and, for a complex one, to its nearest

@@ -342,3 +342,35 @@ def test_coexisting_motions_of_the_rotor_are_reported(tmp_path):
     amplitudes = np.hypot(*np.moveaxis(integrated[:, 0, 1], -1, 0))
     assert amplitudes == pytest.approx([free, bouncing], rel=1e-2)
     assert amplitudes[0] == pytest.approx(free, rel=1e-6) and amplitudes[0] == pytest.approx(0.48138576, rel=1e-6)
+
+
+PULL_IN = """
+&structure type='matrices', n_dofs=2, mass=1.335850528071076, 0.0, 0.0, 1.2423682030671896, damping=0.699025056748461,
+   -0.13918290291846383, -0.13918290291846383, 0.7014882245671656, stiffness=2185.66564554204, -1021.5319858988503,
+   -1021.5319858988503, 2409.8217478215856 /
+&tones frequency=25.535768910465848 /
+&law type='electrostatic', dof='x1', coefficient=1.0, gap=1.6095735273883292, voltage=4.173322132310994, tuple=1,
+   voltage_cos=-0.4367629547375046 /
+&load dof='x2', tuple=1, cos=213.04514463579238 /
+&accuracy tolerance=1e-3 /
+"""
+
+
+def test_errors_of_a_huge_multiplier_are_no_bifurcations(tmp_path):
+    """Next to pull-in the largest multiplier is 1e8, and errors of the matrix move others across the unit circle."""
+    curve = "&curve parameter='tones%frequency', from=18.78855565779982, to=59.49709291636609, points=200 /\n"
+    (tmp_path / "pull_in.nml").write_text(PULL_IN + curve)
+    done = run("solve", "pull_in.nml", cwd=tmp_path)
+    assert "fold    at tones%frequency = 25.2961" in done.stdout
+    assert "no bifurcation was located" not in done.stdout
+    real, n_unstable = read(tmp_path / "pull_in.h5", "multiplier_real", "n_unstable")
+    assert np.all(n_unstable[real[:, 0] < -1e8] == 1)
+
+
+def test_a_fold_is_followed_from_beside_huge_multipliers(tmp_path):
+    """The search for bifurcations among such errors ended neither here nor within 30 s."""
+    curve = "&curve parameter='load(1)%cos', from=213.04514463579238, to=300.0, follow='fold', over='tones%frequency',\n"
+    curve += "over_from=18.78855565779982, over_to=59.49709291636609 /\n"
+    (tmp_path / "fold.nml").write_text(PULL_IN + curve)
+    done = run("solve", "fold.nml", "--time-limit", "25", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED and "end     at load(1)%cos = 300.0 N" in done.stdout, done.stdout + done.stderr
