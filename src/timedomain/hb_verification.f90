@@ -6,7 +6,7 @@
 !> drift (hb_integration_difference): if the drift exceeds the estimated errors of the frequencies, the motion is
 !> wrong. The integration lasts until this is decided, at most as long as the decay of the linear structure takes,
 !> within a limit of work. Methods with fixed steps have errors of their own: a motion that differs is integrated again with
-!> half the steps, and what the difference falls by is added to its limit.
+!> steps of half the length, and what the difference falls by is the least limit.
 !>
 !> The start has the error of the series. If disturbances of this size diverge from a periodic motion that is stable, the
 !> integration leaves the series though both its values and its stability are right. Therefore, before a motion that is not
@@ -148,7 +148,7 @@ contains
       call write_up(self, claim, result)
    end subroutine decide_pair
 
-   !> Verdict by half the fixed steps on a motion that differs, if the difference falls with the steps.
+   !> Verdict by steps of half the length on a motion that differs, if the difference falls with the steps.
    subroutine halve_steps(model, claim, n_periods, result, error)
       type(model_t), intent(in) :: model
       type(claim_t), intent(in) :: claim
