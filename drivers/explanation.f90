@@ -12,7 +12,7 @@ module explanation
    use hb_results_record, only: attempts_of, messages_of, numbers_of, record_t
    use hb_solver_types, only: attempt_t, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: add_string, number_of, rounded, split, string_t, to_text
+   use hb_text, only: add_string, number_of, rounded, rounded_beside, split, string_t, to_text
    use hb_thresholds, only: well_solved
    use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use run_texts, only: is_regular_end
@@ -312,17 +312,11 @@ contains
       subroutine add(value, cause, key)
          real(wp), intent(in) :: value
          character(*), intent(in) :: cause, key
-         character(:), allocatable :: number, most
-         character(9) :: digits
 
          if (.not. ieee_is_finite(value)) return
-         number = rounded(value)
-         most = rounded(limit("error_estimate", key))
-         if (number == most) then
-            write (digits, "(es9.2)") value
-            number = trim(adjustl(digits))
-         end if
-         text = text//sign//number//cause//" (limit "//most//")"
+         associate (most => limit("error_estimate", key))
+            text = text//sign//trim(rounded_beside(value, most))//cause//" (limit "//rounded(most)//")"
+         end associate
          sign = ", "
       end subroutine add
 

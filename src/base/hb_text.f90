@@ -9,7 +9,7 @@ module hb_text
    implicit none
    private
    public :: add_string, is_name, join, length_of, letters, lower, max_name, number_of, parse_integer, parse_real, quote, &
-      rounded, rounded_to, shortened, shown, split, string_t, text_builder_t, texts_t, to_text
+      rounded, rounded_beside, rounded_to, shortened, shown, split, string_t, text_builder_t, texts_t, to_text
 
    character(*), parameter :: digits = "0123456789"
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
@@ -140,6 +140,18 @@ contains
       call write_rounded(value, buffer)
       text = buffer
    end function rounded
+
+   !> Formats a number that is compared with a limit: as `rounded`, with a third digit where two are those of the limit.
+   function rounded_beside(value, limit) result(text)
+      real(wp), intent(in) :: value, limit
+      character(24) :: text
+      character(9) :: digits
+
+      text = rounded(value)
+      if (text /= rounded(limit)) return
+      write (digits, "(es9.2)") value
+      text = adjustl(digits)
+   end function rounded_beside
 
    pure integer function rounded_length(value) result(length)
       real(wp), intent(in) :: value

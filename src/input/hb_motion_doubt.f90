@@ -6,7 +6,7 @@ module hb_motion_doubt
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
    use hb_remedies, only: remedy_of
-   use hb_text, only: rounded
+   use hb_text, only: rounded, rounded_beside
    implicit none
    private
    public :: describe_doubt
@@ -44,7 +44,7 @@ contains
          real(wp), intent(in) :: value, limit
 
          if (.not. ieee_is_finite(value)) return
-         text = text//sign//rounded(value)//cause//" (limit "//rounded(limit)//")"
+         text = text//sign//trim(rounded_beside(value, limit))//cause//" (limit "//rounded(limit)//")"
       end subroutine add
    end subroutine describe_doubt
 end module hb_motion_doubt

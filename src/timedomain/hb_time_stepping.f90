@@ -16,7 +16,7 @@ module hb_time_stepping
    use hb_law, only: hold_t
    use hb_memory, only: available_memory
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
-   use hb_text, only: to_text
+   use hb_text, only: rounded, to_text
    use hb_time_domain, only: integration_config_t, integration_method
    implicit none
    private
@@ -326,7 +326,7 @@ contains
 
       if (all(ieee_is_finite(state%q)) .and. all(ieee_is_finite(state%v))) then
          if (maxval(abs(state%q)) <= largest) return
-         call fail(error, "the motion has grown beyond "//to_text(largest)//" at t = "//to_text(state%time)//" s")
+         call fail(error, "the motion has grown beyond "//trim(rounded(largest))//" at t = "//to_text(state%time)//" s")
          return
       end if
       call fail(error, "the motion is not finite at t = "//to_text(state%time)//" s: an explicit method may need a smaller step")
