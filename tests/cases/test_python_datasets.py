@@ -141,7 +141,7 @@ except nhbm.ModelError as error:
     print(error)
 """
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, timeout=120,
+        [sys.executable, "-B", "-c", script], capture_output=True, text=True, cwd=tmp_path, timeout=120,  # compiled files would be cut
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
     )  # fmt: skip
     assert done.returncode == 0 and "cannot be written: File too large" in done.stdout, (done.returncode, done.stdout, done.stderr)
