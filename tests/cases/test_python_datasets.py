@@ -141,7 +141,8 @@ except nhbm.ModelError as error:
     print(error)
 """
     done = subprocess.run(
-        [sys.executable, "-B", "-c", script], capture_output=True, text=True, cwd=tmp_path, timeout=120,  # compiled files would be cut
+        [sys.executable, "-B", "-c", script],  # which writes no compiled files, that would be cut
+        capture_output=True, text=True, cwd=tmp_path, timeout=120,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
     )  # fmt: skip
     assert done.returncode == 0 and "cannot be written: File too large" in done.stdout, (done.returncode, done.stdout, done.stderr)
