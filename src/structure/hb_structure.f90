@@ -379,12 +379,20 @@ contains
    pure integer function structure_dof_index(self, label) result(dof)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: label
+      character(len(label)) :: wanted
+      integer :: i
       logical :: is_number
 
+      wanted = adjustl(label)
+      i = verify(trim(wanted), "0123456789", back=.true.)             ! labels are unique, and most of them are numbered
+      call parse_integer(trim(wanted(i + 1:)), dof, is_number)
+      if (is_number .and. dof > 0 .and. dof <= self%n_dofs) then
+         if (self%labels(dof) == wanted) return
+      end if
       do dof = 1, self%n_dofs
-         if (self%labels(dof) == adjustl(label)) return
+         if (self%labels(dof) == wanted) return
       end do
-      call parse_integer(trim(adjustl(label)), dof, is_number)
+      call parse_integer(trim(wanted), dof, is_number)
       if (dof < 1 .or. dof > self%n_dofs) dof = 0
    end function structure_dof_index
 
