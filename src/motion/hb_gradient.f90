@@ -32,7 +32,7 @@ module hb_gradient
    use hb_response_slope, only: find_motion_slopes
    use hb_system, only: coordinates_of, system_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: difference_step, minor, sharp
+   use hb_thresholds, only: difference_step, minor, sharp, well_solved
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
@@ -62,6 +62,8 @@ module hb_gradient
       integer, allocatable :: which(:)                                ! likewise of parameters: with the damping of a normal mode
       real(wp), allocatable :: x(:)                                   ! coefficients, then these parameters
       real(wp), allocatable :: residual(:)                            ! of the balance at x
+      real(wp), allocatable :: slopes(:, :)                           ! of x by each value, on the level before
+      real(wp) :: accuracy = sharp                                    ! relative, of these
       integer :: n = 0                                                ! coefficients
    contains
       procedure :: differentiate => known_differentiate
@@ -119,6 +121,10 @@ contains
             call give_up()
             return
          end if
+         associate (accuracy => options%accuracy)
+            if (accuracy%is_on .and. (accuracy%grows_set .or. accuracy%refines_grid)) &
+               known%accuracy = max(sharp, well_solved*accuracy%tolerance)
+         end associate
          known%n = size(unknowns) - system%tones%n_tones
          known%model%system%tones%omega = unknowns(known%n + 1:)
          known%tones = pack([(m, m=1, system%tones%n_tones)], system%tones%is_unknown)
@@ -279,12 +285,21 @@ contains
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
       type(discretisation_t) :: before
+      real(wp), allocatable :: slopes(:, :)
+      integer :: k
 
       before = self%model%discretisation
       call set_to_level(self%model%discretisation, self%model%system, before, self%model%options, level, error)
       if (allocated(error)) return
       self%x = transferred(before%harmonics, level%set, self%x, size(self%which))
       self%n = size(self%x) - size(self%which)
+      if (allocated(self%slopes)) then
+         call move_alloc(self%slopes, slopes)
+         allocate (self%slopes(size(self%x), size(slopes, 2)))
+         do k = 1, size(slopes, 2)
+            self%slopes(:, k) = transferred(before%harmonics, level%set, slopes(:, k), size(self%which))
+         end do
+      end if
       deallocate (self%residual)
       call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
    end subroutine known_differentiate
@@ -324,7 +339,8 @@ contains
          allocate (c(known%model%system%structure%n_dofs, known%model%discretisation%harmonics%n_harmonics))
          call here%all_dofs(known%x(:n), c)
          call weigh_response(known%model%options, known%model%discretisation%harmonics, c, gradient)
-         call new_tangent_solver(tangent, problem, known%x, is_lost, sharp)
+         call new_tangent_solver(tangent, problem, known%x, is_lost, known%accuracy)
+         if (.not. allocated(known%slopes)) allocate (known%slopes(size(known%x), size(by)), source=0.0_wp)
          is_done = .false.
          strongest = 0
          if (.not. is_lost) call differentiate_in_reverse(known, here, problem, tangent, gradient, is_done, strongest)
@@ -345,7 +361,7 @@ contains
 
    !> Differentiates by one value, with a solution of its own.
    subroutine differentiate_by(known, moved, problem, tangent, k, gradient, is_lost, error)
-      type(known_t), intent(inout) :: known                           !! unchanged
+      type(known_t), intent(inout) :: known                           !! unchanged but for `slopes`
       type(model_problem_t), intent(inout) :: moved                   !! the balance as a function of the value, created or adapted
       class(problem_t), intent(inout) :: problem                      !! at the motion, with unknown frequencies
       type(tangent_solver_t), intent(inout) :: tangent                !! of this problem
@@ -368,11 +384,12 @@ contains
             call moved%parameter_derivative(known%x(:n), moved%own, by_value)
             slope = 0.0_wp
             slope(:n) = -by_value
-            call tangent%solve(problem, slope, is_lost)
+            call tangent%solve(problem, slope, is_lost, guess=known%slopes(:, k))
             if (is_lost .or. abs(value) > 0.0_wp .or. .not. norm2(slope(:n)) > 0.0_wp) exit
             typical = norm2(known%x(:n))/norm2(slope(:n))             ! of a value of zero: the change with a comparable effect
          end do
          if (is_lost) return
+         known%slopes(:, k) = slope
          call step_to_both_sides(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
          if (all(ieee_is_finite(gradient%frequency(:, k)))) return
          if (.not. allocated(moved%refusal%text)) moved%refusal%text = "it is rejected on both sides of its value"
@@ -405,7 +422,7 @@ contains
       logical :: is_lost
 
       call problem%residual(known%x, r)
-      call new_tangent_solver(tangent, problem, known%x, is_lost, sharp)
+      call new_tangent_solver(tangent, problem, known%x, is_lost, known%accuracy)
       if (is_lost) return
       step = r
       call tangent%solve(problem, step, is_lost)
