@@ -2,6 +2,7 @@
 module verb_integrate
    use arguments, only: arguments_t
    use console, only: say
+   use hb_attractors, only: report_motions
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
    use hb_document, only: document_t
@@ -18,7 +19,6 @@ module verb_integrate
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_study, only: study_t
    use hb_text, only: to_text
-   use hb_time_integration, only: report_motions
    use hb_time_stepping, only: integration_assessment_t
    use result_location, only: place_result
    use verb_solve, only: load_study

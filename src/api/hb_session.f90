@@ -4,6 +4,7 @@
 !> A call of `solve` corresponds to a point of a sweep in a run, and a curve is computed point by point; numbers are
 !> the same to the last bit. Only one thread at a time may use a session.
 module hb_session
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: verdict
    use hb_census, only: census_config_t, census_t, take_census
    use hb_claim, only: claim_t, new_claim
@@ -21,7 +22,6 @@ module hb_session
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
-   use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
    use hb_model_reader, only: read_model, update_model
    use hb_model_tones, only: read_tones

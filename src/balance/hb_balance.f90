@@ -13,6 +13,7 @@
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_factors, only: block_factors_t
+   use hb_cached_linear_part, only: cached_linear_part_t
    use hb_cancellation, only: spend_work
    use hb_dense_tangent, only: dense_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
@@ -20,7 +21,7 @@ module hb_balance
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_linear_part, only: cached_linear_part_t, linear_part_t, new_linear_part
+   use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_numbers, only: number_t
    use hb_preconditioner, only: preconditioner_t, unit_work
    use hb_problem, only: default_largest_dense, deformation, problem_t

@@ -2,7 +2,8 @@
 !>
 !> Source: docs/why/theory.md, section 6.6.
 submodule (hb_balance) hb_balance_precondition
-   use hb_block_factors, only: block_pattern_t, new_block_factors, new_block_pattern
+   use hb_block_factors, only: new_block_factors
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
    implicit none
 
 contains

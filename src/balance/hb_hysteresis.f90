@@ -4,7 +4,7 @@
 !> Source: docs/why/theory.md, sections 5.5 and 5.6.
 module hb_hysteresis
    use, intrinsic :: iso_fortran_env, only: int64
-   use hb_block_factors, only: block_pattern_t
+   use hb_block_pattern, only: block_pattern_t
    use hb_characteristic, only: characteristic_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t

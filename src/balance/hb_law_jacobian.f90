@@ -5,7 +5,7 @@
 !> depend. Laws with memory have no pairs: their forces depend on all samples. Source: docs/why/theory.md, sections
 !> 5.3 and 5.4.
 module hb_law_jacobian
-   use hb_block_factors, only: block_pattern_t
+   use hb_block_pattern, only: block_pattern_t
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_kinds, only: wp

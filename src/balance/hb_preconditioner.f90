@@ -3,7 +3,8 @@
 !>
 !> Source: docs/why/theory.md, section 6.6.
 module hb_preconditioner
-   use hb_block_factors, only: block_factors_t, block_pattern_t, new_block_factors, new_block_pattern
+   use hb_block_factors, only: block_factors_t, new_block_factors
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_coarse_tangent, only: coarse_tangent_t, factor_memory, factor_work, max_memory, new_coarse_tangent
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t

@@ -5,7 +5,7 @@
 !> integrated along time. Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_sampled_laws
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_block_factors, only: block_pattern_t
+   use hb_block_pattern, only: block_pattern_t
    use hb_cancellation, only: shared_work_t, work_of_thread
    use hb_characteristic, only: characteristic_t, new_characteristic
    use hb_coordinates, only: coordinates_t

@@ -15,7 +15,8 @@ module hb_wide_problem
    use hb_law, only: law_t
    use hb_phase, only: peak_functional, peak_rate_functional, phase_problem_t
    use hb_problem, only: problem_t
-   use hb_tangent_solver, only: new_tangent_krylov, tangent_krylov_t, tangent_solver_t
+   use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
+   use hb_tangent_solver, only: tangent_solver_t
    implicit none
    private
    public :: clearly_smaller, new_wide_problem, slightly_later, vectors_of_steps, wide_problem_t

@@ -21,13 +21,13 @@ module hb_model_reader
    use hb_number_paths, only: read_gradient, read_ties, refuse_unknown_tones, store_ties
    use hb_options, only: callbacks_t, options_t, purpose_t
    use hb_parameter_number, only: locate_number
+   use hb_primary_method, only: primary_method
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
    use hb_structure_catalogue, only: read_structure
    use hb_system, only: system_t
    use hb_text, only: to_text
-   use hb_time_domain, only: primary_method
    use hb_truncation_reader, only: read_harmonics, read_lowest_set
    implicit none
    private

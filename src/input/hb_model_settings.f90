@@ -4,6 +4,7 @@ module hb_model_settings
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_integration_config, only: integration_config_t
    use hb_kinds, only: gib, wp
    use hb_model, only: model_t
    use hb_model_basis, only: why_not_odd
@@ -16,7 +17,6 @@ module hb_model_settings
    use hb_system, only: system_t
    use hb_text, only: string_t, to_text
    use hb_threads, only: are_threads_available
-   use hb_time_domain, only: integration_config_t
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
    private

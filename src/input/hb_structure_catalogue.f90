@@ -1,13 +1,14 @@
 !> Reads `&structure`: the known builders of structures, one case each. Their names are the types of the group in the
 !> table of input keys.
 module hb_structure_catalogue
-   use hb_beam, only: beam_t, modal_beam_t
+   use hb_beam, only: beam_t
    use hb_chain, only: chain_t, n_springs
    use hb_error, only: annotate, error_t
    use hb_fe_model, only: fe_model_builder_t, fe_model_source_t
    use hb_jeffcott, only: jeffcott_t
    use hb_kinds, only: wp
    use hb_matrices, only: matrices_t, names_of_matrices, new_matrices
+   use hb_modal_beam, only: modal_beam_t
    use hb_number_reader, only: read_numbers
    use hb_operating_system, only: beside
    use hb_properties, only: properties_t

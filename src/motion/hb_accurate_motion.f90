@@ -14,12 +14,12 @@ module hb_accurate_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_integrated, outcome
+   use hb_primary_method, only: evaluation_work, primary_method
    use hb_refined_motion, only: has_ended, refined_motion_t
    use hb_solver_types, only: attempt_rule_t, attempt_t, stage
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
    use hb_threads, only: use_threads
-   use hb_time_domain, only: evaluation_work, primary_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none

@@ -1,8 +1,7 @@
 !> Functions along a curve of motions whose zeros are located: folds, grazes, branch points, values.
 !>
-!> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, such
-!> as the distance to a stop, over all phases. If one of them is zero, the motion grazes: a contact begins, or becomes
-!> permanent.
+!> A motion grazes where the smallest or the largest value of a switch of a law over all phases (hb_switch_extremes) is zero:
+!> a contact begins, or becomes permanent.
 module hb_curve_events
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t

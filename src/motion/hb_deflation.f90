@@ -5,8 +5,8 @@
 !> Funke, SIAM J. Sci. Comput. 37 (2015) A2026-A2045.
 module hb_deflation
    use hb_harmonics, only: harmonics_t
+   use hb_iteration_end, only: end_at_point
    use hb_kinds, only: wp
-   use hb_line_search, only: end_at_point
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t

@@ -20,12 +20,13 @@ module hb_integrate_to_tolerance
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_integrated, outcome, reason
+   use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
    use hb_refinement, only: refinable_t, refine
+   use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense, structure_t
    use hb_system, only: coordinates_of, measure_of, system_t
    use hb_text, only: rounded, to_text
    use hb_thresholds, only: reliable, safety, well_solved
-   use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_indices, lowest_order, new_lowest_set
    implicit none

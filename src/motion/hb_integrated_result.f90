@@ -13,9 +13,9 @@ module hb_integrated_result
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
+   use hb_steady_motion, only: steady_motion_t
    use hb_system, only: system_t
    use hb_thresholds, only: reliable
-   use hb_time_domain, only: steady_motion_t
    implicit none
    private
    public :: guess_from, store_integrated

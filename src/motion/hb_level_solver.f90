@@ -11,10 +11,10 @@ module hb_level_solver
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_answer => is_solved, outcome, reason
+   use hb_primary_method, only: primary_method
    use hb_stability, only: stability_method
    use hb_system, only: system_t
    use hb_thresholds, only: well_solved
-   use hb_time_domain, only: primary_method
    implicit none
    private
    public :: level_solver_t, solve_level, solver_tolerance

@@ -3,26 +3,27 @@ module hb_motion
    use hb_amplitudes, only: as_amplitudes
    use hb_attempts, only: attempts_t, make_attempts, motion_conditions_t
    use hb_basis, only: basis_t, whole_basis
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrated_result, only: guess_from, store_integrated
    use hb_kinds, only: wp
-   use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
    use hb_model_basis, only: find_basis
    use hb_motion_in_basis, only: solve_in_basis, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
+   use hb_primary_method, only: primary_method
    use hb_solver_types, only: attempt_rule_t, attempt_t, stage, technique
    use hb_stability, only: stability_method
+   use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense
    use hb_system, only: coordinates_of, system_t
    use hb_threads, only: use_threads
    use hb_thresholds, only: nearby_steps, rounding
-   use hb_time_domain, only: primary_method, steady_motion_t
    implicit none
    private
    public :: solve_motion, solve_system, start_from

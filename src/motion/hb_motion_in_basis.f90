@@ -6,6 +6,7 @@ module hb_motion_in_basis
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
@@ -17,7 +18,8 @@ module hb_motion_in_basis
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
-   use hb_linear_part, only: cached_linear_parts_t, linear_part_t, new_linear_part
+   use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_locking, only: locking_t, may_be_locked
    use hb_motion_description, only: add_stability_of, describe_motion, solution_t, store_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
@@ -26,7 +28,6 @@ module hb_motion_in_basis
    use hb_solver_types, only: report_t
    use hb_stability, only: harmonic_motion_t
    use hb_system, only: coordinates_of, system_t
-   use hb_time_domain, only: locking_t, may_be_locked
    implicit none
    private
    public :: solve_in_basis, status_of_ended

@@ -95,7 +95,7 @@ module hb_motion_result
       type(attempt_t), allocatable :: attempts(:)       !! that were made, see hb_attempts
       real(wp) :: integration_work = 0.0_wp             !! part of it for time integration
       real(wp) :: usual_work = 0.0_wp                   !! of a point with these equations, in about a nanosecond
-      logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_time_domain
+      logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_primary_method
       integer :: n_motions = 0 !! number of different motions from several starts of time integration; 0: none were tried
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point

@@ -5,15 +5,18 @@ module hb_options
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_fe_model, only: fe_model_source_t
+   use hb_integration_config, only: integration_config_t
    use hb_kinds, only: wp
    use hb_load, only: load_t
+   use hb_locking, only: locking_t
    use hb_model_number, only: model_number_t
    use hb_outcome, only: outcome
+   use hb_primary_method, only: primary_method
    use hb_response, only: response_t
    use hb_solver_types, only: share_of_solver, solver_config_t
    use hb_stability, only: harmonic_motion_t, stability_config_t, stability_finder_t
+   use hb_steady_motion, only: steady_motion_t
    use hb_system, only: system_t
-   use hb_time_domain, only: integration_config_t, locking_t, primary_method, steady_motion_t
    implicit none
    private
    public :: accuracy_t, callbacks_t, chain_config_t, error_estimate_config_t, gradient_config_t, options_t, output_config_t, &
@@ -105,7 +108,7 @@ module hb_options
       type(purpose_t) :: purpose
       type(start_config_t) :: start
       type(chain_config_t) :: chain
-      integer :: primary_method = primary_method%auto                 !! one of hb_time_domain
+      integer :: primary_method = primary_method%auto                 !! one of hb_steady_motion
       type(solver_config_t) :: solver
       type(accuracy_t) :: accuracy
       type(error_estimate_config_t) :: error_estimate

@@ -6,11 +6,11 @@
 !> (hb_model_problem). Source: C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995, chapter 7.
 module hb_point
    use hb_accurate_motion, only: solve_to_tolerance
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_level, only: level_t
-   use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: effort_t, motion_result_t

@@ -3,12 +3,13 @@
 !> Source: docs/why/theory.md, section 6.6; Dembo, Eisenstat, Steihaug, SIAM J. Numer. Anal. 19 (1982) 400-408; Eisenstat and
 !> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, the rougher of both choices).
 module hb_krylov
+   use hb_iteration_end, only: end_at_point, end_if_over, end_without_step
    use hb_kinds, only: wp
-   use hb_line_search, only: end_at_point, end_if_over, end_without_step, line_search_t, new_line_search
+   use hb_line_search, only: line_search_t, new_line_search
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_tangent_solver, only: new_tangent_krylov, tangent_krylov_t
+   use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
    implicit none
    private
    public :: solve_krylov

@@ -6,12 +6,13 @@
 !> method). Source: docs/why/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley,
 !> Iterative methods for linear and nonlinear equations, SIAM 1995, section 7.3.
 module hb_newton
+   use hb_iteration_end, only: end_at_point, end_without_step
    use hb_kinds, only: wp
-   use hb_line_search, only: end_at_point, end_without_step, line_search_t, new_line_search
+   use hb_line_search, only: line_search_t, new_line_search
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_tangent_solver, only: new_tangent_factor, tangent_factor_t
+   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    implicit none
    private
    public :: solve_newton

@@ -1,60 +1,35 @@
-!> Computes Floquet multipliers and Lyapunov exponents of motions, and decides on stability. Source:
-!> docs/why/theory.md, section 8.
-!>
-!> Propagation of disturbances along a motion of several tones by its linearised equations.
+!> Computes Floquet multipliers and Lyapunov exponents of motions, and decides on stability.
 !>
 !> Without laws disturbances obey the equations of the structure, which are constant: its eigenvalues give the multipliers, or a
-!> structure that loses energy in all motions is stable.
-!>
-!> The motion can be shifted in the phase of an unknown tone: such disturbances, known at each time, are removed.
-!> Beside a slow tone a disturbance may grow for a part of a period and decay on the rest: periods are divided into
-!> parts to record the largest growth.
+!> structure that loses energy in all motions is stable. Source: docs/why/theory.md, section 8.
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_beat, only: slowest_beat
-   use hb_cancellation, only: work_is_over
    use hb_dissipation, only: loses_energy, work_of_dissipation
    use hb_error, only: error_t
-   use hb_exponents, only: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
+   use hb_exponents, only: exponents_t, find_exponents, propagation_t, work_of_exponents
    use hb_hill, only: assess_by_hill, has_determinant, work_of_hill
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
-   use hb_lapack, only: dgeev
    use hb_law, only: law_box_t
-   use hb_monodromy, only: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   use hb_linear_propagation, only: linear_propagation_t, new_linear_propagation
+   use hb_map_eigenvalues, only: deflate_all, eigenvalues_of, sort_by_size
+   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
    use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
-   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, share_of_stability, stability_config_t, &
-      stability_finder_t, stability_method, stability_t, verdict
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, share_of_stability, &
+      stability_config_t, stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: clearly, minor, rounding, safety
-   use hb_variation, only: min_work, new_variation, piece_t, variation_t
-   use hb_variation_pieces, only: cut_time
+   use hb_variation, only: min_work, new_variation, variation_t
    implicit none
    private
-   public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, least_work, &
-      linear_propagation_t, new_linear_propagation, periods_of_beats, stability_of_map, work_on_demand
+   public :: assess_exponents, assess_matrix, floquet_t, has_to_be_integrated, least_work, periods_of_beats, stability_of_map, &
+      work_on_demand
 
    real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
-   integer, parameter :: turns_of_part = 4                            ! of the fastest tone
-   real(wp), parameter :: turns_of_slow_phase = 2*turns_of_part       ! of the slowest tone, in a slow beat
    real(wp), parameter :: beats_of_record = 3.0_wp                    ! its halves then end at opposite phases of the beat
    integer, parameter :: doublings_of_record = 4                      ! where its halves differ
-
-   type, extends(propagation_t) :: linear_propagation_t
-      type(variation_t), pointer :: variation => null()
-      complex(wp), allocatable :: shifts(:, :, :)                     !! by phases, as series in the tones, cos - i sin,
-                                                                      !! (size, n_harmonics, n_shifts)
-      real(wp) :: tolerance = 0.0_wp                                  !! of a period, relative
-      real(wp), private :: time = 0.0_wp                              ! [s]
-      integer, private :: n_parts = 1                                 ! of a period
-      logical :: has_slow_phase = .false.                             !! a slow tone or beat: `surge` is recorded
-      real(wp), private :: refine = 0.0_wp                            ! logarithm of the growth of the first disturbance since
-                                                                      !! its last minimum
-   contains
-      procedure :: reach_steady_state => linear_propagation_reach_steady_state
-      procedure :: propagate => linear_propagation_propagate
-   end type linear_propagation_t
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
    real(wp), parameter :: max_work_of_orbit = 1.0e8_wp               ! in about a nanosecond; high modes need more, and the
@@ -481,103 +456,6 @@ contains
       end do
    end function has_to_be_integrated
 
-   !> Eigenvalues of a real matrix, the largest first; none if LAPACK fails.
-   subroutine eigenvalues_of(matrix, values)
-      real(wp), intent(in) :: matrix(:, :)                            !! (n, n)
-      complex(wp), allocatable, intent(out) :: values(:)
-      real(wp), allocatable :: a(:, :), imaginary(:), real_part(:), work(:)
-      real(wp) :: left(1, 1), right(1, 1)
-      integer :: info, n
-
-      n = size(matrix, 1)
-      if (n == 0) then                                                ! no mass moves
-         allocate (values(0))
-         return
-      else if (n == 2) then
-         values = eigenvalues_of_two(matrix)
-      else
-         a = matrix
-         allocate (real_part(n), imaginary(n), work(8*n))
-         call dgeev("N", "N", n, a, n, real_part, imaginary, left, 1, right, 1, work, size(work), info)
-         if (info /= 0) then
-            allocate (values(0))
-            return
-         end if
-         values = cmplx(real_part, imaginary, wp)
-      end if
-      call sort_by_size(values)
-   end subroutine eigenvalues_of
-
-   !> Sorts values, the largest first; pairs stay adjacent, because the sort is stable.
-   pure subroutine sort_by_size(values)
-      complex(wp), intent(inout) :: values(:)
-      complex(wp) :: retained
-      integer :: i, k
-
-      do i = 2, size(values)
-         retained = values(i)
-         do k = i - 1, 1, -1
-            if (abs(values(k)) >= abs(retained)) exit
-            values(k + 1) = values(k)
-         end do
-         values(k + 1) = retained
-      end do
-   end subroutine sort_by_size
-
-   !> Eigenvalues of a matrix of two rows, without cancellation.
-   pure function eigenvalues_of_two(a) result(values)
-      real(wp), intent(in) :: a(:, :)
-      complex(wp) :: values(2)
-      real(wp) :: determinant, half, root, square
-
-      half = 0.5_wp*(a(1, 1) + a(2, 2))
-      determinant = a(1, 1)*a(2, 2) - a(1, 2)*a(2, 1)
-      square = (0.5_wp*(a(1, 1) - a(2, 2)))**2 + a(1, 2)*a(2, 1)
-      root = sqrt(abs(square))
-      if (square < 0.0_wp) then
-         values = [cmplx(half, root, wp), cmplx(half, -root, wp)]
-      else
-         root = half + sign(root, half)
-         values = root
-         if (abs(root) > 0.0_wp) values(2) = determinant/root
-      end if
-   end function eigenvalues_of_two
-
-   !> Removes a known eigenvector from a matrix, exactly if it is one: by a reflection that maps it to the first unit
-   !> vector, whose row and column are removed.
-   subroutine deflate(matrix, vector, others)
-      real(wp), allocatable, intent(inout) :: matrix(:, :)            !! (n, n), then (n - 1, n - 1)
-      real(wp), intent(in) :: vector(:)                               !! (n), not zero
-      real(wp), allocatable, intent(inout), optional :: others(:, :)  !! vectors after this one, (n, this one and others), then
-                                                                      !! (n - 1, others)
-      real(wp) :: normal(size(vector))
-      integer :: n
-
-      n = size(vector)
-      normal = vector/norm2(vector)
-      normal(1) = normal(1) + sign(1.0_wp, normal(1))
-      normal = normal*sqrt(2.0_wp)/norm2(normal)
-      matrix = matrix - spread(normal, 2, n)*spread(matmul(normal, matrix), 1, n)
-      matrix = matrix - spread(matmul(matrix, normal), 2, n)*spread(normal, 1, n)
-      matrix = matrix(2:, 2:)
-      if (.not. present(others)) return
-      others = others - spread(normal, 2, size(others, 2))*spread(matmul(normal, others), 1, n)
-      others = others(2:, 2:)
-   end subroutine deflate
-
-   !> Removes directions that a period leaves as they are.
-   subroutine deflate_all(matrix, directions)
-      real(wp), allocatable, intent(inout) :: matrix(:, :)            !! (n, n), then (n - m, n - m)
-      real(wp), intent(in) :: directions(:, :)                        !! (n, m)
-      real(wp), allocatable :: first(:), left(:, :)
-
-      allocate (left, source=directions)
-      do while (size(left, 2) > 0)
-         first = left(:, 1)
-         call deflate(matrix, first, left)
-      end do
-   end subroutine deflate_all
-
    !> States of displacements, (n, any).
    pure function states_of(displacements, n) result(states)
       real(wp), intent(in) :: displacements(:, :)                     !! (n_dofs, any)
@@ -587,86 +465,4 @@ contains
       states = 0.0_wp
       states(:size(displacements, 1), :) = displacements
    end function states_of
-
-   !> Disturbances of a motion, except those that shift its own phases.
-   subroutine new_linear_propagation(self, variation, shifts, tolerance)
-      type(linear_propagation_t), intent(out) :: self
-      type(variation_t), intent(inout), target :: variation
-      complex(wp), intent(in) :: shifts(:, :, :)
-      real(wp), intent(in) :: tolerance
-
-      self%variation => variation
-      self%shifts = shifts
-      self%tolerance = tolerance
-      self%size = variation%size
-      self%n_begun = 2*variation%n_dofs
-      self%n_followed = self%n_begun - size(shifts, 3)
-      self%length = two_pi/minval(variation%motion%omega)
-      associate (ratio => maxval(variation%motion%omega)/minval(variation%motion%omega))
-         self%n_parts = max(1, int(ratio/turns_of_part))
-      end associate
-      associate (motion => variation%motion)
-         self%has_slow_phase = self%n_parts > 1 .or. turns_of_slow_phase*slowest_beat(motion%tuples, motion%omega, &
-                                                                                    motion%amplitudes) < minval(motion%omega)
-      end associate
-      self%work = self%n_parts*work_of_transfer(variation, self%length/self%n_parts)
-   end subroutine new_linear_propagation
-
-   !> Advances until sliders are periodic.
-   subroutine linear_propagation_reach_steady_state(self, n_periods, is_done)
-      class(linear_propagation_t), intent(inout) :: self
-      integer, intent(in) :: n_periods
-      logical, intent(out) :: is_done
-      type(piece_t), allocatable :: pieces(:)
-      integer :: i
-
-      is_done = .true.
-      if (self%variation%n_states == 0) return
-      do i = -n_periods, -1
-         is_done = .not. work_is_over()
-         if (.not. is_done) return
-         call cut_time(self%variation, i*self%length, (i + 1)*self%length, n_instants_of(self%variation, self%length), pieces)
-      end do
-   end subroutine linear_propagation_reach_steady_state
-
-   subroutine linear_propagation_propagate(self, x, is_done)
-      class(linear_propagation_t), intent(inout) :: self
-      real(wp), intent(inout), contiguous :: x(:, :)
-      logical, intent(out) :: is_done
-      type(monodromy_t) :: part
-      real(wp) :: before, length
-      integer :: i
-
-      is_done = .true.
-      length = self%length/self%n_parts
-      do i = 1, self%n_parts
-         call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
-                            max(self%work, self%work_left))
-         self%work_left = self%work_left - part%work
-         before = self%variation%size_of(x(:, 1))
-         x = matmul(part%matrix, x)
-         self%time = self%time + length
-         call remove_shifts(self, x)
-         self%refine = max(0.0_wp, self%refine + log(max(self%variation%size_of(x(:, 1)), tiny(1.0_wp))/ &
-                                                   max(before, tiny(1.0_wp))))
-         if (self%has_slow_phase) self%surge = max(self%surge, self%refine)
-      end do
-   end subroutine linear_propagation_propagate
-
-   !> Removes shifts of the phases of the motion from disturbances.
-   subroutine remove_shifts(self, x)
-      type(linear_propagation_t), intent(in) :: self
-      real(wp), intent(inout) :: x(:, :)
-      real(wp) :: basis(size(x, 1), size(self%shifts, 3)), lost(size(self%shifts, 3)), waves(2, size(self%shifts, 2))
-      integer :: k
-
-      if (size(self%shifts, 3) == 0) return
-      waves(1, :) = cos(self%variation%motion%frequencies*self%time)
-      waves(2, :) = sin(self%variation%motion%frequencies*self%time)
-      do k = 1, size(self%shifts, 3)
-         basis(:, k) = matmul(real(self%shifts(:, :, k)), waves(1, :)) - matmul(aimag(self%shifts(:, :, k)), waves(2, :))
-      end do
-      call orthogonalise(basis, lost)
-      x = x - matmul(basis, matmul(transpose(basis), x))
-   end subroutine remove_shifts
 end module hb_floquet

@@ -1,9 +1,6 @@
 !> LU factors of many square complex blocks of one pattern, such as the dynamic stiffness of each harmonic.
-!>
-!> Memory layout of a square block: dense, or a band if all entries are near the diagonal.
-!>
-!> Entry (i, k) is stored at (shift(k) + i, k), for i from first(k) to last(k), so that loops are the same for both.
 module hb_block_factors
+   use hb_block_pattern, only: block_pattern_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
@@ -11,15 +8,7 @@ module hb_block_factors
    use hb_threads, only: n_threads
    implicit none
    private
-   public :: block_factors_t, block_pattern_t, new_block_factors, new_block_pattern
-
-   type :: block_pattern_t
-      integer :: n = 0                                       !! order of the block
-      integer :: half_bandwidth = 0                          !! largest |i - k| of an entry
-      integer :: n_rows = 0                                  !! rows in memory
-      logical :: is_banded = .false.
-      integer, allocatable :: first(:), last(:), shift(:)    !! (n)
-   end type block_pattern_t
+   public :: block_factors_t, new_block_factors
 
    !> The factors of one block.
    type :: factors_t
@@ -188,31 +177,4 @@ contains
          call set%set_amplitude(x(:, i), h, c(i))
       end do
    end subroutine solve_harmonic
-
-   !> Pattern of order `n` with entries up to `half_bandwidth` off the diagonal: a band if its factors need at most
-   !> half of the dense block.
-   pure subroutine new_block_pattern(self, n, half_bandwidth)
-      type(block_pattern_t), intent(out) :: self
-      integer, intent(in) :: n, half_bandwidth
-      integer :: k
-
-      self%n = n
-      self%is_banded = 2*(3*half_bandwidth + 1) <= n
-      allocate (self%first(n), self%last(n), self%shift(n))
-      if (self%is_banded) then
-         self%half_bandwidth = half_bandwidth
-         self%n_rows = 2*half_bandwidth + 1
-         do k = 1, n
-            self%first(k) = max(1, k - half_bandwidth)
-            self%last(k) = min(n, k + half_bandwidth)
-            self%shift(k) = half_bandwidth + 1 - k
-         end do
-      else
-         self%half_bandwidth = max(0, n - 1)
-         self%n_rows = n
-         self%first = 1
-         self%last = n
-         self%shift = 0
-      end if
-   end subroutine new_block_pattern
 end module hb_block_factors

@@ -5,7 +5,7 @@
 module hb_condensation
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
-   use hb_block_factors, only: block_pattern_t, new_block_pattern
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: block_solver_t, new_block_solver
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp

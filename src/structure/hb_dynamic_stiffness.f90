@@ -13,7 +13,7 @@
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
-   use hb_block_factors, only: block_pattern_t
+   use hb_block_pattern, only: block_pattern_t
    use hb_condensation, only: condensation_t, new_condensation
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates
    use hb_error, only: error_t, fail

@@ -1,11 +1,11 @@
 !> One point, for the command, C and Python alike: its model is solved from its neighbours, and differentiated.
 module hb_point_runner
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_error, only: error_t
    use hb_gradient, only: find_gradient
    use hb_impact_gradient, only: find_impact_gradient, has_periodic_impacts
    use hb_kinds, only: wp
    use hb_level, only: level_t
-   use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t

@@ -1,10 +1,10 @@
 !> The document, plan and model from which one rank creates its points.
 module hb_point_source
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_document, only: document_t
    use hb_idle_laws, only: idle_laws_t
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
-   use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: model_t
    use hb_options, only: callbacks_t, purpose_t
    use hb_results_layout, only: results_layout_t

@@ -10,11 +10,12 @@
 !> Mech. Engrg. 177 (1999) 329-349.
 module hb_central_differences
    use hb_error, only: error_t, fail
-   use hb_integration_laws, only: move_before_walls
-   use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t, law_forces
+   use hb_integration_system, only: integration_state_t, integration_system_t, law_forces
+   use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
+   use hb_rigid_constraints, only: move_before_walls
    use hb_text, only: to_text
    implicit none
    private

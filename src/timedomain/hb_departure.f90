@@ -10,15 +10,16 @@ module hb_departure
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrable_system, only: fastest_of, has_bounds_of
+   use hb_integration_config, only: integration_config_t, integration_method
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_modes, only: slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_options, only: options_t
+   use hb_primary_method, only: evaluation_work
    use hb_stability, only: harmonic_motion_t
    use hb_structure, only: max_dofs
    use hb_system, only: system_t
-   use hb_time_domain, only: evaluation_work, integration_config_t, integration_method
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private

@@ -6,7 +6,8 @@
 !> is the trapezoidal rule. Source: J. Chung and G. M. Hulbert, J. Applied Mechanics 60 (1993) 371-375.
 module hb_generalized_alpha
    use hb_error, only: error_t, fail
-   use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t
+   use hb_integration_system, only: integration_state_t, integration_system_t
+   use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_text, only: to_text

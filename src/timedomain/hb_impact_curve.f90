@@ -36,8 +36,8 @@ module hb_impact_curve
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
+   use hb_steady_motion, only: steady_motion_t
    use hb_system, only: coordinates_of, system_t
-   use hb_time_domain, only: steady_motion_t
    use hb_tuple_choice, only: new_lowest_set
    implicit none
    private

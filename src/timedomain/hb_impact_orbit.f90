@@ -14,7 +14,6 @@ module hb_impact_orbit
    use hb_error, only: error_t, fail
    use hb_floquet, only: stability_of_map
    use hb_harmonics, only: harmonics_t
-   use hb_integration_laws, only: collect_rigid
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgetrf, dgetrs
@@ -26,13 +25,14 @@ module hb_impact_orbit
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
    use hb_problem, only: problem_t
+   use hb_rigid_constraints, only: collect_rigid
    use hb_sampled_period, only: sampled_period_t
    use hb_stability, only: stability_t
    use hb_state_map, only: at_rest, far_from_events, farthest_phase, new_state_map, state_map_t
+   use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense
    use hb_system, only: system_t
    use hb_thresholds, only: difference_step
-   use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integration_record_t
    implicit none
    private

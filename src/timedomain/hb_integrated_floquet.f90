@@ -3,11 +3,11 @@
 module hb_integrated_floquet
    use hb_error, only: error_t
    use hb_exponents, only: orthogonalise, propagation_t, work_of_exponents
-   use hb_floquet, only: assess_exponents, assess_matrix, deflate, floquet_t, has_to_be_integrated, &
-      periods_of_beats, work_on_demand
+   use hb_floquet, only: assess_exponents, assess_matrix, floquet_t, has_to_be_integrated, periods_of_beats, work_on_demand
    use hb_integration_system, only: integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
+   use hb_map_eigenvalues, only: deflate
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t

@@ -4,15 +4,17 @@ module hb_integrated_motion
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrable_system, only: fastest_of, has_bounds_of, lacks_mass
+   use hb_integration_config, only: integration_method
    use hb_integration_system, only: integration_state_t
    use hb_kinds, only: two_pi, wp
    use hb_options, only: options_t
    use hb_outcome, only: outcome
+   use hb_primary_method, only: evaluation_work
    use hb_record_share, only: distance_of
+   use hb_steady_motion, only: steady_motion_t
    use hb_steady_windows, only: allowed_of, integrate_to_steady, periods_of_first, sample_step
    use hb_system, only: system_t
    use hb_text, only: rounded
-   use hb_time_domain, only: evaluation_work, integration_method, steady_motion_t
    implicit none
    private
    public :: find_steady_motion

@@ -3,6 +3,7 @@
 module hb_integration
    use hb_discretisation, only: discretisation_t
    use hb_error, only: annotate, error_t, fail
+   use hb_integration_config, only: integration_start, step_of
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: wp
@@ -13,7 +14,6 @@ module hb_integration
    use hb_structure, only: max_dense, max_dofs
    use hb_system, only: system_t
    use hb_text, only: to_text
-   use hb_time_domain, only: integration_start, step_of
    use hb_time_stepping, only: assess, integrate_from, integration_assessment_t, integration_record_t
    implicit none
    private

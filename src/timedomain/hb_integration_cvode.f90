@@ -10,11 +10,12 @@ module hb_integration_cvode
    use hb_flight, only: flight_t, is_made_of_flights, new_flight
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_equations, only: integration_equations_t, new_integration_equations
-   use hb_integration_laws, only: move_before_walls
-   use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t, law_forces
+   use hb_integration_system, only: integration_state_t, integration_system_t, law_forces
+   use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrs
    use hb_law, only: hold_t
+   use hb_rigid_constraints, only: move_before_walls
    use hb_sundials, only: cvode_t, new_cvode
    use hb_text, only: to_text
    implicit none

@@ -6,7 +6,8 @@
 !> 1993, section II.1.
 module hb_runge_kutta_4
    use hb_error, only: error_t, fail
-   use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t
+   use hb_integration_system, only: integration_state_t, integration_system_t
+   use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
    implicit none
    private

@@ -6,15 +6,16 @@ module hb_state_map
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
-   use hb_integration_laws, only: collect_rigid
+   use hb_integration_config, only: integration_config_t, integration_method
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: hold_t
    use hb_monodromy, only: min_instants
    use hb_motion_series, only: motion_series_t
+   use hb_primary_method, only: evaluation_work
+   use hb_rigid_constraints, only: collect_rigid
    use hb_structure, only: structure_t
    use hb_thresholds, only: minor
-   use hb_time_domain, only: evaluation_work, integration_config_t, integration_method
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private

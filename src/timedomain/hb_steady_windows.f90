@@ -13,6 +13,7 @@ module hb_steady_windows
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
    use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
+   use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
@@ -23,15 +24,16 @@ module hb_steady_windows
    use hb_newton, only: solve_newton
    use hb_options, only: options_t
    use hb_outcome, only: outcome
+   use hb_primary_method, only: evaluation_work
    use hb_record_share, only: amplitude_of, as_real, distance_of, largest_in_parts, largest_share, remainder_of, scale_of
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t, stability_verdict => verdict
+   use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense
    use hb_system, only: coordinates_of, measure_of, system_t
    use hb_text, only: rounded, to_text
    use hb_thresholds, only: same_motion
-   use hb_time_domain, only: evaluation_work, integration_config_t, integration_method, steady_motion_t, step_of
    use hb_time_stepping, only: early_end_t, integrate_from, integration_record_t
    implicit none
    private

@@ -9,15 +9,16 @@ module hb_time_stepping
    use hb_error, only: error_t, fail
    use hb_frequency_analysis, only: find_frequencies
    use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
+   use hb_integration_config, only: integration_config_t, integration_method
    use hb_integration_cvode, only: integration_cvode_t, new_integration_cvode
-   use hb_integration_laws, only: collect_rigid
-   use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t
+   use hb_integration_system, only: integration_state_t, integration_system_t
+   use hb_integrator, only: integrator_t
    use hb_kinds, only: int64, wp
    use hb_law, only: hold_t
    use hb_memory, only: available_memory
+   use hb_rigid_constraints, only: collect_rigid
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
    use hb_text, only: rounded, to_text
-   use hb_time_domain, only: integration_config_t, integration_method
    implicit none
    private
    public :: assess, early_end_t, integrate_from, integration_assessment_t, integration_record_t

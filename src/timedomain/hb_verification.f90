@@ -19,6 +19,7 @@ module hb_verification
    use hb_error, only: error_t
    use hb_integrable_system, only: fastest_of, has_bounds_of, lacks_mass
    use hb_integrated_motion, only: find_steady_motion
+   use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_integration_verdict, only: decide, growing, grown, growth_of, limit_of, n_steady, verdict
@@ -29,10 +30,10 @@ module hb_verification
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_period_map, only: find_periodic_state, new_period_map, period_map_t, work_of_period_map
+   use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dofs
    use hb_system, only: system_t
    use hb_text, only: to_text
-   use hb_time_domain, only: integration_config_t, integration_method, steady_motion_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private

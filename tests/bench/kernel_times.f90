@@ -25,7 +25,7 @@ module kernel_times
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_system, only: coordinates_of
-   use hb_tangent_solver, only: new_tangent_factor, tangent_factor_t
+   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    implicit none
    private
    public :: has_kernels, kernel, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, memory_bandwidth, &
