@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Any
 from nhbm.errors import ModelError
 
 if TYPE_CHECKING:  # static checks know the types of what is imported later
+    from nhbm.builders import Beam as Beam
+    from nhbm.builders import Chain as Chain
+    from nhbm.builders import Jeffcott as Jeffcott
+    from nhbm.builders import Matrices as Matrices
+    from nhbm.builders import ModalBeam as ModalBeam
+    from nhbm.builders import RotorStator as RotorStator
     from nhbm.dataset import open_dataset as open_dataset
     from nhbm.errors import Implausible as Implausible
     from nhbm.errors import NotConverged as NotConverged
     from nhbm.fitting import Fit as Fit
     from nhbm.fitting import compare_fits as compare_fits
     from nhbm.fitting import fit as fit
-    from nhbm.groups import Beam as Beam
-    from nhbm.groups import Chain as Chain
-    from nhbm.groups import Jeffcott as Jeffcott
-    from nhbm.groups import Matrices as Matrices
-    from nhbm.groups import ModalBeam as ModalBeam
-    from nhbm.groups import RotorStator as RotorStator
     from nhbm.keys import input_keys as input_keys
     from nhbm.laws import Step as Step
     from nhbm.laws import law as law
@@ -36,8 +36,8 @@ _LATER = {  # what needs NumPy and more is imported at the first use
     "open_dataset": "dataset",
     "Step": "laws", "law": "laws",
     "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",
-    "Beam": "groups", "Chain": "groups",
-    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",
+    "Beam": "builders", "Chain": "builders",
+    "Jeffcott": "builders", "Matrices": "builders", "ModalBeam": "builders", "RotorStator": "builders", "Rotor": "rotors",
     "Session": "session", "Structure": "structure", "input_keys": "keys",
 }  # fmt: skip
 __all__ = ["ModelError", "__version__", *_LATER]

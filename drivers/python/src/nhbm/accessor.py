@@ -11,8 +11,8 @@ import xarray as xr
 
 from nhbm.dataset import SOLVED, Source, check_found, check_motion, check_points, check_result, record_beside, varies_of
 from nhbm.errors import ModelError, meant
-from nhbm.groups import numbers_of
 from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
+from nhbm.values import numbers_of
 
 
 @xr.register_dataset_accessor("nhbm")  # type: ignore[no-untyped-call, unused-ignore]

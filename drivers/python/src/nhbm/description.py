@@ -13,26 +13,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from nhbm import doubts
+from nhbm.builders import Builder
 from nhbm.errors import Implausible, ModelError, among, check_file
-from nhbm.groups import (
-    OPERATIONS,
-    Builder,
-    Group,
-    Groups,
-    InputPath,
-    Settings,
-    call_of,
-    check_label,
-    numbers_of,
-    path_of,
-    plain,
-    value_at,
-)
+from nhbm.groups import OPERATIONS, Group, Groups, Settings, call_of, value_at
 from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups, subject_of
 from nhbm.laws import Law
+from nhbm.paths import InputPath, check_label, path_of
 from nhbm.session import Session
 from nhbm.signatures import Laws
 from nhbm.structure import Structure
+from nhbm.values import numbers_of, plain
 
 if TYPE_CHECKING:
     from typing_extensions import Self

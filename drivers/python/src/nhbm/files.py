@@ -14,8 +14,9 @@ import xarray as xr
 from nhbm.child_process import atomic_write
 from nhbm.dataset import AXES, TUPLE, Source, names_of_dofs, split, with_words
 from nhbm.errors import ModelError, check_file
-from nhbm.groups import Groups, described, path_of
+from nhbm.groups import Groups, described
 from nhbm.hdf5_file import image_of, open_hdf5
+from nhbm.paths import path_of
 from nhbm.session import Session
 from nhbm.structure import FORMAT, Structure, dofs_of_sets_in
 

@@ -21,9 +21,10 @@ import numpy as np
 
 from nhbm import dataset, doubts
 from nhbm.errors import ModelError, imported
-from nhbm.groups import Settings, identifier, path_of, request
+from nhbm.groups import Settings, request
 from nhbm.keys import keys_of, limits_of
 from nhbm.measured import MeasuredSet, is_same, measured_sets, n_measured
+from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of
 
 if TYPE_CHECKING:

@@ -1,50 +1,21 @@
-"""Groups of an input as objects: keys with values of Python, paths to single values, and structures that the solver builds."""
+"""Groups of an input as objects: keys with values of Python, and what an operation adds to them."""
 
 from __future__ import annotations
 
-import inspect
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from decimal import Decimal
-from numbers import Real
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from nhbm.errors import ModelError
-from nhbm.keys import check_keys, keys_of, labelled_groups, missing_key, model_groups, repeated_groups
-from nhbm.signatures import STRUCTURES
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
-
-    from nhbm import signatures
+from nhbm.keys import keys_of, labelled_groups, repeated_groups
+from nhbm.paths import InputPath, path_of
+from nhbm.values import as_input, plain
 
 OPERATIONS = "sweep", "curve"  # groups of an input that are operations of a model
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them
-_EXPECTED = "expected a real number, text, bool or list of them, not"
-
-
-def plain(value: Any) -> Any:
-    """A value as Python has it, hashable: numbers, texts, truths, tuples of them; objects that the input names stay as they are."""
-    if np.ma.is_masked(value):
-        raise ModelError("a masked value is none: fill it, or leave it out")
-    if hasattr(value, "__array__"):  # of NumPy, xarray, pandas
-        value = np.asarray(value)
-    if isinstance(value, np.ndarray):
-        value = value.tolist() if value.ndim else value.item()
-    if isinstance(value, (list, tuple, range)):
-        return tuple(plain(one) for one in value)
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, (Real, Decimal)) and not isinstance(value, (bool, int, float)):
-        value = float(value)
-    if isinstance(value, str) and "\n" in value:
-        raise ModelError(f"a text of an input has one line, not {value!r}")
-    if value is None or isinstance(value, (bool, int, float, str)) or hasattr(value, "input_name"):
-        return value
-    raise ModelError(f"{_EXPECTED} {value!r}")
 
 
 def _plain_of(group: str, key: str, value: Any) -> Any:
@@ -53,101 +24,6 @@ def _plain_of(group: str, key: str, value: Any) -> Any:
         return plain(value)
     except ModelError as error:
         raise ModelError(f"&{group}: {key}: {error}") from None
-
-
-def as_input(value: Any) -> str:
-    """A value, or a list of them, as an input has it."""
-    value = plain(value)
-    if isinstance(value, tuple):
-        return ", ".join(map(as_input, value))
-    if isinstance(value, bool):
-        return ".true." if value else ".false."
-    if hasattr(value, "input_name"):
-        value = value.input_name
-    if isinstance(value, str):
-        return "'" + value.replace("'", "''") + "'"
-    if value is None:
-        raise ModelError(f"{_EXPECTED} {value!r}")
-    return repr(value)
-
-
-def _flat(values: Any) -> list[Any]:
-    """The values of a list, or a single one; as they are, without a common type."""
-    return [values] if isinstance(values, (str, bytes)) or np.ndim(values) == 0 else list(np.asarray(values, dtype=object).ravel())
-
-
-def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
-    """Values as a flat list of float or int, one for a single value; ModelError, which names the argument, for others."""
-    try:
-        if np.iscomplexobj(values) or any(isinstance(value, (str, bytes, bool, np.bool_)) for value in _flat(values)):
-            raise ValueError
-        numbers = [kind(value) for value in np.ravel(values)]
-        if kind is float and not np.isfinite(numbers).all():
-            raise ModelError(f"{name} must be finite, not {values!r}")
-        if not numbers or (kind is int and numbers != [float(value) for value in np.ravel(values)]):
-            raise ValueError
-    except (TypeError, ValueError, OverflowError):
-        what = "whole numbers" if kind is int else "a number" if np.ndim(values) == 0 else "numbers"
-        raise ModelError(f"{name} must be {what}, not {values!r}") from None
-    return numbers
-
-
-class InputPath(NamedTuple):
-    """Where a value of an input is: group, its number (from 1) or label if there are several, key, indices (from 1) if it is one
-    of several values."""
-
-    group: str
-    which: int | str | None
-    key: str
-    indices: tuple[int, ...] = ()
-
-    def __str__(self) -> str:
-        which = "" if self.which is None else f"({self.which})"
-        return f"{self.group}{which}%{self.keyed}"
-
-    @property
-    def written(self) -> str:
-        """The path as it is written in Python: `law[1].gap`, `stop.gap`, `tones.frequency[0]`."""
-        stem = f"{self.group}[{self.which - 1}]" if isinstance(self.which, int) else self.which or self.group
-        indices = f"[{', '.join(str(i - 1) for i in self.indices)}]" if self.indices else ""
-        return f"{stem}.{self.key}{indices}"
-
-    @property
-    def keyed(self) -> str:
-        """The key with its indices."""
-        return self.key + (f"({', '.join(map(str, self.indices))})" if self.indices else "")
-
-
-_OF_INPUT = re.compile(r"\s*(\w+)\s*(?:\(\s*([^()]*?)\s*\))?\s*%\s*(\w+)\s*(?:\(\s*(\d+)\s*(?:,\s*(\d+)\s*)?\))?\s*")
-_OF_PYTHON = re.compile(r"([^.%()\[\]]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)(?:, *(\d+))?\])?)?")
-
-
-def path_of(path: Any) -> InputPath:
-    """A path as it is written: `tones[0]`, `wall.gap`, `load[1].cos`, `structure.mass[2]`, `bearing[0].stiffness[1, 0]`,
-    or as in an input, `law(wall)%gap`."""
-    if not isinstance(path, str):
-        raise ModelError(f"a path is a text such as 'wall.gap' or 'tones[0]', not {path!r}")
-    match = _OF_INPUT.fullmatch(path)
-    if match:
-        group, which, key, *written = match.groups()
-        number = int(which) if which and which.isdigit() else which
-        return InputPath(group.lower(), number, key.lower(), tuple(int(i) for i in written if i))
-    match = _OF_PYTHON.fullmatch(path)
-    if match is None:
-        mixed = re.fullmatch(r"\s*\w+\(([^()]+)\)\.(\w+)\s*", path)
-        hint = f"; did you mean '{mixed[1]}.{mixed[2]}'?" if mixed and not mixed[1].isdigit() else ""
-        hint = "; give each of several paths by itself" if re.search(r"[,;]\s*\w+[^\]]*[.%]", path) else hint
-        raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are{hint}")
-    name, number, key, element, column = match.groups()
-    if key is None:
-        if name != "tones":
-            hint = "; did you mean 'tones[0]'?" if name in ("frequency", "omega", "tone") else ""
-            raise ModelError(f"path '{path}' has no key{hint or ', as in wall.gap or load[1].cos'}")
-        key, element, number = "frequency", number, None
-    indices = tuple(int(i) + 1 for i in (element, column) if i is not None)
-    if number is None and name not in model_groups():
-        return InputPath("law", name, key, indices)
-    return InputPath(name, None if number is None else int(number) + 1, key, indices)
 
 
 def call_of(operations: Iterable[Group]) -> str:
@@ -171,18 +47,6 @@ def call_of(operations: Iterable[Group]) -> str:
             grid[path] = f"[{', '.join(values if len(values) < 7 else [*values[:2], '...', values[-1]])}]"
     paired = ", paired=True" if len(set(axes)) < len(axes) else ""
     return "model.sweep({" + ", ".join(f"{path!r}: {values}" for path, values in grid.items()) + "}" + paired + ")"
-
-
-def check_label(group: str, label: str) -> None:
-    """Raises ModelError for a label that no path can contain, or that a path would take for a number."""
-    if not label.strip() or label.strip().isdigit() or re.search(r"[.%()\[\]]", label):
-        raise ModelError(f"&{group}: label {label!r} cannot be part of a path such as 'wall.gap': it must have a letter, and "
-                         "none of . % ( ) [ ]")  # fmt: skip
-
-
-def identifier(path: str) -> str:
-    """A path of the input as a name, as the result file has it: law(wall)%gap is law_wall_gap."""
-    return re.sub("[^a-z0-9]+", "_", path.lower()).strip("_")
 
 
 class Group:
@@ -443,142 +307,6 @@ def described(path: InputPath, groups: Groups) -> dict[str, str]:
     elif path.which is not None:
         name += f" of {path.group} {path.which}"
     return {"long_name": name, "units": key.unit if key is not None and key.unit else "1"}
-
-
-class Builder:
-    """A structure that the solver builds: `&structure` with its keys, which docs/user/input.md names with their units.
-
-    Examples
-    --------
-    >>> import nhbm
-    >>> nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0)
-    Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0)
-    """
-
-    type = ""
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "__init__" not in cls.__dict__ and cls.type in STRUCTURES:  # what help and completion show
-            cls.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
-                inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=inspect.Parameter.empty
-                                  if is_required else None) for key, (kind, is_required) in STRUCTURES[cls.type].items()
-            ])  # fmt: skip
-
-    def __init__(self, *values: Any, **keys: Any) -> None:
-        name = type(self).__name__
-        if values:
-            raise ModelError(f"nhbm.{name} takes its keys by name, {name}(key=value, ...); docs/user/input.md lists them")
-        if "type" in keys:
-            raise ModelError(f"nhbm.{name} is &structure type = '{self.type}'; leave 'type' out")
-        self.keys: dict[str, Any] = {"type": self.type, **keys}
-        check_keys("structure", self.keys, f"nhbm.{name}")
-        missing = missing_key("structure", self.keys)
-        if missing:
-            raise ModelError(f"nhbm.{name}: missing key '{missing}'")
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.keys.items() if k != 'type')})"
-
-
-class Beam(Builder):
-    """Euler-Bernoulli beam of finite elements."""
-
-    type = "beam"
-
-    if TYPE_CHECKING:
-
-        def __init__(self, **keys: Unpack[signatures.BeamKeys]) -> None: ...
-
-
-class Chain(Builder):
-    """A chain of masses, with springs and dashpots between them and to ground."""
-
-    type = "chain"
-
-    if TYPE_CHECKING:
-
-        def __init__(self, **keys: Unpack[signatures.ChainKeys]) -> None: ...
-
-
-class ModalBeam(Builder):
-    """A simply supported beam by its first modes."""
-
-    type = "modal_beam"
-
-    if TYPE_CHECKING:
-
-        def __init__(self, **keys: Unpack[signatures.ModalBeamKeys]) -> None: ...
-
-
-class Jeffcott(Builder):
-    """A disk on a massless shaft."""
-
-    type = "jeffcott"
-
-    if TYPE_CHECKING:
-
-        def __init__(self, **keys: Unpack[signatures.JeffcottKeys]) -> None: ...
-
-
-class RotorStator(Builder):
-    """A bladed disk and a casing."""
-
-    type = "rotor_stator"
-
-    if TYPE_CHECKING:
-
-        def __init__(self, **keys: Unpack[signatures.RotorStatorKeys]) -> None: ...
-
-
-def _square(name: str, matrix: Any, n: int = 0) -> Any:
-    """A full matrix of n rows, by default of as many as it has; ModelError for another shape."""
-    matrix = matrix.toarray() if hasattr(matrix, "toarray") else matrix
-    try:
-        if np.iscomplexobj(matrix):
-            raise ModelError(f"{name} must be real; viscous damping is a matrix of its own, `damping`")
-        if getattr(np.asarray(matrix), "dtype", np.dtype(float)).kind in "SU":  # NumPy reads "1e3" as a number
-            raise ValueError
-        full = np.atleast_2d(np.asarray(matrix, dtype=float))
-    except (TypeError, ValueError):
-        if getattr(getattr(matrix, "dtype", None), "kind", "") == "O":  # of scipy.io.loadmat, by default
-            raise ModelError(f"{name} is an array of objects, as of a struct of MATLAB: scipy.io.loadmat(..., simplify_cells=True)"
-                             " returns the matrix itself") from None  # fmt: skip
-        raise ModelError(f"{name} must be a square matrix of numbers, not {matrix!r}") from None
-    n = n or len(full)
-    if full.shape != (n, n):
-        raise ModelError(
-            f"{name} has the shape {full.shape}, not {(n, n)}: matrices must be square and equal in size; "
-            "np.diag makes one of a list"
-        )
-    return full
-
-
-class Matrices(Builder):
-    """Small full matrices; use Structure for large sparse ones.
-
-    Parameters
-    ----------
-    mass, stiffness, damping : array_like or sparse matrix
-        [kg], [N/m], [N s/m], (n_dofs, n_dofs); np.diag makes one of a list, which alone would be ambiguous.
-    **keys
-        Further keys of &structure type = 'matrices', such as `labels`; `n_dofs` follows from the matrices.
-    """
-
-    type = "matrices"
-
-    def __init__(self, mass: Any = None, stiffness: Any = None, damping: Any = None, *values: Any, **keys: Any) -> None:
-        if mass is None or stiffness is None or values:
-            raise ModelError("nhbm.Matrices takes mass and stiffness (square matrices), optionally damping, further keys by name")
-        mass = _square("mass", mass)
-        if keys.pop("n_dofs", len(mass)) != len(mass):
-            raise ModelError(f"n_dofs follows from the matrices; leave it out: mass is {len(mass)} x {len(mass)}")
-        more = {
-            name: _square(name, m, len(mass)).ravel()
-            for name, m in (("stiffness", stiffness), ("damping", damping))
-            if m is not None
-        }
-        super().__init__(n_dofs=len(mass), mass=mass.ravel(), **more, **keys)
 
 
 def changed_values(before: str, after: str, varied: Iterable[str]) -> str:

@@ -12,7 +12,8 @@ import numpy as np
 
 from nhbm import doubts
 from nhbm.errors import Implausible, ModelError
-from nhbm.groups import numbers_of, path_of
+from nhbm.paths import path_of
+from nhbm.values import numbers_of
 
 if TYPE_CHECKING:
     from nhbm.model import Model

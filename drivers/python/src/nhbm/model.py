@@ -15,13 +15,15 @@ from nhbm._library import Motion, library
 from nhbm.description import CutCurve, Description, answering, exclusive
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError
-from nhbm.groups import SETS, Group, Settings, changed_values, described, identifier, numbers_of, path_of, plain, request
+from nhbm.groups import SETS, Group, Settings, changed_values, described, request
 from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
+from nhbm.paths import identifier, path_of
 from nhbm.responses import gradient_of, refuse_largest, required_response_of, response_of
 from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
+from nhbm.values import numbers_of, plain
 
 _CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation"  # nhbm_census_start
 

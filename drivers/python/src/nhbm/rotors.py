@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,8 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from nhbm.errors import Implausible, ModelError
-from nhbm.groups import numbers_of
 from nhbm.structure import BY_SPEED, Structure
+from nhbm.values import numbers_of
 
 VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")

@@ -30,8 +30,8 @@ from nhbm._library import (
 )
 from nhbm._library import Column as _Column
 from nhbm.errors import ModelError
-from nhbm.groups import as_input
 from nhbm.structure import Structure, dofs_of_sets
+from nhbm.values import as_input
 
 try:  # the functions of `signal` look each handler up among its enumerations, which takes a third of a small solution
     from _signal import getsignal as _getsignal  # type: ignore[import-not-found, unused-ignore]

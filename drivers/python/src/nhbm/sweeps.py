@@ -19,7 +19,8 @@ import xarray as xr
 from nhbm import dataset, doubts
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError, NotConverged
-from nhbm.groups import Settings, identifier, path_of, request
+from nhbm.groups import Settings, request
+from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, words_of
 
 if TYPE_CHECKING:
