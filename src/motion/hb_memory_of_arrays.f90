@@ -5,7 +5,6 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
    use hb_coordinates, only: coordinates_t
-   use hb_error_estimate, only: finer_samples, wider_orders
    use hb_hysteresis_tangent, only: width
    use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: complex_bytes, real_bytes
@@ -19,6 +18,7 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_system, only: coordinates_of
    use hb_torus, only: cheap_size, default_samples, torus_t
    use hb_wide_problem, only: vectors_of_steps
+   use hb_wider_discretisation, only: finer_samples, wider_orders
    implicit none
 
    real(wp), parameter :: fill = 40.0_wp                              ! of sparse factors, for each entry; solids have more

@@ -21,11 +21,12 @@ module hb_model_problem
    use hb_model_number, only: has_number, model_number_t
    use hb_movement, only: movement_t, movement_with_tone, new_movement, set_movement
    use hb_options, only: options_t
+   use hb_refusal, only: refusal_t
    use hb_system, only: coordinates_of, system_t
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: model_problem_t, moving_value_t, new_model_problem, refusal_t
+   public :: model_problem_t, moving_value_t, new_model_problem
 
    !> A number of a model that moves.
    type :: moving_value_t
@@ -33,16 +34,6 @@ module hb_model_problem
       real(wp) :: typical = 1.0_wp                                    !! > 0, such as the length of its range
       logical :: is_tied = .false.                                    !! of a tone: all others keep their ratios to it
    end type moving_value_t
-
-   !> A value that was rejected: of several the nearest to the last possible one.
-   type :: refusal_t
-      character(:), allocatable :: text                               !! the reason; not allocated: none was rejected
-      real(wp) :: value = 0.0_wp
-      real(wp) :: possible = 0.0_wp                                   !! the last possible one
-   contains
-      procedure :: note => refusal_note
-      procedure :: forget => refusal_forget
-   end type refusal_t
 
    !> Owns external resources: call `destroy`.
    type, extends(balance_t) :: model_problem_t
@@ -373,26 +364,6 @@ contains
       if (.not. allocated(error)) self%followed = omega
    end subroutine follow_tones
 
-   !> Notes a rejected value.
-   pure subroutine refusal_note(self, text, value)
-      class(refusal_t), intent(inout) :: self
-      character(*), intent(in) :: text
-      real(wp), intent(in) :: value
-
-      if (allocated(self%text)) then
-         if (abs(value - self%possible) >= abs(self%value - self%possible)) return
-      end if
-      self%text = text
-      self%value = value
-   end subroutine refusal_note
-
-   !> Forgets rejected values.
-   pure subroutine refusal_forget(self)
-      class(refusal_t), intent(inout) :: self
-
-      if (allocated(self%text)) deallocate (self%text)
-   end subroutine refusal_forget
-
    pure function model_problem_parameters(self, which) result(values)
       class(model_problem_t), intent(in) :: self
       integer, intent(in) :: which(:)
@@ -620,5 +591,4 @@ contains
 
       call self%balance_t%update_regular_preconditioner(pack(which, which /= self%own), level, is_strongest)
    end subroutine model_problem_update_regular_preconditioner
-
 end module hb_model_problem

@@ -7,7 +7,7 @@ module hb_motion_description
    use hb_clock, only: wall_clock
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
-   use hb_error_estimate, only: choose_wider_set, estimate_error
+   use hb_error_estimate, only: estimate_error
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
@@ -27,6 +27,7 @@ module hb_motion_description
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
+   use hb_wider_discretisation, only: choose_wider_set
    implicit none
    private
    public :: add_stability_of, allow_for_growth, compare_with_refined, describe_motion, request_stability, solution_t, &

@@ -5,13 +5,13 @@
 module hb_sweep_harmonics
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
-   use hb_error_estimate, only: choose_wider_set, wider_orders
    use hb_harmonics, only: harmonics_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: to_text
    use hb_truncation, only: box_truncation, truncation_t
    use hb_truncation_reader, only: read_truncation
    use hb_tuple_choice, only: tuple_union_t
+   use hb_wider_discretisation, only: choose_wider_set, wider_orders
    implicit none
    private
    public :: tuples_of_sweep

@@ -20,11 +20,12 @@ module hb_impact_orbit
    use hb_model, only: model_t
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: find_model_number
-   use hb_model_problem, only: moving_value_t, refusal_t
+   use hb_model_problem, only: moving_value_t
    use hb_motion_series, only: motion_series_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
    use hb_problem, only: problem_t
+   use hb_refusal, only: refusal_t
    use hb_rigid_constraints, only: collect_rigid
    use hb_sampled_period, only: sampled_period_t
    use hb_stability, only: stability_t
