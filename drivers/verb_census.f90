@@ -167,7 +167,9 @@ contains
                                           " of few harmonics did not persist on larger sets")
       associate (found => census%completeness)
          call say(to_text(found%n_once)//" found by one random start only, "//to_text(found%n_never)//" by none; "// &
-                  "estimated number of missed motions: "//rounded(found%missed))
+                  "estimated number of missed motions: at least "//rounded(found%missed))
+         call say("a motion to which fewer than "//rounded(100.0_wp*found%least_share)// &
+                  " % of the converged starts lead may be missed (95 % confidence)")
          call say("a further random start finds an unknown motion with a probability of about "//rounded(100.0_wp*found%unseen)// &
                   " %, at most "//rounded(100.0_wp*found%unseen_bound)//" % (95 % confidence)")
          if (.not. found%is_reliable) &

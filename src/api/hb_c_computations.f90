@@ -35,7 +35,7 @@ module hb_c_computations
    type, bind(c) :: c_census_t
       integer(c_size_t) :: n_motions
       integer(c_int) :: n_random, n_random_lost, n_directed, n_directed_lost, n_left, n_once, n_never, is_reliable
-      real(c_double) :: unseen, unseen_bound, missed
+      real(c_double) :: unseen, unseen_bound, missed, least_share
    end type c_census_t
 
    !> struct nhbm_census_motion.
@@ -173,7 +173,7 @@ contains
       nullify (found)
       if (c_associated(census)) then
          call c_f_pointer(census, found)
-         found = c_census_t(0_c_size_t, 0, 0, 0, 0, 0, 0, 0, 0, 0.0_c_double, 0.0_c_double, 0.0_c_double)
+         found = c_census_t(0_c_size_t, 0, 0, 0, 0, 0, 0, 0, 0, 0.0_c_double, 0.0_c_double, 0.0_c_double, 0.0_c_double)
       end if
       status = begin_call(model, "nhbm_take_census", handle, texts=[census], needs_input=.true.)
       if (status /= c_status%success) return
@@ -193,7 +193,7 @@ contains
             found = c_census_t(size(taken%motions, kind=c_size_t), taken%n_random, taken%n_random_lost, taken%n_directed, &
                                taken%n_directed_lost, taken%n_left, completeness%n_once, completeness%n_never, &
                                merge(1_c_int, 0_c_int, completeness%is_reliable), completeness%unseen, completeness%unseen_bound, &
-                               completeness%missed)
+                               completeness%missed, completeness%least_share)
          end associate
       end if
       status = end_call(model, error, c_status%invalid_input)

@@ -294,6 +294,7 @@ typedef struct nhbm_census {
    int is_reliable;                 /* 1: there were enough finds for the estimates */
    double unseen, unseen_bound;     /* probability that a further random start finds an unknown motion; its bound with 95 % */
    double missed;                   /* estimated number of motions that were missed, at least */
+   double least_share;              /* motions to which a smaller share of the converged random starts leads may be missed, with 95 % */
 } nhbm_census;
 
 enum nhbm_census_start {
@@ -302,7 +303,8 @@ enum nhbm_census_start {
    NHBM_FROM_MODE = 3,
    NHBM_FROM_RANDOM_START = 4,
    NHBM_FROM_MIRROR_IMAGE = 5, /* of another motion */
-   NHBM_FROM_DEFLATION = 6     /* of the known motions */
+   NHBM_FROM_DEFLATION = 6,    /* of the known motions */
+   NHBM_FROM_CONTINUATION = 7  /* of the loads, from a known motion */
 };
 
 typedef struct nhbm_census_motion {

@@ -5,10 +5,11 @@ module hb_hdf5_attributes
    use hb_crash_handler, only: record_entry
    use hb_error, only: error_t, fail
    use hb_hdf5_library, only: check, new_space, no_id, text_type
+   use hb_kinds, only: wp
    use hb_text, only: to_text
    use hdf5, only: h5aclose_f, h5acreate_f, h5aget_space_f, h5aopen_f, h5aread_f, h5awrite_f, &
-      h5dvlen_reclaim_f, H5P_DEFAULT_F, h5sclose_f, h5sget_simple_extent_npoints_f, H5T_NATIVE_INTEGER, H5T_STD_I32LE, &
-      hid_t, hsize_t
+      h5dvlen_reclaim_f, H5P_DEFAULT_F, h5sclose_f, h5sget_simple_extent_npoints_f, H5T_IEEE_F64LE, &
+      H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STD_I32LE, hid_t, hsize_t
    implicit none
    private
    public :: h5_object_t
@@ -19,10 +20,11 @@ module hb_hdf5_attributes
       character(:), allocatable :: location            ! name in messages
    contains
       generic :: get_attribute => get_integer_attribute, get_text_attribute
-      generic :: set_attribute => set_integer_attribute, set_text_attribute
+      generic :: set_attribute => set_integer_attribute, set_number_attribute, set_text_attribute
       procedure, private :: get_integer_attribute => object_get_integer_attribute
       procedure, private :: get_text_attribute => object_get_text_attribute
       procedure, private :: set_integer_attribute => object_set_integer_attribute
+      procedure, private :: set_number_attribute => object_set_number_attribute
       procedure, private :: set_text_attribute => object_set_text_attribute
    end type h5_object_t
 
@@ -50,6 +52,16 @@ contains
       type(error_t), allocatable, intent(out) :: error
       call set_attribute(self, name, H5T_STD_I32LE, H5T_NATIVE_INTEGER, shape(values, hsize_t), c_loc(values), error)
    end subroutine object_set_integer_attribute
+
+   !> Sets an attribute of one number.
+   subroutine object_set_number_attribute(self, name, value, error)
+      class(h5_object_t), intent(in) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(in), target :: value
+      type(error_t), allocatable, intent(out) :: error
+
+      call set_attribute(self, name, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, [integer(hsize_t) ::], c_loc(value), error)
+   end subroutine object_set_number_attribute
 
    subroutine set_attribute(self, name, file_type, memory_type, extents, address, error)
       class(h5_object_t), intent(in) :: self

@@ -2,7 +2,8 @@
 !>
 !> Newton's method runs from the first guess of the model, from directed and from random starts (hb_census_starts), without
 !> fallbacks; from multiples with other phases of each motion found, with deflation of all known ones (hb_deflation), which
-!> finds partners at folds; mirror images are tried. Motions that differ by a period of the loads are the same. Each motion is
+!> finds partners at folds; mirror images are tried. The branches of all motions found under varied loads (hb_load_branch) pass
+!> further ones. Motions that differ by a period of the loads are the same. Each motion is
 !> then described like that of a point, to the requested tolerance if there is one. How often random starts have found each
 !> motion gives the estimate (hb_census_estimate); all other finds together are the other capture.
 module hb_census
@@ -19,6 +20,7 @@ module hb_census
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
    use hb_level, only: degree_of, join, level_t, set_to_harmonics, set_to_level, transferred
+   use hb_load_branch, only: follow_loads
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
@@ -53,6 +55,7 @@ module hb_census
       real(wp) :: size_of_motion = 0.0_wp                             !! largest amplitude of an oscillation with the same root
                                                                       !! mean square
       real(wp), allocatable :: x(:)                                   !! coefficients at the laws' coordinates, on one set
+      logical :: is_on_known_branch = .false.                         !! its branch was followed
    end type census_motion_t
 
    type :: census_t
@@ -85,6 +88,7 @@ module hb_census
       procedure :: index_of => search_index_of
       procedure :: try => search_try
       procedure :: add => search_add
+      procedure :: add_others_from => search_add_others_from
       procedure :: known => search_known
       procedure :: scale => search_scale
    end type search_t
@@ -149,6 +153,12 @@ contains
          census%n_random = census%n_random + 1
       end do
       census%n_left = config%n_starts - census%n_random
+      i = 1
+      do while (i <= size(search%motions))                            ! those found from it follow
+         if (is_over()) exit
+         call add_branch_of(search, i)
+         i = i + 1
+      end do
       call describe(search, model, census)
       call search%balance%destroy()
       census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed + &
@@ -261,7 +271,6 @@ contains
       real(wp), intent(inout), contiguous :: x(:)                     !! first guess, on return arbitrary
       integer, intent(in) :: kind                                     !! one of `start_kind`
       integer, intent(inout) :: n_lost
-      real(wp) :: guess(size(x))
       integer :: i, n_before
       logical :: is_found
 
@@ -281,14 +290,58 @@ contains
       else
          self%motions(i)%n_directed = self%motions(i)%n_directed + 1
       end if
-      i = n_before + 1
+      call self%add_others_from(n_before + 1)
+   end subroutine search_try
+
+   !> Adds the mirror images of motions, and those near them, from a number on.
+   subroutine search_add_others_from(self, first)
+      class(search_t), intent(inout) :: self
+      integer, intent(in) :: first
+      real(wp) :: guess(self%balance%n_unknowns)
+      integer :: i
+
+      i = first
       do while (i <= size(self%motions))                              ! those found from it follow
          guess = self%motions(i)%x                                    ! a copy: the list grows
          call try_mirror_images(self, guess)
          call try_near(self, guess)
          i = i + 1
       end do
-   end subroutine search_try
+   end subroutine search_add_others_from
+
+   !> Adds the motions on the branch of a motion; a branch is followed once, from the first of its motions.
+   subroutine add_branch_of(self, number)
+      type(search_t), intent(inout), target :: self
+      integer, intent(in) :: number
+      real(wp) :: motion(self%balance%n_unknowns)
+      real(wp), allocatable :: found(:, :)
+      integer :: direction, i, k, n_before
+      logical :: is_closed
+
+      if (self%balance%n_unknowns > self%balance%largest_dense) return
+      if (self%motions(number)%is_on_known_branch .or. self%motions(number)%first_kind == start_kind%mirror) return
+      motion = self%motions(number)%x
+      is_closed = .false.
+      do direction = 1, 2
+         if (is_closed .or. work_is_over()) exit
+         self%balance%law_set%is_given_up = .false.
+         call follow_loads(self%balance, self%config, motion, self%scale(), direction == 1, found)
+         do i = 1, size(found, 2)
+            if (self%balance%drifting(reshape(found(:, i), [size(motion)/self%balance%n_dofs, self%balance%n_dofs]), &
+                                      self%config%tolerance) /= 0) cycle
+            n_before = size(self%motions)
+            k = self%index_of(found(:, i))
+            is_closed = k == number
+            if (k == 0) then
+               k = n_before + 1
+               call self%add(found(:, i), start_kind%continued)
+            end if
+            self%motions(k)%is_on_known_branch = .true.
+            call self%add_others_from(n_before + 1)
+         end do
+      end do
+      self%motions(number)%is_on_known_branch = .true.
+   end subroutine add_branch_of
 
    !> Newton's method from x.
    subroutine find_motion(self, x, is_found)

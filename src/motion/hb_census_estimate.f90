@@ -5,8 +5,9 @@
 !> Annals of Statistics 11 (1983) 905-912). The number of motions is at least that found plus (n - 1)/n f_1 (f_1 - 1)/(2 (f_2 +
 !> 1)) (A. Chao, Scandinavian Journal of Statistics 11 (1984) 265-270, without bias). If other starts have found m motions,
 !> random ones d, and both b of them, it is about (m + 1)(d + 1)/(b + 1) - 1 (D. G. Chapman, University of California
-!> Publications in Statistics 1 (1951) 131-160). Both suppose independent starts that find motions by chance; motions that no
-!> start leads to leave no trace in either.
+!> Publications in Statistics 1 (1951) 131-160). Both are lower bounds: motions to
+!> which hardly any start leads leave no trace in either. A motion to which a share p of the starts leads is not among n finds with
+!> a probability of (1 - p)**n: motions with shares below 1 - .05**(1/n) are not excluded, with a confidence of 95 %.
 module hb_census_estimate
    use hb_kinds, only: wp
    implicit none
@@ -15,7 +16,7 @@ module hb_census_estimate
 
    integer, parameter :: min_finds = 20                               ! by random starts, for an estimate
    real(wp), parameter :: deviations = 1.645_wp                       ! of a normal distribution: one-sided bound of 95 %
-   real(wp), parameter :: rule_of_three = 3.0_wp                      ! without an event in n trials: 3/n is the bound of 95 %
+   real(wp), parameter :: doubt = 0.05_wp                             ! probability of what a bound excludes
 
    type :: completeness_t
       integer :: n_finds = 0                                          !! by random starts
@@ -25,6 +26,8 @@ module hb_census_estimate
                                                                       !! motion
       real(wp) :: unseen_bound = 1.0_wp                               !! largest probability by the same data, with 95 %
       real(wp) :: missed = 0.0_wp                                     !! estimated number of motions that were missed, at least
+      real(wp) :: least_share = 1.0_wp                                !! of the finds: motions with a smaller one may have been
+                                                                      !! missed, others not, with 95 %
       logical :: is_reliable = .false.                                !! there were enough finds, and few motions found once
    end type completeness_t
 
@@ -46,7 +49,8 @@ contains
       seen = real(count(n_random > 0), wp)
       found%unseen = once/n
       found%unseen_bound = found%unseen + deviations*sqrt(max(0.0_wp, once*(1.0_wp - once/n) + 2.0_wp*twice))/n
-      found%unseen_bound = min(1.0_wp, max(found%unseen_bound, rule_of_three/n))
+      found%least_share = 1.0_wp - doubt**(1.0_wp/n)
+      found%unseen_bound = min(1.0_wp, max(found%unseen_bound, found%least_share))
       by_counts = seen + (n - 1.0_wp)/n*once*(once - 1.0_wp)/(2.0_wp*(twice + 1.0_wp))
       by_both = (count(n_other > 0) + 1.0_wp)*(seen + 1.0_wp)/(count(n_other > 0 .and. n_random > 0) + 1.0_wp) - 1.0_wp
       found%missed = max(0.0_wp, max(by_counts, by_both) - size(n_random))

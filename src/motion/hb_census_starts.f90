@@ -7,7 +7,8 @@
 !> - *Directed*: static equilibria under the mean loads; then vibrations about each of them in one low harmonic, with shapes that
 !>   are eigenvectors of the tangent there, in four phases.
 !> - *Random*: about a random equilibrium, in one to three low harmonics, with random shapes and mean values; the size is mostly
-!>   such a root, and the phases are mostly such that the loads supply the power that damping takes.
+!>   such a root, and the phases are mostly such that the loads supply the power that damping takes. Of several coordinates some
+!>   starts choose sizes and phases one after the other: in weakly coupled ones nearly all combinations are motions.
 !>
 !> Random numbers are those of a generator of its own, so that a seed gives the same starts with every compiler: P. L'Ecuyer,
 !> Communications of the ACM 31 (1988) 742-774, figure 3.
@@ -31,10 +32,11 @@ module hb_census_starts
       integer :: random = 4
       integer :: mirror = 5                                           !! the mirror image of a known motion
       integer :: deflated = 6                                         !! near a known motion, repelled from all of these
+      integer :: continued = 7                                        !! passed by the branch of a known motion (hb_load_branch)
    end type start_kind_t
    type(start_kind_t), parameter :: start_kind = start_kind_t()
-   character(*), parameter :: start_kind_names(6) = [character(16) :: "first guess", "equilibrium", "mode", "random start", &
-                                                     "mirror image", "deflation"]
+   character(*), parameter :: start_kind_names(7) = [character(16) :: "first guess", "equilibrium", "mode", "random start", &
+                                                     "mirror image", "deflation", "continuation"]
 
    integer, parameter :: max_coordinates = 40                         ! for equilibria and shapes, whose tangents are dense
    integer, parameter :: max_dense = 600                              ! unknowns, likewise for shapes
@@ -46,6 +48,8 @@ module hb_census_starts
    integer, parameter :: max_roots = 6                                ! sizes of a direction
    integer, parameter :: n_scan = 24                                  ! phases at which the power of a guess is evaluated
    real(wp), parameter :: share_at_roots = 0.8_wp                     ! of random starts; others have any size, or any phase
+   real(wp), parameter :: share_apart = 0.4_wp                        ! of those of several coordinates: one after the other
+   integer, parameter :: max_apart = 6                                ! coordinates of such a start
    real(wp), parameter :: spread_of_sizes = 0.5_wp, spread_near = 0.1_wp ! of their logarithms
    integer, parameter :: n_phases = 4                                 ! of a mode
    real(wp), parameter :: smallest = 1.0e-3_wp, largest = 1.0e4_wp    ! motion of a guess, relative to the typical one
@@ -133,6 +137,12 @@ contains
       call self%restart(number)
       base = 1 + int(self%number()*size(self%equilibria, 2))
       x = self%equilibria(:, base)
+      if (self%n_dofs > 1 .and. size(self%lowest) > 0) then
+         if (self%number() < share_apart) then
+            call draw_apart(self, problem, x)
+            return
+         end if
+      end if
       direction = 0.0_wp
       n = 1 + int(3.0_wp*self%number())
       is_in_phase = self%number() < 0.5_wp
@@ -163,6 +173,32 @@ contains
       if (self%number() < share_at_roots) call turn_to_root(self, problem, x)
    end subroutine starts_draw
 
+   !> Adds a vibration at each of some coordinates, one after the other: in one low harmonic, with one of the sizes that are
+   !> possible there beside those before it, or none, and with a phase of its own.
+   subroutine draw_apart(self, problem, x)
+      class(starts_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(inout), contiguous :: x(:)                     !! an equilibrium, on return a start
+      real(wp) :: direction(size(x)), sizes(max_roots)
+      integer :: d, h, i, k, n_roots, order(self%n_dofs)
+
+      order = [(d, d=1, self%n_dofs)]
+      do i = 1, min(self%n_dofs, max_apart)
+         k = i + int(self%number()*(self%n_dofs - i + 1))
+         order([i, k]) = order([k, i])
+         d = order(i)
+         h = self%lowest(1 + int(self%number()**2*size(self%lowest)))
+         direction = 0.0_wp
+         direction((d - 1)*self%harmonics%n_coefficients + self%harmonics%cos_at(h)) = 1.0_wp
+         direction = direction*problem%x_scale
+         call find_sizes(problem, x, direction, sizes, n_roots)
+         k = int(self%number()*(n_roots + 1))
+         if (k == 0) cycle
+         x = x + sizes(k)*direction
+         call turn_to_root(self, problem, x, d)
+      end do
+   end subroutine draw_apart
+
    !> A motion of nearly the same size with other phases; its mean values remain.
    subroutine starts_draw_near(self, problem, motion, x)
       class(starts_t), intent(inout) :: self
@@ -186,30 +222,37 @@ contains
 
    !> Shifts the phases of a guess to where the loads supply the power that damping takes: the power of the residual,
    !> (dx/dtau).r(x), as a function of a common shift of all phases changes its sign there. Phases are random if it never does.
-   subroutine turn_to_root(self, problem, x)
+   !> If a degree of freedom is given, its phases are shifted alone, and its power is that of its own residual.
+   subroutine turn_to_root(self, problem, x, dof)
       class(starts_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(inout), contiguous :: x(:)
+      integer, intent(in), optional :: dof
       real(wp), dimension(size(x)) :: begun, r, there
       real(wp) :: before, phases(self%harmonics%n_tones), power, roots(n_scan), turn(self%harmonics%n_tones)
       complex(wp) :: rate(self%harmonics%n_harmonics)
-      integer :: i, m, n, n_roots
+      integer :: first, i, last, m, n_roots, shape_of(2)
 
-      n = self%n_dofs*self%harmonics%n_coefficients
+      first = 1
+      last = self%n_dofs*self%harmonics%n_coefficients
+      if (present(dof)) then
+         first = (dof - 1)*self%harmonics%n_coefficients + 1
+         last = dof*self%harmonics%n_coefficients
+      end if
+      shape_of = [self%harmonics%n_coefficients, (last - first + 1)/self%harmonics%n_coefficients]
       phases = [(two_pi*self%number(), m=1, size(phases))]
       turn = 0.0_wp
       turn(1 + int(self%number()*size(turn))) = 1.0_wp
       begun = x
-      begun(:n) = shifted(x(:n), self%harmonics, phases)
+      begun(first:last) = shifted(x(first:last), self%harmonics, phases)
       rate = cmplx(0.0_wp, matmul(turn, real(self%harmonics%tuples, wp)), wp)
       n_roots = 0
       before = 0.0_wp
       there = begun
       do i = 0, n_scan
-         there(:n) = shifted(begun(:n), self%harmonics, i*two_pi/n_scan*turn)
+         there(first:last) = shifted(begun(first:last), self%harmonics, i*two_pi/n_scan*turn)
          call problem%residual(there, r)
-         power = sum(self%harmonics%times(rate, reshape(there(:n), [self%harmonics%n_coefficients, self%n_dofs]))* &
-                     reshape(r(:n), [self%harmonics%n_coefficients, self%n_dofs]))
+         power = sum(self%harmonics%times(rate, reshape(there(first:last), shape_of))*reshape(r(first:last), shape_of))
          if (.not. ieee_is_finite(power)) exit
          if (before*power < 0.0_wp .and. n_roots < size(roots)) then
             n_roots = n_roots + 1
@@ -218,7 +261,7 @@ contains
          before = power
       end do
       x = begun
-      if (n_roots > 0) x(:n) = shifted(begun(:n), self%harmonics, roots(1 + int(self%number()*n_roots))*turn)
+      if (n_roots > 0) x(first:last) = shifted(begun(first:last), self%harmonics, roots(1 + int(self%number()*n_roots))*turn)
    end subroutine turn_to_root
 
    !> Sizes a > 0 at which the balance along a direction, d.r(x + a d), changes its sign.

@@ -1,5 +1,5 @@
 !> The input of a census, a single point, and its result file: a row for each motion, in which the number of the motion, how often
-!> it was found and the start that found it stand where swept values stand.
+!> it was found and the start that found it stand where swept values stand; estimates of its completeness are root attributes.
 module hb_census_file
    use hb_census, only: census_t
    use hb_census_starts, only: start_kind_names
@@ -11,7 +11,7 @@ module hb_census_file
    use hb_mpi, only: comm_t
    use hb_namelist, only: write_complete_text
    use hb_results, only: create_results, results_t
-   use hb_results_layout, only: results_layout_t
+   use hb_results_layout, only: named_number_t, results_layout_t
    use hb_study, only: describe_layout, new_study, study_t
    use hb_text, only: string_t
    implicit none
@@ -88,6 +88,16 @@ contains
       layout%parameters(3)%path = "census%start"
       layout%parameters(3)%is_text = .true.
       layout%parameters(3)%text_values = [character(64) :: start_kind_names(census%motions%first_kind)]
+      associate (found => census%completeness)
+         layout%numbers = [named_number_t("census_starts", real(census%n_random, wp)), &
+                           named_number_t("census_lost", real(census%n_random_lost, wp)), &
+                           named_number_t("census_directed_starts", real(census%n_directed, wp)), &
+                           named_number_t("census_unseen", found%unseen), &
+                           named_number_t("census_unseen_bound", found%unseen_bound), &
+                           named_number_t("census_missed", found%missed), &
+                           named_number_t("census_least_share", found%least_share), &
+                           named_number_t("census_is_reliable", merge(1.0_wp, 0.0_wp, found%is_reliable))]
+      end associate
       call create_results(results, path, layout, overwrite, comm, error)
       if (allocated(error)) return
       do i = 1, layout%n_points

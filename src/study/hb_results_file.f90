@@ -134,6 +134,7 @@ contains
       type(h5_file_t), intent(in) :: file
       type(results_layout_t), intent(in) :: layout
       type(error_t), allocatable, intent(out) :: error
+      integer :: i
 
       call file%set_attribute("schema_version", schema_version, error)
       if (.not. allocated(error)) call file%set_attribute("n_ranks", layout%n_ranks, error)
@@ -142,6 +143,10 @@ contains
       call set_text("created_utc", utc_now())
       call set_text("title", or_empty(layout%title))
       call set_text("amplitude_convention", amplitude_convention)
+      if (.not. allocated(layout%numbers)) return
+      do i = 1, size(layout%numbers)
+         if (.not. allocated(error)) call file%set_attribute(trim(layout%numbers(i)%name), layout%numbers(i)%value, error)
+      end do
    contains
       subroutine set_text(name, value)
          character(*), intent(in) :: name, value

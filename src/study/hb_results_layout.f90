@@ -5,7 +5,7 @@ module hb_results_layout
    use hb_text, only: to_text
    implicit none
    private
-   public :: check_layout, n_times, rank_times_t, results_layout_t, swept_parameter_t, times_of_row
+   public :: check_layout, n_times, named_number_t, rank_times_t, results_layout_t, swept_parameter_t, times_of_row
 
    integer, parameter :: n_times = 8                                  ! numbers in a row of a table
 
@@ -34,6 +34,12 @@ module hb_results_layout
       character(64), allocatable :: text_values(:)      !! (n_points)
    end type swept_parameter_t
 
+   !> A root attribute of what a whole run has found.
+   type :: named_number_t
+      character(32) :: name = ""
+      real(wp) :: value = 0.0_wp
+   end type named_number_t
+
    !> The data of a file that are known before the first point is solved; the same on all ranks.
    type :: results_layout_t
       integer :: n_points = 0
@@ -54,6 +60,7 @@ module hb_results_layout
       logical :: has_improved = .false.                 !! improved coefficients are stored
       integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)
+      type(named_number_t), allocatable :: numbers(:)   !! further root attributes, if there are any
       character(:), allocatable :: title
       character(:), allocatable :: input_name           !! name of the input file, for messages
       character(:), allocatable :: input_folder         !! absolute folder of files that the input names, with a slash at its end

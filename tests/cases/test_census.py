@@ -40,10 +40,16 @@ def test_table_and_file_have_the_same_motions(folder):
     with h5py.File(folder / "duffing.h5") as file:
         amplitudes = np.hypot(*file["coefficients"][:, 0, 1].T)
         found = file["census_found"][()]
+        least_share = float(file.attrs["census_least_share"])
+        assert file.attrs["census_missed"] == 0.0 and file.attrs["census_starts"] == 60
         assert list(file["census_start"].asstr()[()])[0]
     assert [float(row[2]) for row in rows] == pytest.approx(amplitudes, rel=0.05)
     assert [int(row[4]) for row in rows] == list(found)
     assert "at most" in done.stdout and "3 motions from" in done.stdout
+    assert "missed motions: at least 0.0" in done.stdout
+    assert least_share == pytest.approx(1 - 0.05 ** (1 / sum(found)))
+    said = re.search(r"fewer than (\S+) % of the converged starts lead may be missed", done.stdout)
+    assert float(said[1]) == pytest.approx(100 * least_share, abs=0.06)
     assert run("verify", "duffing.h5", cwd=folder).stdout.count("unstable") >= 1
     assert run("info", "duffing.h5", cwd=folder).status == ALL_CONVERGED
 
@@ -56,6 +62,7 @@ def test_python_finds_the_motions_of_the_command(folder):
         assert list(found["census_found"].values) == list(file["census_found"][()])
     assert list(found["stability"].values) == ["stable", "unstable", "stable"]
     assert found.attrs["census_missed"] == 0.0 and 0.0 < found.attrs["census_unseen_bound"] < 0.05
+    assert 0.05 == pytest.approx((1 - found.attrs["census_least_share"]) ** int(found["census_found"].sum()))
 
 
 def test_a_census_of_a_swept_point_and_of_a_curve(folder):

@@ -83,6 +83,7 @@ class Census(ctypes.Structure):
         ("unseen", ctypes.c_double),
         ("unseen_bound", ctypes.c_double),
         ("missed", ctypes.c_double),
+        ("least_share", ctypes.c_double),
     ]
 
 

@@ -25,7 +25,8 @@ from nhbm.structure import Structure
 from nhbm.sweeps import Progress
 from nhbm.values import numbers_of, plain
 
-_CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation"  # nhbm_census_start
+# nhbm_census_start
+_CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation", "continuation"
 
 
 class Peak(NamedTuple):
@@ -429,7 +430,8 @@ class Model(Description):
             to each of them, `census_start` the start that found it, `census_mirror_of` the motion whose mirror image it is, or -1.
             Attributes: `census_starts`, `census_lost`, starts that led to no motion, `census_unseen` and `census_unseen_bound`,
             the probability that a further random start finds an unknown motion and its bound with 95 %, `census_missed`, the
-            estimated number of motions that were missed, and `census_is_reliable`, whether there were enough finds for it.
+            estimated number of motions that were missed, at least, `census_least_share`: motions to which a smaller share of the
+            converged random starts leads may be missed (95 %), and `census_is_reliable`, whether there were enough finds.
 
         Examples
         --------
@@ -471,6 +473,7 @@ class Model(Description):
             "census_unseen": census.unseen,
             "census_unseen_bound": census.unseen_bound,
             "census_missed": census.missed,
+            "census_least_share": census.least_share,
             "census_is_reliable": int(census.is_reliable),
         }
         return dataset.result_of(dataset.joined(motions), self._source(session), values, {**estimates, **self._attributes()})
