@@ -1,6 +1,7 @@
 """Reduced models: exact where nothing is left out, converging, and with an error that is the true one."""
 
 import dataclasses
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from nhbm import ModelError, Structure, examples, rotors
+from nhbm import ModelError, Structure, examples, factors, reduction, rotors
 from nhbm.command import main
 from nhbm.factors import Factors, lowest_modes
 from nhbm.reduction import MODAL, band, compare, load_matrix, reduce
@@ -157,6 +158,50 @@ def test_loads_on_retained_dofs_add_nothing(block, method):
     assert reduced.n_dofs == len(retained) + 6
     unit = np.eye(len(retained), reduced.n_dofs)
     np.testing.assert_allclose(reduced.recovery.matrix[retained], unit, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", [*MODAL, "krylov"])
+def test_blocks_change_nothing(block, method, monkeypatch):
+    n = 6 if method in MODAL else 0
+    whole = reduce(block, ["right.z"], n, method, 2.0e4)
+    monkeypatch.setattr(reduction, "BLOCK", 5)
+    monkeypatch.setattr(factors, "BLOCK", 3)
+    parts = reduce(block, ["right.z"], n, method, 2.0e4)
+    names = [block.labels[dof] for dof in block.dofs_of("right.z")]
+    for w in (0.0, 1.3e4):
+        a, b = (flexibility(reduced, names, w) for reduced in (whole, parts))
+        np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-10 * abs(a).max())
+        unit = np.eye(whole.n_dofs)[:, :1]  # of the first degree of freedom, which all of them recover
+        a, b = (
+            reduced.recovery.matrix @ np.linalg.solve((reduced.stiffness - w**2 * reduced.mass).toarray(), unit)
+            for reduced in (whole, parts)
+        )
+        np.testing.assert_allclose(b, a, rtol=1e-7, atol=1e-9 * abs(a).max())
+
+
+def test_memory_is_that_of_the_shapes():
+    """And of small matrices: nothing of their size has a second copy. It was six of them."""
+    pytest.importorskip("skfem")
+    model = examples.solid(n_x=30, n_y=6, n_z=1)
+    tracemalloc.start()
+    try:
+        reduced = reduce(model, ["top.z"], 10)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 2.5 * reduced.recovery.matrix.nbytes
+
+
+def test_what_does_not_fit_into_memory_is_refused(block, monkeypatch):
+    monkeypatch.setattr(reduction, "_available_memory", lambda: 1.0e5)
+    with pytest.raises(ModelError, match=r"shapes of 216 degrees of freedom need .* GiB of memory.*keep fewer"):
+        reduce(block, ["right.z"], 6)
+
+
+def test_more_than_a_reduced_model_may_have(block, monkeypatch):
+    monkeypatch.setitem(reduction.LARGEST_REDUCED, "craig-bampton", 30)
+    with pytest.raises(ModelError, match="more than a reduced model may have by the method 'craig-bampton', 30"):
+        reduce(block, ["right.z"], 30, "craig-bampton")
 
 
 def test_file_of_a_reduced_model(chain, tmp_path):

@@ -2,13 +2,15 @@
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from nhbm import ModelError, Structure
+from nhbm import ModelError, Structure, structure
+from nhbm.structure import Recovery
 
 
 def same(a, b):
@@ -28,6 +30,31 @@ def same(a, b):
 def test_file_keeps_everything(chain, tmp_path):
     chain.write(tmp_path / "chain.h5")
     same(chain, Structure.read(tmp_path / "chain.h5"))
+
+
+def with_recovery(chain):
+    matrix = np.cos(np.arange(60.0 * 12)).reshape(60, 12)[:, ::-1]  # not contiguous
+    return dataclasses.replace(chain, recovery=Recovery(matrix, np.zeros(60, dtype=int), ["z"] * 60))
+
+
+@pytest.mark.parametrize("largest_image", [0, 10**9])
+def test_file_keeps_all_motion_of_a_reduced_model(chain, tmp_path, monkeypatch, largest_image):
+    monkeypatch.setattr(structure, "LARGEST_IMAGE", largest_image)
+    monkeypatch.setattr(structure, "ROWS", 7)
+    model = with_recovery(chain)
+    for _ in range(2):  # a file that is there is replaced
+        model.write(tmp_path / "small.h5")
+        read = Structure.read(tmp_path / "small.h5")
+        same(model, read)
+        np.testing.assert_array_equal(read.recovery.matrix, model.recovery.matrix)
+
+
+def test_large_file_on_a_full_disk(chain, tmp_path, monkeypatch):
+    monkeypatch.setattr(structure, "LARGEST_IMAGE", 0)
+    monkeypatch.setattr(structure.shutil, "disk_usage", lambda path: SimpleNamespace(free=100))
+    with pytest.raises(ModelError, match="cannot be written: No space left on device"):
+        with_recovery(chain).write(tmp_path / "small.h5")
+    assert not list(tmp_path.iterdir())
 
 
 def test_names_of_sets(chain):

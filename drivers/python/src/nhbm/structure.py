@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +25,8 @@ BY_SPEED = (
 )  # fmt: skip
 MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural", *BY_SPEED)
 MAX_LABEL = 16
+LARGEST_IMAGE = 2**28  # bytes of a matrix that a file is first made with in memory
+ROWS = 4096  # written at a time, of a matrix that may not be contiguous
 MAX_ENTRIES = int(np.iinfo(np.int32).max)  # of a matrix in the library
 
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
@@ -167,12 +172,24 @@ class Structure:
 
     def write(self, path: Any) -> None:
         """Writes the model file, under a temporary name until it is complete and on disk."""
-        image = image_of(self._fill)
+        is_large = self.recovery is not None and self.recovery.matrix.nbytes > LARGEST_IMAGE
+        image = b"" if is_large else image_of(self._fill)
         try:
-            with atomic_write(path) as name, open(name, "wb") as file:
-                file.write(image)
+            with atomic_write(path) as name:
+                if is_large:
+                    self._write_in_place(name)
+                else:
+                    Path(name).write_bytes(image)
         except OSError as error:
             raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
+
+    def _write_in_place(self, name: str) -> None:
+        """Writes what would not fit into memory a second time, if the disk has room: HDF5 does not recover from a full one."""
+        needed = self.recovery.matrix.nbytes + 12 * sum(matrix.nnz for matrix in self.matrices().values())
+        if shutil.disk_usage(Path(name).parent).free < 1.1 * needed:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
+        with h5py.File(name, "w") as file:
+            self._fill(file)
 
     def _fill(self, file: h5py.File) -> None:
         """Writes the structure into an open file."""
@@ -198,7 +215,10 @@ class Structure:
         _write_lists(file, "sets", {name: (nodes,) for name, nodes in self.sets.items()}, ("nodes",), texts)
         _write_lists(file, "loads", self.loads, ("dofs", "values"), texts)
         if self.recovery is not None:
-            file["recovery/matrix"] = self.recovery.matrix
+            matrix = self.recovery.matrix
+            dataset = file.create_dataset("recovery/matrix", matrix.shape, float)
+            for first in range(0, len(matrix), ROWS):
+                dataset[first : first + ROWS] = matrix[first : first + ROWS]
             file["recovery/node"] = np.asarray(self.recovery.node, dtype=np.int64)
             file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
         if self.up_to is not None:
