@@ -170,7 +170,7 @@ contains
             if (is_final(steady, status_before, spread_before, allowed_of(options), options%integration%aim)) exit
          end do
       end associate
-      call describe_end(options, windows, steady)
+      call describe_end(system, options, windows, steady)
       if (steady%status == outcome%integrated) call complete(system, discretisation, options, windows, state, steady)
       call windows%fit%destroy()
    end subroutine integrate_to_steady
@@ -186,7 +186,8 @@ contains
    end function has_forgotten
 
    !> Completes the message: no window was short enough, the lines are none of the tones, or some are not separated.
-   subroutine describe_end(options, self, steady)
+   subroutine describe_end(system, options, self, steady)
+      type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       type(windows_t), intent(in) :: self
       type(steady_motion_t), intent(inout) :: steady
@@ -197,6 +198,9 @@ contains
          ": the motion is none of these tones"
       if (steady%status == outcome%integrated .and. self%unresolved > steady%spread) steady%message = steady%message// &
          ", and "//rounded(self%unresolved)//" of the motion is of harmonics too close to each other for a record of this length"
+      if (.not. allocated(self%record%impacts) .or. steady%status == outcome%pending) return
+      if (any(self%record%impacts /= 0) .and. .not. system%has_restitution(options%integration%restitution)) &
+         steady%message = steady%message//"; a wall without a restitution is struck: it was taken as 0"
    end subroutine describe_end
 
    !> Completes a steady motion: the error of lines that are not separated, the series of all degrees of freedom, and the periodic
@@ -388,6 +392,7 @@ contains
       steady%work = steady%work + cost*(system%laws%n_evaluations - n_before)
       if (allocated(error)) return
       call move_alloc(next%every_displacement, record%every_displacement)
+      call move_alloc(next%impacts, record%impacts)
       record%start = next%start
       record%step = next%step
    end subroutine integrate_window

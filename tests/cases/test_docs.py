@@ -30,6 +30,7 @@ SECTIONS_BY_FILE = {
     "hb_coupled_terms_reader.f90": ["law polynomial_coupled"],
     "hb_proportional_damping.f90": ["structure"],
     "hb_sweep_plan.f90": ["sweep"],
+    "hb_swept.f90": ["sweep"],
     "hb_curve_plan.f90": ["curve"],
     "hb_element_reader.f90": ELEMENTS,
 }
