@@ -1,5 +1,6 @@
 !> Properties of the linear part of the balance that laws and solvers need: stiffness at a law, scales, rounding.
 submodule (hb_balance) hb_balance_linear
+   use hb_dynamic_stiffness, only: chunk_of_columns
    use hb_thresholds, only: agreement
    implicit none
 
@@ -99,19 +100,21 @@ contains
       real(wp), parameter :: unit = 64.0_wp*epsilon(1.0_wp)            ! elimination amplifies errors slightly
       real(wp), parameter :: few_units = 4.0_wp*epsilon(1.0_wp)        ! of K - w**2 M alone
       type(error_t), allocatable :: error
-      complex(wp) :: column(self%n_dofs)
+      complex(wp) :: columns(self%n_dofs, chunk_of_columns)
       real(wp) :: motion, of_harmonic(self%n_dofs), terms, total
-      integer :: h, i, k
+      integer :: h, i, k, start
 
       total = 0.0_wp
       do h = 1, self%harmonics%n_harmonics
          of_harmonic = abs(self%stiffness%load(:, h))
-         do k = 1, self%n_dofs
-            call self%stiffness%get_column(k, h, column)
-            motion = abs(self%harmonics%amplitude(u(:, k), h))
-            associate (first => self%stiffness%pattern%first(k), last => self%stiffness%pattern%last(k))
-               of_harmonic(first:last) = of_harmonic(first:last) + abs(column(first:last))*motion
-            end associate
+         do start = 1, self%n_dofs, chunk_of_columns
+            call self%stiffness%get_columns(start, h, columns(:, :min(chunk_of_columns, self%n_dofs - start + 1)))
+            do k = start, min(start + chunk_of_columns - 1, self%n_dofs)
+               motion = abs(self%harmonics%amplitude(u(:, k), h))
+               associate (first => self%stiffness%pattern%first(k), last => self%stiffness%pattern%last(k))
+                  of_harmonic(first:last) = of_harmonic(first:last) + abs(columns(first:last, k - start + 1))*motion
+               end associate
+            end do
          end do
          do i = 1, self%n_dofs
             total = total + (of_harmonic(i)/scale_of(i))**2

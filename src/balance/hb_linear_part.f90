@@ -6,7 +6,7 @@
 module hb_linear_part
    use hb_amplitudes, only: amplitudes_t
    use hb_block_factors, only: block_factors_t, new_block_factors
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+   use hb_dynamic_stiffness, only: chunk_of_columns, dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -129,17 +129,19 @@ contains
    subroutine linear_part_factorise(self, h)
       class(linear_part_t), intent(inout) :: self
       integer, intent(in) :: h
-      complex(wp) :: block(self%pattern%n_rows, self%n_law), column(self%n_law)
+      complex(wp) :: block(self%pattern%n_rows, self%n_law), columns(self%n_law, chunk_of_columns)
       logical :: has_zero_pivot
-      integer :: i, k
+      integer :: i, k, start
 
       if (self%factors%are_there(h)) return
       block = (0.0_wp, 0.0_wp)
-      do k = 1, self%n_law
-         call self%get_column(k, h, column)
-         associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
-            block(shift + first:shift + last, k) = column(first:last)
-         end associate
+      do start = 1, self%n_law, chunk_of_columns
+         call self%get_columns(start, h, columns(:, :min(chunk_of_columns, self%n_law - start + 1)))
+         do k = start, min(start + chunk_of_columns - 1, self%n_law)
+            associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
+               block(shift + first:shift + last, k) = columns(first:last, k - start + 1)
+            end associate
+         end do
       end do
       if (self%is_singular(h)) then
          do i = 1, self%n_law

@@ -6,6 +6,7 @@ module hb_preconditioner
    use hb_block_factors, only: block_factors_t, new_block_factors
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_coarse_tangent, only: coarse_tangent_t, factor_memory, factor_work, max_memory, new_coarse_tangent
+   use hb_dynamic_stiffness, only: chunk_of_columns
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -66,15 +67,18 @@ contains
       real(wp), intent(in) :: frequency                               !! j.omega [rad/s]
       real(wp), intent(in) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)   !! (pattern%n_rows, n_dofs)
       complex(wp), intent(out) :: block(:, :)                         !! [N/m], (pattern%n_rows, n_dofs)
-      complex(wp) :: column(linear%n_law)
-      integer :: i, k, m
+      complex(wp) :: columns(linear%n_law, chunk_of_columns)
+      integer :: i, k, m, start
 
       associate (own => self%pattern)
          block = (0.0_wp, 0.0_wp)
          do k = 1, own%n
-            call linear%get_column(k, h, column)
+            if (mod(k - 1, chunk_of_columns) == 0) then
+               start = k
+               call linear%get_columns(start, h, columns(:, :min(chunk_of_columns, own%n - start + 1)))
+            end if
             do m = linear%pattern%first(k), linear%pattern%last(k)
-               associate (s => column(m), at => own%shift(k))
+               associate (s => columns(m, k - start + 1), at => own%shift(k))
                   block(at + m, k) = block(at + m, k) + s
                   if (.not. self%needs_reaction) cycle
                   do i = max(own%first(m), own%first(k)), min(own%last(m), own%last(k))

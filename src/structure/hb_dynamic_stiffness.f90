@@ -24,7 +24,9 @@ module hb_dynamic_stiffness
    use hb_text, only: to_text
    implicit none
    private
-   public :: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+   public :: chunk_of_columns, dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+
+   integer, parameter :: chunk_of_columns = 32               !! columns of S_c that are computed at a time
 
    !> Requested data beside stiffness and loads at the frequencies.
    type :: wanted_slopes_t
@@ -60,7 +62,7 @@ module hb_dynamic_stiffness
       integer, allocatable :: free_dofs(:)                   !! of the interior, whose mean values nothing determines: they are zero
    contains
       procedure :: entry => dynamic_stiffness_entry
-      procedure :: get_column => dynamic_stiffness_get_column
+      procedure :: get_columns => dynamic_stiffness_get_columns
       procedure :: largest_entry => dynamic_stiffness_largest_entry
       procedure :: move => dynamic_stiffness_move
       procedure :: transfer_to => dynamic_stiffness_transfer_to
@@ -176,20 +178,25 @@ contains
       end if
    end function dynamic_stiffness_entry
 
-   !> Column k of S_c of harmonic h [N/m] from `pattern%first(k)` to `pattern%last(k)`; the rest of `column` is unchanged.
-   subroutine dynamic_stiffness_get_column(self, k, h, column)
+   !> Successive columns of S_c of harmonic h [N/m] from number `first`, each from `pattern%first` to `pattern%last`; the rest of
+   !> `columns` is unchanged.
+   subroutine dynamic_stiffness_get_columns(self, first, h, columns)
       class(dynamic_stiffness_t), intent(in) :: self
-      integer, intent(in) :: k, h
-      complex(wp), intent(inout), contiguous :: column(:)             !! (n_law)
+      integer, intent(in) :: first, h
+      complex(wp), intent(inout), contiguous :: columns(:, :)         !! (n_law, number of columns)
+      integer :: i, k
 
       if (allocated(self%shared)) then
-         call self%shared%get_column(k, h, column)
+         call self%shared%get_columns(first, h, columns)
          return
       end if
-      associate (first => self%pattern%first(k), last => self%pattern%last(k), shift => self%pattern%shift(k))
-         column(first:last) = self%condensed(shift + first:shift + last, k, h)
-      end associate
-   end subroutine dynamic_stiffness_get_column
+      do i = 1, size(columns, 2)
+         k = first + i - 1
+         associate (top => self%pattern%first(k), bottom => self%pattern%last(k), shift => self%pattern%shift(k))
+            columns(top:bottom, i) = self%condensed(shift + top:shift + bottom, k, h)
+         end associate
+      end do
+   end subroutine dynamic_stiffness_get_columns
 
    !> Largest magnitude of an entry of S_c [N/m]; of shared matrices, on the diagonal, where that of definite ones is.
    pure real(wp) function dynamic_stiffness_largest_entry(self) result(largest)
@@ -386,9 +393,9 @@ contains
       complex(wp), intent(out) :: c(:, :)                             !! [m], (n_law, n_harmonics)
       logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
       complex(wp), allocatable :: a(:, :)                             ! in LAPACK's layout, a band with room for exchanges
-      complex(wp) :: scale(self%n_law), column(self%n_law), work(2*self%n_law)
+      complex(wp) :: scale(self%n_law), columns(self%n_law, chunk_of_columns), work(2*self%n_law)
       real(wp) :: norm, reciprocal_condition, rounding, rwork(2*self%n_law)
-      integer :: above, h, i, info, k, n, pivots(self%n_law)
+      integer :: above, first, h, i, info, k, n, pivots(self%n_law)
 
       n = self%n_law
       if (n == 1) then
@@ -406,10 +413,12 @@ contains
          scale = (1.0_wp, 0.0_wp)
          where (self%magnitude(:, h) > 0.0_wp) scale = cmplx(1.0_wp/sqrt(self%magnitude(:, h)), kind=wp)
          a = (0.0_wp, 0.0_wp)
-         do k = 1, n
-            call self%get_column(k, h, column)
-            do i = self%pattern%first(k), self%pattern%last(k)
-               a(above + self%pattern%shift(k) + i, k) = scale(i)*column(i)*scale(k)
+         do first = 1, n, chunk_of_columns
+            call self%get_columns(first, h, columns(:, :min(chunk_of_columns, n - first + 1)))
+            do k = first, min(first + chunk_of_columns - 1, n)
+               do i = self%pattern%first(k), self%pattern%last(k)
+                  a(above + self%pattern%shift(k) + i, k) = scale(i)*columns(i, k - first + 1)*scale(k)
+               end do
             end do
          end do
          norm = max(1.0_wp, maxval(sum(abs(a), dim=1)))

@@ -5,7 +5,7 @@
 !> instead of a complex matrix a frequency.
 module hb_shared_stiffness
    use hb_kinds, only: wp
-   use hb_lapack, only: dgemm, zgemv
+   use hb_lapack, only: dgemm, zgemm, zgemv
    use hb_structure_block, only: structure_block_t
    use hb_threads, only: n_threads
    implicit none
@@ -26,7 +26,7 @@ module hb_shared_stiffness
       complex(wp), allocatable :: extra(:, :)                !! added to the diagonal [N/m], (n, n_frequencies), or not allocated
    contains
       procedure :: entry => shared_stiffness_entry
-      procedure :: get_column => shared_stiffness_get_column
+      procedure :: get_columns => shared_stiffness_get_columns
       procedure :: multiply => shared_stiffness_multiply
       procedure :: restricted_to => shared_stiffness_restricted_to
    end type shared_stiffness_t
@@ -85,21 +85,29 @@ contains
       if (allocated(self%extra) .and. i == k) entry = entry + self%extra(i, h)
    end function shared_stiffness_entry
 
-   !> Column k at frequency number h [N/m].
-   subroutine shared_stiffness_get_column(self, k, h, column)
+   !> Successive columns from number `first` at frequency number h [N/m].
+   subroutine shared_stiffness_get_columns(self, first, h, columns)
       class(shared_stiffness_t), intent(in) :: self
-      integer, intent(in) :: k, h
-      complex(wp), intent(out), contiguous :: column(:)      !! (n)
+      integer, intent(in) :: first, h
+      complex(wp), intent(out), contiguous :: columns(:, :)  !! (n, number of columns)
       complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
+      integer :: i, k
 
       associate (w => self%frequencies(h), n_interior => size(self%transfer, 1))
-         column = cmplx(self%stiffness(:, k) - w**2*self%mass(:, k), 0.0_wp, wp)
-         if (allocated(self%damping)) column = column + cmplx(0.0_wp, w*self%damping(:, k), wp)
-         if (n_interior > 0) call zgemv("N", self%n, n_interior, -one, self%coupling(:, :, h), self%n, self%transfer(:, k, h), 1, &
-                                        one, column, 1)
+         do i = 1, size(columns, 2)
+            k = first + i - 1
+            columns(:, i) = cmplx(self%stiffness(:, k) - w**2*self%mass(:, k), 0.0_wp, wp)
+            if (allocated(self%damping)) columns(:, i) = columns(:, i) + cmplx(0.0_wp, w*self%damping(:, k), wp)
+         end do
+         if (n_interior > 0) call zgemm("N", "N", self%n, size(columns, 2), n_interior, -one, self%coupling(:, :, h), self%n, &
+                                        self%transfer(:, first:first + size(columns, 2) - 1, h), n_interior, one, columns, self%n)
       end associate
-      if (allocated(self%extra)) column(k) = column(k) + self%extra(k, h)
-   end subroutine shared_stiffness_get_column
+      if (.not. allocated(self%extra)) return
+      do i = 1, size(columns, 2)
+         k = first + i - 1
+         columns(k, i) = columns(k, i) + self%extra(k, h)
+      end do
+   end subroutine shared_stiffness_get_columns
 
    !> Products S_c c of all frequencies.
    subroutine shared_stiffness_multiply(self, c, product)
