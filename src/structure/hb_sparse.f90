@@ -216,13 +216,30 @@ contains
       product = sparse_from_entries(one%n_rows, row, column, value)
    end function sparse_product
 
-   !> One entry, zero if none is stored.
+   !> One entry, zero if none is stored. Bisection finds it where columns ascend, as they do in most files.
    pure real(wp) function sparse_at(self, i, j) result(value)
       class(sparse_t), intent(in) :: self
       integer, intent(in) :: i, j
-      integer :: e
+      integer :: e, last
 
       value = 0.0_wp
+      e = self%first(i)
+      last = self%first(i + 1) - 1
+      do while (e < last)
+         associate (middle => (e + last)/2)
+            if (self%column(middle) < j) then
+               e = middle + 1
+            else
+               last = middle
+            end if
+         end associate
+      end do
+      if (e == last) then
+         if (self%column(e) == j) then
+            value = self%value(e)
+            return
+         end if
+      end if
       do e = self%first(i), self%first(i + 1) - 1
          if (self%column(e) == j) value = self%value(e)
       end do
