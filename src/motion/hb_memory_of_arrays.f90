@@ -219,7 +219,7 @@ contains
       self%has_error_estimate = options%error_estimate%is_on .and. n > 0
       self%has_unknown_tones = any(system%tones%is_unknown)
       self%largest_dense = largest_dense_tangent(laws)
-      call count_matrices(self, system%structure)
+      call count_matrices(self, system%structure, real(max(0, system%structure%n_dofs - coordinates%n), wp))
       do i = 1, n
          call add_law(self, laws, i)
       end do
@@ -239,9 +239,10 @@ contains
    end procedure sizes_of
 
    !> Counts the entries of the matrices, and of the factors of the interior at one frequency, see hb_block_solver.
-   subroutine count_matrices(self, structure)
+   subroutine count_matrices(self, structure, n_interior)
       type(sizes_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: n_interior                              !! degrees of freedom
       real(wp) :: n_entries
       integer :: bandwidth, i
 
@@ -253,7 +254,8 @@ contains
          bandwidth = maxval([0, (maxval(abs(k%column(k%first(i):k%first(i + 1) - 1) - i)), i=1, structure%n_dofs)])
       end associate
       self%matrices = 3*n_entries
-      self%factors = 6*n_entries + min(fill*n_entries, self%n_dofs*factor_rows(self%n_dofs, real(bandwidth, wp)))
+      n_entries = min(n_entries, n_interior**2)
+      self%factors = 6*n_entries + min(fill*n_entries, n_interior*factor_rows(n_interior, real(bandwidth, wp)))
    end subroutine count_matrices
 
    !> Adds the storage of law i, see hb_sampled_law, hb_slider_states and hb_hysteresis_tangent.

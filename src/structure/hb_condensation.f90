@@ -47,7 +47,6 @@ module hb_condensation
       integer :: drifting = 0                                !! degree of freedom with a static load that nothing supports; 0: none
       ! entries of the last harmonic, the full S_lr if matrix products are faster, memory for slopes of loads
       complex(wp), allocatable, private :: s_ll(:), s_rl(:), s_lr(:), full_lr(:, :), load_slope(:)
-      real(wp), allocatable, private :: magnitude(:)
       real(wp), private :: drive = 0.0_wp                             ! likewise
       real(wp), private :: highest_frequency = 0.0_wp                 ! [rad/s]
    contains
@@ -94,8 +93,7 @@ contains
       call new_block_pattern(self%pattern, coordinates%n, half_bandwidth)
       call new_block_solver(self%solver, self%rr, n_interior, coordinates%n + 1, highest_frequency)
       self%highest_frequency = highest_frequency
-      allocate (self%s_ll(self%ll%n_entries), self%s_rl(self%rl%n_entries), self%s_lr(self%lr%n_entries))
-      allocate (self%magnitude(self%ll%n_entries))
+      allocate (self%s_rl(self%rl%n_entries), self%s_lr(self%lr%n_entries))
       if (coordinates%n > 1 .and. .not. self%pattern%is_banded .and. self%lr%n_entries > mostly*coordinates%n*n_interior) &
          allocate (self%full_lr(coordinates%n, n_interior), source=(0.0_wp, 0.0_wp))
    end subroutine new_condensation
@@ -121,11 +119,7 @@ contains
 
          self%transfer = solver%rhs(:, :n_law)
          self%held_motion = solver%rhs(:, n_law + 1)
-         call ll%magnitude(frequency, self%magnitude)
-         magnitude = 0.0_wp
-         do e = 1, ll%n_entries
-            if (ll%row(e) == ll%column(e)) magnitude(ll%row(e)) = self%magnitude(e)
-         end do
+         call ll%diagonal_magnitude(frequency, magnitude)
          load = (0.0_wp, 0.0_wp)
          if (k > 0) load = self%loads%values(self%positions, k)
          call lr%evaluate(frequency, drive, self%s_lr)
@@ -145,6 +139,7 @@ contains
 
       n_law = size(self%positions)
       n_interior = size(self%interior)
+      if (.not. allocated(self%s_ll)) allocate (self%s_ll(self%ll%n_entries))
       associate (ll => self%ll, lr => self%lr, s_lr => self%s_lr)
          call ll%evaluate(frequency, self%drive, self%s_ll)
          condensed = (0.0_wp, 0.0_wp)

@@ -24,6 +24,7 @@ module hb_structure_block
       procedure :: slope => structure_block_slope
       procedure :: drive_slope => structure_block_drive_slope
       procedure :: magnitude => structure_block_magnitude
+      procedure :: diagonal_magnitude => structure_block_diagonal_magnitude
    end type structure_block_t
 
 contains
@@ -110,41 +111,36 @@ contains
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: rows(:), columns(:)
       integer, allocatable :: number(:), position(:)                  ! of a column in the block; of its entry in the row
-      integer :: first, i, n
+      integer :: first, i, n, pass
 
       allocate (number(structure%n_dofs), source=0)
       do i = 1, size(columns)
          number(columns(i)) = i
       end do
+      allocate (position(size(columns)))
       associate (m => structure%sparse%mass, d => structure%sparse%damping, k => structure%sparse%stiffness)
-         n = 0
-         do i = 1, size(rows)
-            n = n + m%n_in_row(rows(i)) + d%n_in_row(rows(i)) + k%n_in_row(rows(i))
-         end do
-         allocate (self%row(n), self%column(n), position(size(columns)))
-         allocate (self%mass(n), self%damping(n), self%stiffness(n), source=0.0_wp)
-         position = 0
-         n = 0
-         do i = 1, size(rows)
-            first = n + 1
-            call add_row(m, self%mass)
-            call add_row(d, self%damping)
-            call add_row(k, self%stiffness)
+         do pass = 1, 2                                               ! count, then fill
+            position = 0
+            n = 0
+            do i = 1, size(rows)
+               first = n + 1
+               call add_row(m, self%mass)
+               call add_row(d, self%damping)
+               call add_row(k, self%stiffness)
+            end do
+            if (pass == 2) exit
+            self%n_entries = n
+            allocate (self%row(n), self%column(n))
+            allocate (self%mass(n), self%damping(n), self%stiffness(n), source=0.0_wp)
          end do
       end associate
-      self%n_entries = n
-      self%row = self%row(:n)
-      self%column = self%column(:n)
-      self%mass = self%mass(:n)
-      self%damping = self%damping(:n)
-      self%stiffness = self%stiffness(:n)
 
    contains
 
       !> Adds a row of one of the matrices to row `i` of the block, whose entries begin with `first`.
       subroutine add_row(matrix, values)
          type(sparse_t), intent(in) :: matrix
-         real(wp), intent(inout) :: values(:)                         !! of the entries of the block
+         real(wp), allocatable, intent(inout) :: values(:)            !! of the entries of the block
          integer :: e, j
 
          do e = matrix%first(rows(i)), matrix%first(rows(i) + 1) - 1
@@ -153,10 +149,10 @@ contains
             if (position(j) < first) then
                n = n + 1
                position(j) = n
-               self%row(n) = i
-               self%column(n) = j
+               if (pass == 2) self%row(n) = i
+               if (pass == 2) self%column(n) = j
             end if
-            values(position(j)) = matrix%value(e)
+            if (pass == 2) values(position(j)) = matrix%value(e)
          end do
       end subroutine add_row
    end subroutine collect_sparse
@@ -238,4 +234,26 @@ contains
          magnitude = magnitude + abs(self%shares(:, k)*z)
       end do
    end subroutine structure_block_magnitude
+
+   !> Those on the diagonal of a square block, zero where it has no entry.
+   pure subroutine structure_block_diagonal_magnitude(self, frequency, magnitude)
+      class(structure_block_t), intent(in) :: self
+      real(wp), intent(in) :: frequency
+      real(wp), intent(out) :: magnitude(:)                           !! (number of rows)
+      complex(wp) :: dz_dw, z
+      integer :: e, k
+
+      magnitude = 0.0_wp
+      do e = 1, self%n_entries
+         if (self%row(e) == self%column(e)) magnitude(self%row(e)) = abs(self%stiffness(e)) + frequency**2*abs(self%mass(e)) + &
+                                                                    abs(frequency*self%damping(e))
+      end do
+      if (.not. allocated(self%parts)) return
+      do k = 1, size(self%parts)
+         call self%parts(k)%evaluate(frequency, z, dz_dw)
+         do e = 1, self%n_entries
+            if (self%row(e) == self%column(e)) magnitude(self%row(e)) = magnitude(self%row(e)) + abs(self%shares(e, k)*z)
+         end do
+      end do
+   end subroutine structure_block_diagonal_magnitude
 end module hb_structure_block
