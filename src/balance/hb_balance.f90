@@ -156,10 +156,11 @@ module hb_balance
          real(wp), intent(out), contiguous :: step(:)
       end subroutine balance_precondition
 
-      module subroutine balance_factorise_mean_tangent(self, u, error)
+      module subroutine balance_factorise_mean_tangent(self, u, error, without)
          class(balance_t), intent(inout) :: self
          real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
          type(error_t), allocatable, intent(out) :: error
+         type(harmonics_t), intent(in), optional :: without              !! tuples that need no factors
       end subroutine balance_factorise_mean_tangent
 
       module subroutine balance_solve_mean_tangent(self, r, step)

@@ -26,18 +26,21 @@ contains
    end procedure balance_precondition
 
    !> Factorises the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv,
-   !> without the coupling of harmonics.
+   !> without the coupling of harmonics. Those that are left out remain without factors.
    module procedure balance_factorise_mean_tangent
       real(wp), dimension(self%preconditioner%pattern%n_rows, self%n_dofs) :: df_dq, df_dv, df_ds
       complex(wp) :: block(self%preconditioner%pattern%n_rows, self%n_dofs)
-      logical :: is_singular
+      logical :: is_singular, is_wanted(self%harmonics%n_harmonics)
       integer :: h
 
+      is_wanted = .true.
+      if (present(without)) is_wanted([(self%harmonics%index_of(without%tuples(:, h)), h=1, without%n_harmonics)]) = .false.
       call self%differentiate(u, error)
       if (allocated(error)) return
       call self%law_set%mean_slopes(self%preconditioner%pattern, df_dq, df_dv, df_ds)
       call new_block_factors(self%mean_factors, self%preconditioner%pattern, self%harmonics%n_harmonics)
       do h = 1, self%harmonics%n_harmonics
+         if (.not. is_wanted(h)) cycle
          call self%preconditioner%harmonic_tangent(self%stiffness, h, self%frequencies(h), df_dq, df_dv, df_ds, block)
          call self%mean_factors%factorise(h, block, is_singular)
       end do

@@ -41,7 +41,7 @@ contains
       self%pattern = pattern
       allocate (self%is_there(n_blocks), source=.false.)
       if (pattern%n == 1) then
-         allocate (self%inverses(n_blocks))
+         allocate (self%inverses(n_blocks), source=(0.0_wp, 0.0_wp))
       else
          allocate (self%blocks(n_blocks))
       end if
