@@ -38,7 +38,7 @@ contains
       call self%differentiate(u, error)
       if (allocated(error)) return
       call self%law_set%mean_slopes(self%preconditioner%pattern, df_dq, df_dv, df_ds)
-      call new_block_factors(self%mean_factors, self%preconditioner%pattern, self%harmonics%n_harmonics)
+      call new_block_factors(self%mean_factors, self%preconditioner%pattern, self%harmonics%n_harmonics, are_corrected=.true.)
       do h = 1, self%harmonics%n_harmonics
          if (.not. is_wanted(h)) cycle
          call self%preconditioner%harmonic_tangent(self%stiffness, h, self%frequencies(h), df_dq, df_dv, df_ds, block)

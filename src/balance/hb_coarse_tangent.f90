@@ -4,12 +4,12 @@
 !> precision: iterations correct them, and time goes into reading them. Numbers below the range of that precision are zero:
 !> processors take many times as long for gradual underflow, and slopes without kinks have such coefficients.
 module hb_coarse_tangent
-   use, intrinsic :: ieee_arithmetic, only: ieee_get_underflow_mode, ieee_is_finite, ieee_set_underflow_mode, &
-      ieee_support_underflow_control
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: sp, wp
    use hb_lapack, only: sgbtrf, sgbtrs, sgetrf, sgetrs
+   use hb_underflow, only: restore_underflow, underflow_to_zero
    implicit none
    private
    public :: coarse_tangent_t, factor_memory, factor_work, max_memory, new_coarse_tangent
@@ -168,20 +168,4 @@ contains
       end do
       call restore_underflow(was_gradual)
    end subroutine coarse_tangent_solve
-
-   !> Makes results below the range of their precision zero in the calling thread, until `restore_underflow`.
-   subroutine underflow_to_zero(was_gradual)
-      logical, intent(out) :: was_gradual
-
-      was_gradual = .false.
-      if (.not. ieee_support_underflow_control(0.0_sp)) return
-      call ieee_get_underflow_mode(was_gradual)
-      if (was_gradual) call ieee_set_underflow_mode(gradual=.false.)
-   end subroutine underflow_to_zero
-
-   subroutine restore_underflow(was_gradual)
-      logical, intent(in) :: was_gradual
-
-      if (was_gradual) call ieee_set_underflow_mode(gradual=.true.)
-   end subroutine restore_underflow
 end module hb_coarse_tangent

@@ -119,7 +119,7 @@ contains
       call laws%jacobian%variation(varies_q, varies_v, varies_s)
       if (.not. allocated(self%alone)) then
          allocate (self%alone)
-         call new_block_factors(self%alone, self%pattern, size(frequencies))
+         call new_block_factors(self%alone, self%pattern, size(frequencies), are_corrected=.true.)
       end if
       n = n_threads(size(frequencies)*self%pattern%n_rows*laws%n_dofs)
       !$omp parallel do num_threads(n) schedule(dynamic) if (n > 1)

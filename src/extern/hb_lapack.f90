@@ -6,7 +6,7 @@ module hb_lapack
    use hb_kinds, only: sp, wp
    implicit none
    private
-   public :: dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
+   public :: cgetrf, cgetrs, dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
    public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsygv, sgbtrf, sgbtrs, sgetrf, sgetrs
    public :: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgemv, zgetrf, zgetrs
 
@@ -71,6 +71,26 @@ module hb_lapack
          complex(wp), intent(inout) :: b(ldb, *)
          integer, intent(out) :: info
       end subroutine zgetrs
+
+      !> `zgetrf` in single precision.
+      subroutine cgetrf(m, n, a, lda, ipiv, info)
+         import :: sp
+         integer, intent(in) :: m, n, lda
+         complex(sp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine cgetrf
+
+      !> `zgetrs` in single precision.
+      subroutine cgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
+         import :: sp
+         character, intent(in) :: trans
+         integer, intent(in) :: n, nrhs, lda, ldb
+         complex(sp), intent(in) :: a(lda, *)
+         integer, intent(in) :: ipiv(*)
+         complex(sp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine cgetrs
 
       !> Estimates 1/(anorm |A^-1|) from the factors of `zgetrf`; work(2n), rwork(2n).
       subroutine zgecon(norm, n, a, lda, anorm, rcond, work, rwork, info)

@@ -1,18 +1,27 @@
 !> LU factors of many square complex blocks of one pattern, such as the dynamic stiffness of each harmonic.
+!>
+!> Of large dense blocks whose solutions are corrected by iterations the factors are in single precision: half of the memory and of
+!> the time.
 module hb_block_factors
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_pattern, only: block_pattern_t
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: wp
-   use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
+   use hb_kinds, only: sp, wp
+   use hb_lapack, only: cgetrf, cgetrs, zgbtrf, zgbtrs, zgetrf, zgetrs
    use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_threads, only: n_threads
+   use hb_underflow, only: restore_underflow, underflow_to_zero
    implicit none
    private
    public :: block_factors_t, new_block_factors
 
+   integer, parameter :: least_rough = 200                   !! order of a block; smaller ones take a few MB
+
    !> The factors of one block.
    type :: factors_t
       complex(wp), allocatable :: matrix(:, :)               ! (rows, n); a band with room for row exchanges
+      complex(sp), allocatable :: rough(:, :)                ! or in single precision, in units of the largest entry
+      real(wp) :: unit = 1.0_wp                              ! of `rough`, > 0
       integer, allocatable :: pivots(:)                      ! (n)
    end type factors_t
 
@@ -21,6 +30,7 @@ module hb_block_factors
       type(factors_t), allocatable, private :: blocks(:)     ! allocated as needed
       complex(wp), allocatable, private :: inverses(:)       ! instead of factors for n = 1
       logical, allocatable, private :: is_there(:)           ! (n_blocks)
+      logical, private :: are_rough = .false.                ! in single precision
    contains
       procedure :: are_there => block_factors_are_there
       procedure :: factorise => block_factors_factorise
@@ -33,12 +43,14 @@ module hb_block_factors
 contains
 
    !> Prepares for the factors of `n_blocks` blocks.
-   subroutine new_block_factors(self, pattern, n_blocks)
+   subroutine new_block_factors(self, pattern, n_blocks, are_corrected)
       type(block_factors_t), intent(out) :: self
       type(block_pattern_t), intent(in) :: pattern
       integer, intent(in) :: n_blocks
+      logical, intent(in), optional :: are_corrected         !! iterations correct the solutions; default no
 
       self%pattern = pattern
+      if (present(are_corrected)) self%are_rough = are_corrected .and. .not. pattern%is_banded .and. pattern%n >= least_rough
       allocate (self%is_there(n_blocks), source=.false.)
       if (pattern%n == 1) then
          allocate (self%inverses(n_blocks), source=(0.0_wp, 0.0_wp))
@@ -86,6 +98,11 @@ contains
          if (.not. is_singular) self%inverses(h) = (1.0_wp, 0.0_wp)/block(1, 1)
          return
       end if
+      if (self%are_rough) then
+         call factorise_roughly(self%blocks(h), block, is_singular)
+         self%is_there(h) = .not. is_singular
+         return
+      end if
       associate (n => self%pattern%n, half_bandwidth => self%pattern%half_bandwidth, factors => self%blocks(h))
          n_rows = merge(3*half_bandwidth + 1, n, self%pattern%is_banded)
          if (.not. allocated(factors%matrix)) allocate (factors%matrix(n_rows, n), factors%pivots(n))
@@ -106,6 +123,52 @@ contains
       self%is_there(h) = .not. is_singular
    end subroutine block_factors_factorise
 
+   !> Factorises a dense block in single precision.
+   subroutine factorise_roughly(factors, block, is_singular)
+      type(factors_t), intent(inout) :: factors
+      complex(wp), intent(in) :: block(:, :)                 !! (n, n)
+      logical, intent(out) :: is_singular
+      real(wp) :: largest
+      integer :: info, k
+      logical :: was_gradual
+
+      associate (n => size(block, 1))
+         if (.not. allocated(factors%rough)) allocate (factors%rough(n, n), factors%pivots(n))
+         largest = 0.0_wp
+         do k = 1, n
+            largest = max(largest, maxval(abs(real(block(:, k)))), maxval(abs(aimag(block(:, k)))))
+         end do
+         is_singular = .not. (ieee_is_finite(largest) .and. largest > 0.0_wp)
+         if (is_singular) return
+         factors%unit = largest
+         call underflow_to_zero(was_gradual)
+         do k = 1, n
+            factors%rough(:, k) = cmplx(block(:, k)/largest, kind=sp)
+         end do
+         call cgetrf(n, n, factors%rough, n, factors%pivots, info)
+         call restore_underflow(was_gradual)
+         is_singular = info /= 0
+      end associate
+   end subroutine factorise_roughly
+
+   !> Overwrites b with the solution by factors in single precision.
+   subroutine solve_roughly(factors, b)
+      type(factors_t), intent(in) :: factors
+      complex(wp), intent(inout), contiguous :: b(:)         !! (n)
+      complex(sp) :: x(size(b))
+      real(wp) :: largest
+      integer :: info
+      logical :: was_gradual
+
+      largest = max(maxval(abs(real(b))), maxval(abs(aimag(b))))
+      if (.not. largest > 0.0_wp) return
+      call underflow_to_zero(was_gradual)
+      x = cmplx(b/largest, kind=sp)
+      call cgetrs("N", size(b), 1, factors%rough, size(b), factors%pivots, x, size(b), info)
+      b = (largest/factors%unit)*x
+      call restore_underflow(was_gradual)
+   end subroutine solve_roughly
+
    !> Overwrites b with the solution of block h.
    subroutine block_factors_solve(self, h, b)
       class(block_factors_t), intent(in) :: self
@@ -116,6 +179,9 @@ contains
 
       if (self%pattern%n == 1) then
          b(1) = self%inverses(h)*b(1)
+         return
+      else if (self%are_rough) then
+         call solve_roughly(self%blocks(h), b)
          return
       end if
       associate (n => self%pattern%n, half_bandwidth => self%pattern%half_bandwidth, factors => self%blocks(h))
