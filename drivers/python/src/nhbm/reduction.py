@@ -572,8 +572,9 @@ def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float 
     columns = np.unique(np.linspace(0, len(retained) - 1, min(4, len(retained))).astype(int))
     errors = []
     for w in frequencies:
-        a, b = _dynamic(model, w, loss), _dynamic(reduced, w, loss).toarray()
-        small = np.linalg.solve(b, np.eye(len(b))[:, [retained[c] for c in columns]])
+        a, b = _dynamic(model, w, loss), _dense_dynamic(reduced, w, loss)
+        small = scipy.linalg.solve(b, np.eye(len(b))[:, [retained[c] for c in columns]], overwrite_a=True)
+        del b
         exact = np.zeros((len(retained), len(columns)), dtype=complex)
         for i, c in enumerate(columns):
             unit = np.zeros(model.n_dofs, dtype=complex)
@@ -602,6 +603,16 @@ def _parts(model: Any) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]:
 def _dynamic(model: Any, w: Any, loss: Any) -> Any:
     stiffness, viscous, hysteretic = _parts(model)
     return sp.csr_matrix(stiffness * (1 + 1j * loss) - w**2 * model.mass + 1j * w * viscous + 1j * hysteretic)
+
+
+def _dense_dynamic(model: Any, w: Any, loss: Any) -> np.ndarray:
+    """The same of a small model, by columns, without copies of sparse matrices that are full."""
+    stiffness, viscous, hysteretic = (matrix.toarray(order="F") for matrix in _parts(model))
+    dynamic = np.empty(stiffness.shape, dtype=complex, order="F")
+    dynamic.imag = loss * stiffness + w * viscous + hysteretic
+    stiffness -= w**2 * model.mass.toarray(order="F")
+    dynamic.real = stiffness
+    return dynamic
 
 
 def _solve(a: Any, b: Any, guess: Any, factors: Any) -> Any:
