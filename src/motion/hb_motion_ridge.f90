@@ -29,11 +29,13 @@ module hb_motion_ridge
    real(wp), parameter :: resonant_angle = 0.1_wp                     ! [rad] of multipliers that are about to meet
    real(wp), parameter :: twin_step = 0.01_wp                         ! of the longest step: near a point that merges with another
    integer, parameter :: max_twin_steps = 50                          ! likewise
+   real(wp), parameter :: beyond = 0.1_wp                             ! of the range of the first value: points next to its ends
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are
    !> relative to the range of the second value.
    type, extends(motion_curve_t) :: motion_ridge_t
       type(curve_request_t), private :: inner                         ! of the curves along the first value
+      type(curve_request_t), private :: nearby                        ! likewise, beyond the range: what leaves it is found there
       class(motion_curve_t), allocatable, private :: short            ! such a curve
       type(curve_position_t), private :: last                         ! the last point, with the tangent of the short curve there
       real(wp), private :: value = 0.0_wp                             ! second value there
@@ -141,6 +143,9 @@ contains
       self%inner%longest_step = request%longest_step
       self%inner%n_points = huge(1)
       self%inner%responses = request%responses
+      self%nearby = self%inner
+      self%nearby%from = self%inner%from - beyond*(self%inner%to - self%inner%from)
+      self%nearby%to = self%inner%to + beyond*(self%inner%to - self%inner%from)
    end subroutine prepare
 
    !> Sets both values, and what follows them, in the model.
@@ -275,7 +280,7 @@ contains
       logical :: is_found
 
       is_there = .false.
-      close = self%inner
+      close = self%nearby
       close%longest_step = twin_step*close%longest_step
       if (self%request%over%kind == curve_kind%peak) then
          close%responses = [close%responses, close%responses]
@@ -321,7 +326,7 @@ contains
       position = self%last
       do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          call self%short%destroy()
-         call self%short%begin_next_to(self%model%system, self%model%discretisation, self%model%options, self%inner, position, &
+         call self%short%begin_next_to(self%model%system, self%model%discretisation, self%model%options, self%nearby, position, &
                                        is_found, error)
          if (allocated(error) .or. .not. is_found) return
          call self%short%search_for(self%request%over%kind, result, is_found, error)

@@ -46,6 +46,21 @@ def test_curves_of_folds_end_where_two_merge(tmp_path):
         assert any("two folds merge" in text for text in results.curve_ends())
 
 
+@pytest.mark.parametrize(("over_to", "step"), [(1.2481, 0.0404), (1.4623, 0.0368), (1.3, 0.04)])
+def test_followed_folds_end_where_they_leave_the_range(over_to, step, tmp_path):
+    """However close to the end of the range the last of them is."""
+    text = (
+        DUFFING.replace("cos = 0.18", "cos = 0.1")
+        + "&curve parameter='load(1)%cos', from=0.1, to=1.0, follow='fold', over='tones%frequency', over_from=0.7,\n"
+        f"   over_to={over_to}, max_step={step}, points=200 /\n"
+    )
+    with Results(solve(text, tmp_path)) as results:
+        last = results.used[-1]
+        assert results.status_name(last) == "converged"
+        assert "leaves the range of 'over'" in results.message(last)
+        assert results.per_point("curve_over")[last] == pytest.approx(over_to, rel=1e-4)
+
+
 def test_curves_of_bifurcations_end_at_resonances(tmp_path):
     """Neimark-Sacker points of a forced van der Pol oscillator end on a fold, where the multipliers meet at 1."""
     text = """
