@@ -15,7 +15,8 @@ module hb_integration_verdict
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
                                                                       !! a longer time integration would find up to a tenth
    real(wp), parameter :: smallest_limit = 1.0e-9_wp
-   real(wp), parameter :: grown = 30.0_wp                             !! of the distance: certain
+   real(wp), parameter :: grown = 30.0_wp                             !! of the distance: certain, unless it may be transient
+   real(wp), parameter :: beyond_transients = 1.0e6_wp                ! likewise: certain in any case
    real(wp), parameter :: growing = 3.0_wp !! of the distance: before the difference exceeds its limit, growth
    real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start has no influence
    real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one group of periods to the next
@@ -61,16 +62,19 @@ contains
       limit_of = min(largest_limit, max(safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
    end function limit_of
 
-   !> Verdict after some periods; `not_done` if the time integration must continue.
-   pure integer function decide(ratio, distance, fewest, decay, is_last) result(kind)
+   !> Verdict after some periods; `not_done` if the time integration must continue. Disturbances of a stable motion may grow before
+   !> they decay, as far as the shapes in which they decay are nearly parallel: with `may_recover` growth counts as transient as long
+   !> as the time integration has not left the motion and is not over.
+   pure integer function decide(ratio, distance, fewest, decay, is_last, may_recover) result(kind)
       real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
       real(wp), intent(in) :: distance(:) !! of both time integrations, logarithm, 0 at the start, (n_periods)
       integer, intent(in) :: fewest                                   !! periods that cover the whole motion
       integer, intent(in) :: decay !! periods in which the transient of the structure decays, 0: it does not
       logical, intent(in) :: is_last                                  !! no more periods
+      logical, intent(in), optional :: may_recover                    !! default: growth is certain
       integer :: retained, n, stretch, tail
       logical :: has_forgotten, has_left, is_falling
-      real(wp) :: gain, rise, start
+      real(wp) :: certain, gain, rise, start
 
       kind = verdict%not_done
       n = size(ratio)
@@ -88,7 +92,11 @@ contains
          rise = rise_of(distance(:retained))
       end if
       has_forgotten = distance(n) <= start - log(forgotten)
-      if (gain >= log(grown) .and. rise >= log(growing)) then
+      certain = grown
+      if (present(may_recover)) then
+         if (may_recover .and. .not. has_left .and. .not. is_last) certain = beyond_transients
+      end if
+      if (gain >= log(certain) .and. rise >= log(growing)) then
          kind = verdict%unstable
       else if (has_left) then
          stretch = tail

@@ -106,6 +106,8 @@ module hb_verification
       real(wp) :: expected                                            !! difference in the last periods
       real(wp) :: moved_back = 0.0_wp                                 !! logarithm of the total factor of all resets
       logical :: is_ending = .false.                                  !! one of them fails: period by period up to there
+      logical :: may_recover = .false.                                !! disturbances that grow may decay later: it is not called
+                                                                      !! unstable
    end type pair_t
 
 contains
@@ -277,6 +279,7 @@ contains
          self%estimate = options%error_estimate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
          self%share = velocity_share(amplitudes, frequencies)
+         self%may_recover = .not. claim%is_unstable
          self%expected = self%estimate
          allocate (self%distance(0))
       end associate
@@ -326,7 +329,8 @@ contains
          self%ratio = [(maxval(difference%largest(:, i)/limit_of(self%expected, difference%share), mask=difference%counts), &
                         i=1, difference%n_periods)]
          call reset_distance(self%state, self%other, self%scale, self%speed, self%moved_back)
-         result%kind = decide(self%ratio, distance, length%fewest, length%decay, difference%n_periods >= length%bound)
+         result%kind = decide(self%ratio, distance, length%fewest, length%decay, difference%n_periods >= length%bound, &
+                              self%may_recover)
          if (result%kind /= verdict%undecided .or. length%bound >= length%most) return
          length%bound = min(2*length%bound, length%most)
          result%kind = verdict%not_done

@@ -53,6 +53,30 @@ def test_a_motion_that_verify_finds_unstable_has_a_verdict(tmp_path):
     assert verified(result, status=NOT_ALL_CONVERGED)["integration_verdict"] == [UNSTABLE]
 
 
+CASCADE = """&structure type='matrices', n_dofs=3, mass=1,0,0,0,1,0,0,0,1, damping=0.004,0,0,0,0.004,0,0,0,0.004,
+   stiffness=1,0.3,0,0,1,0.3,0,0,1 /
+&tones frequency=0.7 /
+&harmonics order=5 /
+&load dof='x1', tuple=1, cos=0.1 /
+&law type='cubic_spring', dof='x1', stiffness=0.01 /
+"""
+
+
+def test_growth_before_a_decay_is_not_unstable(tmp_path):
+    """Each oscillator drives the next one at resonance: disturbances grow 1500 times in 110 periods, and decay afterwards."""
+    result = solve(CASCADE, tmp_path)
+    assert read(result, "is_stable")[0] == [1]
+    assert verified(result)["integration_verdict"] == [AGREES]
+
+
+def test_growth_without_a_decay_is_unstable(tmp_path):
+    """Whatever is claimed: without a verdict of the file the integration goes on for longer."""
+    text = CASCADE.replace("0.004,0,0,0,0.004,0,0,0,0.004", "0.004,0,0,0,0.004,0,0,0,-0.004")
+    for method in ("auto", "off"):
+        result = solve(text, tmp_path, "--set", f"stability%method='{method}'", name=method)
+        assert verified(result, status=NOT_ALL_CONVERGED)["integration_verdict"] == [UNSTABLE]
+
+
 def test_verify_integrates_again_what_was_integrated_with_a_set_of_its_own(tmp_path):
     """Ueda's oscillator without a balance: the file has as many elements as its largest set, the first point uses six of ten."""
     text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=0 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
