@@ -20,7 +20,7 @@ module hb_event_location
    private
    public :: find_events, response_event_t, retained_doubling
 
-   real(wp), parameter :: nearby = 0.5_wp                             ! of a square: the response may reach an amplitude on the step
+   real(wp), parameter :: nearby = 0.5_wp                             ! of the unit of a function: it may be zero on the step
 
    !> A zero of the function of a response.
    type, extends(event_t) :: response_event_t
@@ -150,11 +150,13 @@ contains
          if (curve_kinds(response%kind)%is_extreme) then
             between = quadratic_between(values/[1.0_wp, search%along], &
                                         (search%at_end%squares(i) - self%at_point%squares(i))/search%length)
-         else if (response%kind == curve_kind%amplitude .and. minval(abs(values)) < nearby*search%at_end%squares(i)) then
+         else if (.not. minval(abs(values)) < nearby*response%unit_of(search%at_end%squares(i))) then
+            return
+         else if (response%kind == curve_kind%amplitude) then         ! `slope` is that of its function
             slopes(1) = self%slope_at(response, curve%last_x, curve%last_direction)
             slopes(2) = self%slope_at(response, curve%x, curve%direction)/search%along
             between = cubic_between(values, slopes, search%length)
-         else if (curve_kinds(response%kind)%needs_load .and. minval(abs(values)) < nearby*sqrt(search%at_end%squares(i))) then
+         else
             call point_between(curve, 0.5_wp, middle, is_there)
             if (is_there) between = parabola_between(values, self%function_at(response, middle, curve%direction))
          end if

@@ -1,7 +1,8 @@
 !> A response at which points of a curve are located, and the function of its motion whose zeros they are.
 !>
-!> A new kind of these points is a row of hb_point_kinds and its formulas here, of an extreme `square` and `slope`: `find_series`
-!> of a curve supplies the motion, of balances (hb_followed_motion) and of impacts (hb_impact_curve) alike.
+!> A new kind of these points is a row of hb_point_kinds and its formula here: `departure`, of an extreme `square` and `slope`, and
+!> its unit if that is not the square. `find_series` of a curve supplies the motion with all harmonics, of balances
+!> (hb_followed_motion) and of impacts (hb_impact_curve) alike; `slope` gets those of the response alone.
 module hb_located_response
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_discretisation, only: discretisation_t
@@ -22,6 +23,7 @@ module hb_located_response
       procedure :: slope => located_response_slope
       procedure :: departure => located_response_departure
       procedure :: unit => located_response_unit
+      procedure :: unit_of => located_response_unit_of
       procedure :: largest_load => located_response_largest_load
    end type located_response_t
 
@@ -89,9 +91,17 @@ contains
       class(located_response_t), intent(in) :: self
       type(response_series_t), intent(in) :: series
 
-      unit = self%square(series)
-      if (curve_kinds(self%kind)%needs_load) unit = sqrt(unit)
+      unit = self%unit_of(self%square(series))
    end function located_response_unit
+
+   !> The same from what is located.
+   pure real(wp) function located_response_unit_of(self, square) result(unit)
+      class(located_response_t), intent(in) :: self
+      real(wp), intent(in) :: square
+
+      unit = square
+      if (curve_kinds(self%kind)%needs_load) unit = sqrt(square)
+   end function located_response_unit_of
 
    !> The largest load of the harmonic of a response; zero for a whole oscillation.
    pure complex(wp) function located_response_largest_load(self, discretisation) result(load)
