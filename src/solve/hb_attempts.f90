@@ -6,8 +6,10 @@
 !> the conditions of the stage (`permit`) decide which of them apply, `row_after` where to go on. A new attempt is a row here, its
 !> condition in `permit` of its stage, and a case of its name in `make` of the object of its stage: hb_motion, hb_accurate_motion,
 !> hb_curve_runner; for the solver, if it does something new, a component of `technique_t` (hb_solver_types) and a case in
-!> `proceed` of hb_solver. `kind` is an existing `fallback`, unless result files must tell it apart. The page
-!> docs/user/convergence.md has the same table; tests compare them, and assert what is tried next after which failures.
+!> `proceed` of hb_solver, and if it starts elsewhere, one of `starting_point_t` and a case in `start_of`. What a condition of
+!> the solver needs is a component of `solver_conditions_t`, set in `conditions_of`. `kind` is an existing `fallback`, unless
+!> result files must tell it apart. The page docs/user/convergence.md has the same table; tests compare them, and assert what is
+!> tried next after which failures.
 module hb_attempts
    use hb_kinds, only: wp
    use hb_outcome, only: is_integrated, is_lost, outcome, outcome_name
