@@ -113,36 +113,48 @@ contains
       type(bracket_t) :: brackets(size(times)*self%laws(i)%law%n_switches)
       integer :: of_switch(size(brackets))
       real(wp) :: values(self%laws(i)%law%n_switches, size(times))
-      logical :: is_wide(size(brackets))
-      integer, allocatable :: wide(:)
-      integer :: k, n, s
+      integer :: k, n
 
       n = 0
       call switches_at(self, i, times, z, v, values)
-      do k = 2, size(times)
-         do s = 1, size(values, 1)
-            if (values(s, k - 1) > 0.0_wp .eqv. values(s, k) > 0.0_wp) cycle
-            n = n + 1
-            brackets(n) = bracket_t(low=times(k - 1), high=times(k), value_low=values(s, k - 1), value_high=values(s, k))
-            of_switch(n) = s
-         end do
-      end do
-      do k = 2, size(times) - 1
-         do s = 1, size(values, 1)
-            if (is_passed_between(values(s, k - 1:k + 1))) call find_touch(s, times(k - 1:k + 1), values(s, k - 1:k + 1))
-         end do
-      end do
-      do
-         do k = 1, n
-            is_wide(k) = brackets(k)%is_wide()
-         end do
-         wide = pack([(k, k=1, n)], is_wide(:n))
-         if (size(wide) == 0) exit
-         call narrow_together()
-      end do
+      call find_sign_changes()
+      call find_touches()
+      call narrow_all()
       events = [(event_t(time=brackets(k)%middle), k=1, n)]
 
    contains
+
+      !> Sign changes of the values at the instants.
+      subroutine find_sign_changes()
+         integer :: k, s
+
+         do k = 2, size(times)
+            do s = 1, size(values, 1)
+               if (values(s, k - 1) > 0.0_wp .neqv. values(s, k) > 0.0_wp) call add(s, times(k - 1:k), values(s, k - 1:k))
+            end do
+         end do
+      end subroutine find_sign_changes
+
+      !> Pairs of sign changes between instants.
+      subroutine find_touches()
+         integer :: k, s
+
+         do k = 2, size(times) - 1
+            do s = 1, size(values, 1)
+               if (is_passed_between(values(s, k - 1:k + 1))) call find_touch(s, times(k - 1:k + 1), values(s, k - 1:k + 1))
+            end do
+         end do
+      end subroutine find_touches
+
+      !> Adds a sign change of a switch between two times.
+      subroutine add(s, t, values_there)
+         integer, intent(in) :: s
+         real(wp), intent(in) :: t(2), values_there(2)
+
+         n = n + 1
+         brackets(n) = bracket_t(low=t(1), high=t(2), value_low=values_there(1), value_high=values_there(2))
+         of_switch(n) = s
+      end subroutine add
 
       !> Two sign changes between instants: where the extreme of the parabola through three values has the other sign, as the motion
       !> may have, this extreme is improved.
@@ -161,10 +173,8 @@ contains
             call self%find_motion([extreme], z_now, v_now)
             call switches_at(self, i, [extreme], z_now, v_now, value)
             if (value(s, 1) > 0.0_wp .neqv. now(2) > 0.0_wp) then
-               brackets(n + 1) = bracket_t(low=t(1), high=extreme, value_low=values_there(1), value_high=value(s, 1))
-               brackets(n + 2) = bracket_t(low=extreme, high=t(3), value_low=value(s, 1), value_high=values_there(3))
-               of_switch(n + 1:n + 2) = s
-               n = n + 2
+               call add(s, [t(1), extreme], [values_there(1), value(s, 1)])
+               call add(s, [extreme, t(3)], [value(s, 1), values_there(3)])
                return
             end if
             if (abs(value(s, 1)) >= abs(now(2))) return
@@ -178,9 +188,26 @@ contains
          end do
       end subroutine find_touch
 
-      subroutine narrow_together()
+      !> Narrows the brackets until all are at their zeros.
+      subroutine narrow_all()
+         logical :: is_wide(n)
+         integer :: k
+
+         do
+            do k = 1, n
+               is_wide(k) = brackets(k)%is_wide()
+            end do
+            if (.not. any(is_wide)) exit
+            call narrow_together(pack([(k, k=1, n)], is_wide))
+         end do
+      end subroutine narrow_all
+
+      !> Narrows some brackets once, by one evaluation of the motion.
+      subroutine narrow_together(wide)
+         integer, intent(in) :: wide(:)                               !! their numbers
          real(wp), dimension(size(wide), self%n_coordinates) :: v_there, z_there
          real(wp) :: there(size(values, 1), size(wide))
+         integer :: k
 
          associate (middles => brackets(wide)%middle)
             call self%find_motion(middles, z_there, v_there)
