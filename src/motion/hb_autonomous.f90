@@ -39,6 +39,18 @@ module hb_autonomous
       logical :: has_motion = .false.                                 !! the user specifies a motion of an unknown tone as the start
    end type autonomous_start_t
 
+   !> What searches have shown that have found no motion.
+   type :: vain_searches_t
+      character(:), allocatable :: failure                            ! message of the last one that failed
+      character(:), allocatable :: driven                             ! of the last one from a mode that grows
+      logical :: runs_away = .false.                                  ! this one, up to the largest amplitude tried
+      logical :: is_neutral = .true.                                  ! nothing drove or damped a motion
+      real(wp) :: reached = huge(1.0_wp)                              ! least of their largest amplitudes [m]
+   contains
+      procedure :: note => vain_searches_note
+      procedure :: conclude => vain_searches_conclude
+   end type vain_searches_t
+
 contains
 
    !> Finds the motion without the unknown tones, its modes, and the frequencies of the start. Modes are not required where a
@@ -263,24 +275,15 @@ contains
       type(search_t), intent(inout) :: search
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
       logical, intent(inout) :: is_found
-      real(wp) :: merit(start%base%modes%n_modes), reached
+      type(error_t), allocatable :: error
+      type(vain_searches_t) :: in_vain
+      character(:), allocatable :: unstable_message
+      real(wp) :: merit(start%base%modes%n_modes)
       real(wp), allocatable :: unstable_u(:, :), unstable_omega(:)
       integer :: best, k
-      logical :: has_failed, is_driven, is_neutral, runs_away
-      character(7) :: amplitude
-      character(:), allocatable :: driven, unstable_message, failure
-      type(error_t), allocatable :: error
 
       merit = merit_of_modes(start, guess)
-      reached = huge(1.0_wp)
-      has_failed = .false.
-      is_driven = .false.
-      is_neutral = .true.
-      runs_away = .false.
-      driven = ""
-      failure = ""
       unstable_message = ""
-      best = 1
       do k = 1, min(max_modes, count(start%base%is_at_laws))
          best = maxloc(merit, dim=1)
          merit(best) = -huge(1.0_wp)
@@ -294,17 +297,8 @@ contains
             allocate (unstable_omega, source=balance%omega)
             unstable_message = search%message
          end if
-         if (search%report%status == outcome%stalled) then
-            has_failed = .true.
-            failure = search%message
-         else if (search%is_driven) then
-            is_driven = .true.
-            driven = search%message
-            runs_away = search%runs_away
-         end if
-         reached = min(reached, search%reached)
-         is_neutral = is_neutral .and. search%is_neutral
-         if (is_neutral) return
+         call in_vain%note(search)
+         if (in_vain%is_neutral) return
       end do
       if (allocated(unstable_u)) then
          u = unstable_u
@@ -313,20 +307,43 @@ contains
          search%message = unstable_message
          if (is_found) return
       end if
-      if (has_failed) then
-         search%report%status = outcome%stalled
-         search%message = failure
-         return
-      end if
-      if (is_driven) then
-         if (runs_away) search%report%status = outcome%no_motion
-         search%message = driven
-         return
-      end if
-      write (amplitude, "(es7.1)") reached
-      search%message = "the motion decays from each of "//number_of(k - 1, "mode")//", up to an amplitude of "//amplitude// &
-         " or more"
+      call in_vain%conclude(k - 1, search)
    end subroutine search_all_modes
+
+   !> Notes what a search from one mode has shown.
+   pure subroutine vain_searches_note(self, search)
+      class(vain_searches_t), intent(inout) :: self
+      type(search_t), intent(in) :: search                            !! after it
+
+      if (search%report%status == outcome%stalled) then
+         self%failure = search%message
+      else if (search%is_driven) then
+         self%driven = search%message
+         self%runs_away = search%runs_away
+      end if
+      self%reached = min(self%reached, search%reached)
+      self%is_neutral = self%is_neutral .and. search%is_neutral
+   end subroutine vain_searches_note
+
+   !> Sets message and status of a search from all modes: a failure counts more than a mode that grows, this more than decay.
+   subroutine vain_searches_conclude(self, n_modes, search)
+      class(vain_searches_t), intent(in) :: self
+      integer, intent(in) :: n_modes                                  !! that were tried
+      type(search_t), intent(inout) :: search
+      character(7) :: amplitude
+
+      if (allocated(self%failure)) then
+         search%report%status = outcome%stalled
+         search%message = self%failure
+      else if (allocated(self%driven)) then
+         if (self%runs_away) search%report%status = outcome%no_motion
+         search%message = self%driven
+      else
+         write (amplitude, "(es7.1)") self%reached
+         search%message = "the motion decays from each of "//number_of(n_modes, "mode")//", up to an amplitude of "//amplitude// &
+            " or more"
+      end if
+   end subroutine vain_searches_conclude
 
    !> Whether the artificial damping changes the growth rates of modes: it acts on masses.
    pure function is_damped(base)
