@@ -232,6 +232,8 @@ contains
       edge = self%system%accelerations%next_edge(time + time_rounding*max(abs(time), self%step))
    end function next_edge
 
+   !> Integrates from one sample to the next, over events and over times at which loads begin or end: each is passed by a procedure
+   !> of its own, which says whether the sample is reached there.
    subroutine integration_cvode_take_step(self, time, time_after, state, error)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: time, time_after
@@ -239,19 +241,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: found(self%equations%n_events()), n_events
       logical :: goes_on                                              ! after an extreme, without a restart
-      logical :: is_event
+      logical :: is_at_sample, is_event
       real(wp) :: edge                                                ! where a load begins or ends
+      real(wp) :: rounding_of_time
       real(wp) :: t, t_extreme                                        ! from the base
 
       goes_on = .false.
+      is_at_sample = .false.
       t_extreme = 0.0_wp
+      rounding_of_time = time_rounding*max(abs(time_after), self%step)
       edge = next_edge(self, time)
       do n_events = 1, max_events
          call advance(self, min(edge, time_after) - self%base, t, is_event, found, error)
-         if (allocated(error) .and. goes_on) then                     ! the rate is zero for some time: not to be passed without one
-            deallocate (error)
-            goes_on = .false.
-            call restart(self, t_extreme, error)
+         if (allocated(error) .and. goes_on) then
+            call leave_extreme()
             if (allocated(error)) return
             cycle
          end if
@@ -261,35 +264,53 @@ contains
             return
          end if
          self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
-         if (.not. is_event .and. edge <= time_after + time_rounding*max(abs(time_after), self%step)) then
-            is_event = edge < time_after - time_rounding*max(abs(time_after), self%step)
-            if (.not. is_event) edge = time_after
-            call begin_here(self, edge, error)
-            if (allocated(error)) return
-            edge = next_edge(self, edge)
-            goes_on = .false.
-            if (is_event) cycle
-         end if
-         if (.not. is_event) exit
-         goes_on = all(found(:self%equations%n_branch_events()) == 0)
-         if (goes_on) then
-            t_extreme = t
+         if (is_event) then
+            call pass_event()
+         else if (edge <= time_after + rounding_of_time) then
+            call pass_edge()
          else
-            call change_branches(self, t, found)
-            call restart(self, t, error)
-            if (allocated(error)) return
+            is_at_sample = .true.
          end if
-         is_event = time_after - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
-         if (is_event) cycle
-         if (goes_on) call restart(self, t, error)               ! there may be another extreme at the sample
-         exit
+         if (allocated(error)) return
+         if (is_at_sample) exit
       end do
-      if (is_event) then
+      if (.not. is_at_sample) then
          call fail(error, "cvode: events without end at t = "//to_text(self%base + t)//" s")
          return
       end if
       self%n_since_base = self%n_since_base + 1
       if (self%n_since_base >= steps_from_base) call begin_at(self, time_after, error)
+
+   contains
+
+      !> Restarts at the last extreme: the rate is zero for some time, which cannot be passed without.
+      subroutine leave_extreme()
+         deallocate (error)
+         goes_on = .false.
+         call restart(self, t_extreme, error)
+      end subroutine leave_extreme
+
+      !> Restarts on the branches behind an event, if there are others; not behind an extreme, unless it is at the sample, for there
+      !> may be another one.
+      subroutine pass_event()
+         goes_on = all(found(:self%equations%n_branch_events()) == 0)
+         is_at_sample = time_after - self%base - t <= 8.0_wp*epsilon(1.0_wp)*abs(t)
+         if (goes_on) then
+            t_extreme = t
+         else
+            call change_branches(self, t, found)
+         end if
+         if (is_at_sample .or. .not. goes_on) call restart(self, t, error)
+      end subroutine pass_event
+
+      !> Begins again where a load begins or ends, at the sample if this is as near as rounding.
+      subroutine pass_edge()
+         is_at_sample = edge >= time_after - rounding_of_time
+         if (is_at_sample) edge = time_after
+         call begin_here(self, edge, error)
+         if (.not. allocated(error)) edge = next_edge(self, edge)
+         goes_on = .false.
+      end subroutine pass_edge
    end subroutine integration_cvode_take_step
 
    !> Displacements, velocities and positions of all sliders.
@@ -324,36 +345,15 @@ contains
          end do
          k = size(equations%is_positive)
          do i = 1, size(equations%slip)
-            if (any(found(k + 1:k + 2) /= 0)) then
-               if (equations%slip(i) /= 0) then
-                  equations%held(i) = merge(equations%lower(i), equations%upper(i), equations%slip(i) > 0)
-                  equations%slip(i) = 0
-               end if
-               call choose_slip(self, t, i)
-            end if
+            if (any(found(k + 1:k + 2) /= 0)) call change_slider(i)
             k = k + 2
          end do
          struck = 0
          do i = 1, size(equations%rigid)
             if (any(found(k + 1:k + 2) /= 0)) then
-               if (equations%rigid(i)%is_wall) then
-                  side = merge(1, -1, found(k + 1) /= 0)
-                  if (equations%mode(i) /= 0) then
-                     equations%mode(i) = 0
-                  else if (equations%leaving(i) == side) then
-                     equations%leaving(i) = 0
-                     associate (rigid => equations%rigid(i), z => self%system%laws%z(equations%rigid(i)%coordinate))
-                        if (rigid%gap - side*z <= self%tolerance*maxval(equations%scale(:self%system%n_dofs))) &
-                           call hit_wall(self, i, side)               ! lower than the integration is accurate: it remains there
-                     end associate
-                  else
-                     struck(i) = side
-                  end if
-               else if (equations%mode(i) == 0) then
-                  equations%mode(i) = merge(1, -1, found(k + 1) /= 0)
-               else
-                  equations%mode(i) = 0
-               end if
+               side = merge(1, -1, found(k + 1) /= 0)
+               if (equations%rigid(i)%is_wall) call change_wall(i, side)
+               if (.not. equations%rigid(i)%is_wall) equations%mode(i) = merge(side, 0, equations%mode(i) == 0) ! slips, or sticks
             end if
             k = k + 2
          end do
@@ -365,6 +365,41 @@ contains
          if (any(struck /= 0)) call choose_branches(self, t)
       end associate
       if (allocated(self%impact_times)) call list_impact(self, t, before)
+
+   contains
+
+      !> A slider stays where its bound has left it, and slips again where a bound moves it.
+      subroutine change_slider(i)
+         integer, intent(in) :: i
+
+         associate (equations => self%equations)
+            if (equations%slip(i) /= 0) then
+               equations%held(i) = merge(equations%lower(i), equations%upper(i), equations%slip(i) > 0)
+               equations%slip(i) = 0
+            end if
+         end associate
+         call choose_slip(self, t, i)
+      end subroutine change_slider
+
+      !> A wall is left, or touched: by a coordinate that was leaving it and turns lower than the integration is accurate, which
+      !> remains there, or by one that strikes it.
+      subroutine change_wall(i, side)
+         integer, intent(in) :: i, side
+
+         associate (equations => self%equations)
+            if (equations%mode(i) /= 0) then
+               equations%mode(i) = 0
+            else if (equations%leaving(i) == side) then
+               equations%leaving(i) = 0
+               associate (rigid => equations%rigid(i), z => self%system%laws%z(equations%rigid(i)%coordinate))
+                  if (rigid%gap - side*z <= self%tolerance*maxval(equations%scale(:self%system%n_dofs))) &
+                     call hit_wall(self, i, side)
+               end associate
+            else
+               struck(i) = side
+            end if
+         end associate
+      end subroutine change_wall
    end subroutine change_branches
 
    !> Lists the change of the velocities at an event, if there is one.
@@ -386,21 +421,30 @@ contains
    subroutine collide(self, struck)
       class(integration_cvode_t), intent(inout) :: self
       integer, intent(in) :: struck(:)                                !! side of each rigid law that was struck; 0: none
+      integer :: i
+
+      if (all(struck == 0)) return
+      if (.not. are_coupled(self%equations%yield, self%equations%rigid%is_wall)) then
+         do i = 1, size(struck)
+            if (struck(i) /= 0) call strike(self, i, struck(i))
+         end do
+      else
+         call collide_in_turn(self, struck)
+      end if
+   end subroutine collide
+
+   !> The same where an impulse at one wall changes the rate at another one.
+   subroutine collide_in_turn(self, struck)
+      class(integration_cvode_t), intent(inout) :: self
+      integer, intent(in) :: struck(:)                                !! as those of `collide`
       real(wp) :: crawling, near, rates(size(struck))
       integer :: i, n, side(size(struck)), touched(size(struck))
       logical :: is_struck(size(struck))
 
-      if (all(struck == 0)) return
       associate (equations => self%equations, rigid => self%equations%rigid, n_dofs => self%system%n_dofs)
          touched = merge(merge(equations%mode, struck, equations%mode /= 0), 0, rigid%is_wall)
          near = self%tolerance*maxval(equations%scale(:n_dofs))
          crawling = slow*maxval(equations%scale(n_dofs + 1:))
-         if (.not. are_coupled(equations%yield, rigid%is_wall)) then
-            do i = 1, size(struck)
-               if (struck(i) /= 0) call strike(self, i, struck(i))
-            end do
-            return
-         end if
          is_struck = .false.
          do n = 1, max_collisions
             rates = matmul(self%cvode%values(n_dofs + 1:), self%system%laws%shape(:, rigid%coordinate))
@@ -429,7 +473,7 @@ contains
          call equations%hold_active()
          if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)
       end associate
-   end subroutine collide
+   end subroutine collide_in_turn
 
    !> Whether an impulse at one wall changes the rate at another one.
    pure logical function are_coupled(yield, is_wall)
