@@ -253,43 +253,69 @@ contains
       end if
       call self%system%laws%switches_here(g(:n))
       do i = 1, size(self%slip)
+         call events_of_slider(i, g(n + 1:n + 2))
+         n = n + 2
+      end do
+      do i = 1, size(self%rigid)
+         call events_of_rigid(i, g(n + 1:n + 2))
+         n = n + 2
+      end do
+      do i = 1, size(self%rigid)
+         call extremes_before_wall(i, g(n + 1:n + 2))
+         n = n + 2
+      end do
+
+   contains
+
+      !> A slider that is held: its distances from both bounds; otherwise the rate of the bound that moves it.
+      pure subroutine events_of_slider(i, values)
+         integer, intent(in) :: i
+         real(wp), intent(out) :: values(2)
+
          select case (self%slip(i))
          case (0)
-            g(n + 1:n + 2) = [self%held(i) - self%lower(i), self%upper(i) - self%held(i)]
+            values = [self%held(i) - self%lower(i), self%upper(i) - self%held(i)]
          case (1)
-            g(n + 1:n + 2) = [self%lower_rate(i), 1.0_wp]
+            values = [self%lower_rate(i), 1.0_wp]
          case default
-            g(n + 1:n + 2) = [1.0_wp, -self%upper_rate(i)]
+            values = [1.0_wp, -self%upper_rate(i)]
          end select
-         n = n + 2
-      end do
-      do i = 1, size(self%rigid)
+      end subroutine events_of_slider
+
+      !> An open wall: the distances from it, or the rate of what leaves it; a closed one: its reaction. Friction: what is left of
+      !> its limit while it sticks, otherwise the rate.
+      pure subroutine events_of_rigid(i, values)
+         integer, intent(in) :: i
+         real(wp), intent(out) :: values(2)
+
          associate (rigid => self%rigid(i), z => self%system%laws%z(self%rigid(i)%coordinate), &
                     rate => self%system%laws%z_rate(self%rigid(i)%coordinate))
-            g(n + 1:n + 2) = 1.0_wp
+            values = 1.0_wp
             if (rigid%is_wall .and. self%mode(i) == 0) then
-               g(n + 1) = rigid%gap - z
-               if (rigid%two_sided) g(n + 2) = rigid%gap + z
-               if (self%leaving(i) == 1) g(n + 1) = -rate
-               if (self%leaving(i) == -1) g(n + 2) = rate
+               values(1) = rigid%gap - z
+               if (rigid%two_sided) values(2) = rigid%gap + z
+               if (self%leaving(i) == 1) values(1) = -rate
+               if (self%leaving(i) == -1) values(2) = rate
             else if (rigid%is_wall) then
-               g(n + 1) = self%mode(i)*self%reaction(i)
+               values(1) = self%mode(i)*self%reaction(i)
             else if (self%mode(i) == 0) then
-               g(n + 1:n + 2) = [rigid%limit - self%reaction(i), rigid%limit + self%reaction(i)]
+               values = [rigid%limit - self%reaction(i), rigid%limit + self%reaction(i)]
             else
-               g(n + 1) = self%mode(i)*rate
+               values(1) = self%mode(i)*rate
             end if
          end associate
-         n = n + 2
-      end do
-      do i = 1, size(self%rigid)
-         g(n + 1:n + 2) = 1.0_wp
-         if (self%rigid(i)%is_wall .and. self%mode(i) == 0 .and. self%leaving(i) == 0) then
-            g(n + 1) = self%system%laws%z_rate(self%rigid(i)%coordinate)
-            if (self%rigid(i)%two_sided) g(n + 2) = -g(n + 1)
-         end if
-         n = n + 2
-      end do
+      end subroutine events_of_rigid
+
+      !> The rates towards an open wall: behind an extreme of the distance a contact may begin and end within a step.
+      pure subroutine extremes_before_wall(i, values)
+         integer, intent(in) :: i
+         real(wp), intent(out) :: values(2)
+
+         values = 1.0_wp
+         if (.not. self%rigid(i)%is_wall .or. self%mode(i) /= 0 .or. self%leaving(i) /= 0) return
+         values(1) = self%system%laws%z_rate(self%rigid(i)%coordinate)
+         if (self%rigid(i)%two_sided) values(2) = -values(1)
+      end subroutine extremes_before_wall
    end subroutine equations_events
 
    !> The error of each unknown is relative to its largest value so far; small ones have a lower limit, so that nearly
