@@ -62,12 +62,9 @@ contains
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(variation_t), target :: variation
       type(error_t), allocatable :: error
-      type(stability_config_t) :: how
-      real(wp) :: limit, work
-      logical :: is_orbit_sought
+      real(wp) :: limit
 
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
-      how = config
       limit = self%max_work(config, work_allowed)
       if (size(laws) == 0 .and. .not. allocated(structure%parts)) then
          call assess_structure(stability, structure, motion, limit)
@@ -86,38 +83,38 @@ contains
       end associate
       if (stability%is_too_costly) return
       if (motion%tones%n_tones == 1) then
-         work = work_of_monodromy(variation)
+         call assess_one_tone(stability, config, variation, structure, laws, motion, excitation, limit)
       else
-         associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)), &
-                    necessary => periods_of_beats(motion%tuples, motion%tones%omega, motion%amplitudes))
-            how%min_periods = max(how%min_periods, necessary)
-            how%max_periods = max(how%max_periods, doublings_of_record*necessary)
-            work = work_of_exponents(work_of_period, how%min_periods)
-            if (work > limit .and. config%method == stability_method%auto) then
-               how%min_periods = min(how%min_periods, max(few_periods, necessary))
-               work = work_of_exponents(work_of_period, how%min_periods)
-            end if
-         end associate
-      end if
-      stability%is_too_costly = work > limit
-      if (stability%is_too_costly) return
-      stability%method = stability_method%integration
-      is_orbit_sought = .false.
-      if (motion%tones%n_tones == 1 .and. .not. any(motion%tones%is_unknown)) is_orbit_sought = has_piecewise_orbit(variation)
-      if (is_orbit_sought) is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, max_work_of_orbit)
-      if (is_orbit_sought) then
-         call assess_orbit(stability, config, variation, structure, motion, excitation, free_motions(structure, laws))
-         return
-      end if
-      if (motion%tones%n_tones == 1) then
-         call assess_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), &
-                            free_motions(structure, laws))
-      else
-         call assess_torus(stability, how, variation, &
-                           shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, free_motions(structure, laws)), &
-                           min(limit, work_on_demand))
+         call assess_torus(stability, config, variation, structure, laws, motion, limit)
       end if
    end subroutine floquet_find
+
+   !> Of a periodic motion: from a periodic motion of its pieces, where this is possible and cheap, otherwise from its series.
+   subroutine assess_one_tone(self, config, variation, structure, laws, motion, excitation, limit)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(variation_t), intent(inout) :: variation
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      type(harmonic_motion_t), intent(in) :: motion
+      type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: limit                                   !! of the work [ns]
+      real(wp) :: work
+      logical :: is_orbit_sought
+
+      work = work_of_monodromy(variation)
+      self%is_too_costly = work > limit
+      if (self%is_too_costly) return
+      self%method = stability_method%integration
+      is_orbit_sought = .false.
+      if (.not. motion%tones%is_unknown(1)) is_orbit_sought = has_piecewise_orbit(variation)
+      if (is_orbit_sought) is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, max_work_of_orbit)
+      if (is_orbit_sought) then
+         call assess_orbit(self, config, variation, structure, motion, excitation, free_motions(structure, laws))
+      else
+         call assess_period(self, config, variation, motion%amplitudes, motion%tones%is_unknown(1), free_motions(structure, laws))
+      end if
+   end subroutine assess_one_tone
 
    !> Stability of a structure on which no law acts. Its eigenvalues are found if they take little time beside that of a point, or
    !> were requested, or if energy does not show that it is stable.
@@ -289,16 +286,43 @@ contains
    end function shifts_of
 
    !> Exponents of a motion of several tones.
-   subroutine assess_torus(self, config, variation, shifts, max_work)
+   subroutine assess_torus(self, config, variation, structure, laws, motion, limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout), target :: variation
-      complex(wp), intent(in) :: shifts(:, :, :)                      !! that do not count
-      real(wp), intent(in) :: max_work
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: limit                                   !! of the work [ns]
       type(linear_propagation_t) :: propagation
+      type(stability_config_t) :: how
 
-      call new_linear_propagation(propagation, variation, shifts, config%tolerance)
-      call assess_exponents(self, propagation, max_work, config)
+      how = config
+      call plan_record()
+      if (self%is_too_costly) return
+      self%method = stability_method%integration
+      call new_linear_propagation(propagation, variation, shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, &
+                                                                    free_motions(structure, laws)), how%tolerance)
+      call assess_exponents(self, propagation, min(limit, work_on_demand), how)
+
+   contains
+
+      !> Makes the record as long as the beats of the motion require, and no longer than necessary if the limit is too low for more.
+      subroutine plan_record()
+         real(wp) :: work
+
+         associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)), &
+                    necessary => periods_of_beats(motion%tuples, motion%tones%omega, motion%amplitudes))
+            how%min_periods = max(how%min_periods, necessary)
+            how%max_periods = max(how%max_periods, doublings_of_record*necessary)
+            work = work_of_exponents(work_of_period, how%min_periods)
+            if (work > limit .and. config%method == stability_method%auto) then
+               how%min_periods = min(how%min_periods, max(few_periods, necessary))
+               work = work_of_exponents(work_of_period, how%min_periods)
+            end if
+         end associate
+         self%is_too_costly = work > limit
+      end subroutine plan_record
    end subroutine assess_torus
 
    !> Propagates disturbances period by period, and derives the verdict from their growth.
