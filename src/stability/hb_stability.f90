@@ -123,22 +123,30 @@ contains
       class(stability_t), intent(inout) :: self
       type(stability_t), intent(in) :: better
 
-      if (.not. allocated(self%multipliers) .and. allocated(self%exponents) .and. allocated(better%exponents)) then
-         associate (here => self%exponents(1), there => better%exponents(1))
-            self%estimate = max(self%estimate, abs(here - there))
-            if (self%verdict == verdict%stable .and. max(here, there) >= -2.0_wp*abs(here - there)) self%verdict = verdict%unknown
-            if (self%verdict == verdict%unstable .and. there <= 0.0_wp) self%verdict = verdict%unknown
-         end associate
-         return
+      if (allocated(self%multipliers) .and. allocated(better%multipliers)) then
+         call compare_multipliers(self, better)
+      else if (.not. allocated(self%multipliers) .and. allocated(self%exponents) .and. allocated(better%exponents)) then
+         call compare_exponents(self, better)
+      else if (allocated(self%multipliers) .or. allocated(self%exponents) .or. self%verdict /= better%verdict) then
+         self%verdict = verdict%unknown                               ! without either, it was counted by Hill's determinant
       end if
-      if (.not. (allocated(self%multipliers) .or. allocated(self%exponents))) then   ! counted by Hill's determinant
-         if (self%verdict /= better%verdict) self%verdict = verdict%unknown
-         return
-      end if
-      if (.not. (allocated(self%multipliers) .and. allocated(better%multipliers))) then
-         self%verdict = verdict%unknown
-         return
-      end if
+   end subroutine stability_compare_with
+
+   pure subroutine compare_exponents(self, better)
+      type(stability_t), intent(inout) :: self
+      type(stability_t), intent(in) :: better
+
+      associate (here => self%exponents(1), there => better%exponents(1))
+         self%estimate = max(self%estimate, abs(here - there))
+         if (self%verdict == verdict%stable .and. max(here, there) >= -2.0_wp*abs(here - there)) self%verdict = verdict%unknown
+         if (self%verdict == verdict%unstable .and. there <= 0.0_wp) self%verdict = verdict%unknown
+      end associate
+   end subroutine compare_exponents
+
+   pure subroutine compare_multipliers(self, better)
+      type(stability_t), intent(inout) :: self
+      type(stability_t), intent(in) :: better
+
       associate (here => abs(self%multipliers(1)), there => abs(better%multipliers(1)))
          self%estimate = max(self%estimate, abs(here - there))
          if (self%verdict /= better%verdict) self%verdict = verdict%unknown
@@ -149,7 +157,7 @@ contains
          end if
       end associate
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
-   end subroutine stability_compare_with
+   end subroutine compare_multipliers
 
    !> The verdict along the series itself: of a motion so unstable that small errors lead away from the periodic motion next to it.
    !> It holds if that of a more accurate series is the same; a motion without such multipliers is returned unchanged.
