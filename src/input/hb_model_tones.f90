@@ -29,7 +29,6 @@ contains
       type(properties_t), pointer :: group
       real(wp), allocatable :: absent(:), omega(:)
       logical, allocatable :: is_unknown(:)
-      character(:), allocatable :: key
       integer :: subharmonic
 
       if (present(may_be_absent)) then
@@ -41,6 +40,27 @@ contains
       call document%required_group("tones", group, error)
       if (allocated(error)) error%message = error%message//"; without it a model can only be integrated in time"
       if (allocated(error)) return
+      call read_frequencies(group, omega)
+      call read_unknown_tones(group, omega, is_unknown)
+      if (.not. group%given("frequency")) call group%get("frequency", absent, required=.false.)       ! known in any case
+      if (.not. group%given("hertz")) call group%get("hertz", absent, required=.false.)
+      call group%get("subharmonic", subharmonic)
+      if (allocated(omega)) omega = omega/subharmonic
+      call group%finish(error)
+      if (allocated(error)) return
+      call new_tones(self, omega, error, is_unknown)
+      self%subharmonic = subharmonic
+      self%is_in_hertz = group%given("hertz")
+      if (allocated(error)) call annotate(error, group%location())
+   end subroutine read_tones
+
+   !> Reads `frequency` or `hertz`, of which unknown tones alone need none; not allocated after a problem.
+   subroutine read_frequencies(group, omega)
+      type(properties_t), intent(inout) :: group
+      real(wp), allocatable, intent(out) :: omega(:)                  !! [rad/s], as given
+      logical, allocatable :: is_unknown(:)
+      character(:), allocatable :: key
+
       if (group%given("hertz")) then
          if (group%given("frequency")) then
             key = trim(merge("hertz    ", "frequency", is_before("frequency", "hertz")))
@@ -58,28 +78,6 @@ contains
             call group%get("frequency", omega, required=.not. all(is_unknown))
          end if
       end if
-      if (allocated(omega)) then
-         is_unknown = spread(.false., 1, size(omega))
-         call group%get("unknown", is_unknown)
-         if (size(is_unknown) /= size(omega)) then
-            call group%problem("unknown", "give one value for each of the "//to_text(size(omega))//" tones")
-         else if (any(omega <= 0.0_wp .and. .not. is_unknown)) then
-            key = trim(merge("hertz    ", "frequency", group%given("hertz")))
-            call group%problem(key, key//"("//to_text(findloc(omega <= 0.0_wp .and. .not. is_unknown, .true., dim=1))// &
-                               ") = 0.0 must be above 0.0; only for an unknown tone 0 means that there is no first guess")
-         end if
-      end if
-      if (.not. group%given("frequency")) call group%get("frequency", absent, required=.false.)       ! known in any case
-      if (.not. group%given("hertz")) call group%get("hertz", absent, required=.false.)
-      if (.not. allocated(omega)) call group%get("unknown", is_unknown)
-      call group%get("subharmonic", subharmonic)
-      if (allocated(omega)) omega = omega/subharmonic
-      call group%finish(error)
-      if (allocated(error)) return
-      call new_tones(self, omega, error, is_unknown)
-      self%subharmonic = subharmonic
-      self%is_in_hertz = group%given("hertz")
-      if (allocated(error)) call annotate(error, group%location())
 
    contains
 
@@ -93,7 +91,29 @@ contains
             end associate
          end associate
       end function is_before
-   end subroutine read_tones
+   end subroutine read_frequencies
+
+   !> Reads which tones are unknown; the frequencies of the others must be above zero.
+   subroutine read_unknown_tones(group, omega, is_unknown)
+      type(properties_t), intent(inout) :: group
+      real(wp), allocatable, intent(in) :: omega(:)                   !! [rad/s]
+      logical, allocatable, intent(out) :: is_unknown(:)
+      character(:), allocatable :: key
+
+      if (.not. allocated(omega)) then
+         call group%get("unknown", is_unknown)                        ! known in any case
+         return
+      end if
+      is_unknown = spread(.false., 1, size(omega))
+      call group%get("unknown", is_unknown)
+      if (size(is_unknown) /= size(omega)) then
+         call group%problem("unknown", "give one value for each of the "//to_text(size(omega))//" tones")
+      else if (any(omega <= 0.0_wp .and. .not. is_unknown)) then
+         key = trim(merge("hertz    ", "frequency", group%given("hertz")))
+         call group%problem(key, key//"("//to_text(findloc(omega <= 0.0_wp .and. .not. is_unknown, .true., dim=1))// &
+                            ") = 0.0 must be above 0.0; only for an unknown tone 0 means that there is no first guess")
+      end if
+   end subroutine read_unknown_tones
 
    !> The unknown tone whose frequency a tie follows; 0: none.
    pure integer function tone_of(document, i, tones) result(tone)

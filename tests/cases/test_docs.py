@@ -54,6 +54,8 @@ SECTIONS_BY_PROCEDURE = {
     "frequency_part_declare_numbers": ["dynamic_stiffness"],  # and of its kinds, each in a case
     "read_frequency_part": ["dynamic_stiffness"],
     "read_names": ["dynamic_stiffness"],
+    "read_frequencies": ["tones"],
+    "read_unknown_tones": ["tones"],
 }
 
 CALL = re.compile(r"\bcall\s+(?:(?!file%)\w+%(?:get|choose)|numbers%add)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
