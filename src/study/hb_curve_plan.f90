@@ -26,6 +26,8 @@ module hb_curve_plan
    private
    public :: curve_plan_t, read_curve_plan
 
+   character(*), parameter :: not_real = "is not a real number; only real numbers can vary continuously"
+
    !> Names of responses, and the values at which each of them is located, where its kind has these.
    type :: names_t
       type(string_t), allocatable :: names(:)
@@ -308,54 +310,76 @@ contains
       type(options_t), intent(in) :: options
       type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: error_text
-      logical :: has_multipliers, is_mode, is_tones
+      character(:), allocatable :: refusal
 
-      error_text = ""
-      associate (name => document%groups%holders(self%parameter%i_group)%group%name)
-         is_tones = name == "tones"
-         is_mode = name == "normal_mode"
-      end associate
-      if (.not. document%is_real(self%parameter)) then
-         error_text = "is not a real number; only real numbers can vary continuously"
-      else if (system%normal_mode%has_energy .and. .not. is_mode) then
-         error_text = "a curve keeps the amplitude of a &normal_mode, not its energy"
-      else if (is_mode .and. document%drives(self%parameter)) then
-         error_text = "no &tie may follow what a curve moves in &normal_mode"
-      else if (is_mode .and. min(self%from*self%start, self%to*self%start) <= 0.0_wp) then
-         error_text = "an amplitude or energy must not be 0 and must not change its sign on a curve"
-      else if (has_restitution(system)) then
-         call find_refusal_with_impacts(self, system, options, error_text)
-      end if
-      if (is_tones .and. len(error_text) == 0) then
-         if (system%tones%is_unknown(max(1, self%parameter%element(1)))) error_text = "this frequency is unknown, not given"
-         if (any(system%tones%is_unknown) .and. self%moving%is_tied) error_text = "tie = 'ratio' needs tones that are all given"
-      end if
-      if (len(error_text) > 0) then
-         call fail(error, self%location//": parameter '"//shown(self%path)//"': "//error_text)
+      call find_refusal_of_value(self, system, options, document, refusal)
+      if (len(refusal) > 0) then
+         call fail(error, self%location//": parameter '"//shown(self%path)//"': "//refusal)
          return
       end if
       if (size(self%others) > 0 .and. any(system%tones%is_unknown)) then
          call fail(error, self%location//": others: motions apart from a curve are sought where all tones are given")
          return
       end if
-      if (allocated(self%over)) then
-         has_multipliers = curve_kinds(self%over%kind)%by == located_by%multipliers
-         if (any(system%tones%is_unknown)) then
-            error_text = "tones must be given"
-         else if (has_multipliers .and. system%tones%n_tones > 1) then
-            error_text = "period doublings and Neimark-Sacker points are located on curves of motions with one tone"
-         else if (has_multipliers .and. options%stability%method == stability_method%off) then
-            error_text = "period doublings and Neimark-Sacker points are located by the multipliers that &stability finds"
-         else if (has_multipliers .and. .not. options%may_integrate) then
-            error_text = "period doublings and Neimark-Sacker points are located by multipliers, which are not known with a "// &
-                         "&dynamic_stiffness"
-         else if (.not. document%is_real(self%over_parameter)) then
-            error_text = "is not a real number; only real numbers can vary continuously"
-         end if
-         if (len(error_text) > 0) call fail(error, self%location//": over '"//shown(self%over_path)//"': "//error_text)
-      end if
+      if (.not. allocated(self%over)) return
+      call find_refusal_of_over(self, system, options, document, refusal)
+      if (len(refusal) > 0) call fail(error, self%location//": over '"//shown(self%over_path)//"': "//refusal)
    end subroutine check_model
+
+   !> Why the value cannot move along a curve; empty if it can.
+   subroutine find_refusal_of_value(self, system, options, document, text)
+      class(curve_plan_t), intent(in) :: self
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(document_t), intent(in) :: document
+      character(:), allocatable, intent(out) :: text
+      logical :: is_mode, is_tones
+
+      text = ""
+      associate (name => document%groups%holders(self%parameter%i_group)%group%name)
+         is_tones = name == "tones"
+         is_mode = name == "normal_mode"
+      end associate
+      if (.not. document%is_real(self%parameter)) then
+         text = not_real
+      else if (system%normal_mode%has_energy .and. .not. is_mode) then
+         text = "a curve keeps the amplitude of a &normal_mode, not its energy"
+      else if (is_mode .and. document%drives(self%parameter)) then
+         text = "no &tie may follow what a curve moves in &normal_mode"
+      else if (is_mode .and. min(self%from*self%start, self%to*self%start) <= 0.0_wp) then
+         text = "an amplitude or energy must not be 0 and must not change its sign on a curve"
+      else if (has_restitution(system)) then
+         call find_refusal_with_impacts(self, system, options, text)
+      end if
+      if (.not. is_tones .or. len(text) > 0) return
+      if (system%tones%is_unknown(max(1, self%parameter%element(1)))) text = "this frequency is unknown, not given"
+      if (any(system%tones%is_unknown) .and. self%moving%is_tied) text = "tie = 'ratio' needs tones that are all given"
+   end subroutine find_refusal_of_value
+
+   !> Why the located points cannot be continued over the first value; empty if they can.
+   subroutine find_refusal_of_over(self, system, options, document, text)
+      class(curve_plan_t), intent(in) :: self                         !! with `over`
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(document_t), intent(in) :: document
+      character(:), allocatable, intent(out) :: text
+      logical :: has_multipliers
+
+      text = ""
+      has_multipliers = curve_kinds(self%over%kind)%by == located_by%multipliers
+      if (any(system%tones%is_unknown)) then
+         text = "tones must be given"
+      else if (has_multipliers .and. system%tones%n_tones > 1) then
+         text = "period doublings and Neimark-Sacker points are located on curves of motions with one tone"
+      else if (has_multipliers .and. options%stability%method == stability_method%off) then
+         text = "period doublings and Neimark-Sacker points are located by the multipliers that &stability finds"
+      else if (has_multipliers .and. .not. options%may_integrate) then
+         text = "period doublings and Neimark-Sacker points are located by multipliers, which are not known with a "// &
+                "&dynamic_stiffness"
+      else if (.not. document%is_real(self%over_parameter)) then
+         text = not_real
+      end if
+   end subroutine find_refusal_of_over
 
    !> Adds a response with each of some values.
    subroutine add_targets(targets, response, responses)
