@@ -79,7 +79,6 @@ contains
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
       class(run_t), allocatable, target :: run
-      type(crash_location_t) :: location
       real(wp) :: started
 
       started = wall_clock()
@@ -96,37 +95,59 @@ contains
       run%ending%progress => run%progress
       run%ending%counter => run%counter
       call new_interruption(run%ending%interruption_t, options%time_limit - (wall_clock() - started), comm, error)
-      if (.not. allocated(error)) then
-         location = run%results%crash_location()
-         location%exit_status = options%status_of_exit
-         call detect_crashes(options%path, location)
-         call wait_for_points()
-         call run%ending%enter(huge(1.0_wp))
-         call run_points(self, run, options%level, comm, summary, error)
-         call run%ending%leave()
-         call end_crash_detection()
-         call share_error(comm, error)
-         if (summary%n_left == 0 .and. self%plan%is_ordered() .and. .not. allocated(error)) &
-            call number_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
-      end if
+      if (.not. allocated(error)) call solve_points(self, options, comm, run, summary, error)
       if (allocated(error)) then
          call run%results%abandon()                                   ! closing is collective, and fails if writing has failed
       else
          call run%results%close(error)
       end if
-      if (rank_of(comm) == 0 .and. summary%interruption /= interruption%signal .and. .not. allocated(error)) &
-         call check_written(options%path, summary%n_left, error)
-      if (rank_of(comm) == 0 .and. run%before%is_there .and. allocated(self%plan%curve) .and. .not. allocated(error)) &
-         call recount(options%path, summary, error)
-      if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) &
-         call remove_padding(self, options%path, run%progress, wall_clock() - started < options%time_limit)
-      if (rank_of(comm) == 0 .and. (run%before%is_there .or. allocated(summary%law_doubt)) .and. .not. allocated(error)) &
-         call store_law_doubt(options%path, summary%law_doubt, error)
+      if (rank_of(comm) == 0 .and. .not. allocated(error)) &
+         call complete_file(self, options, run, wall_clock() - started < options%time_limit, summary, error)
       call share_error(comm, error)
       call broadcast_text(comm, summary%law_doubt)
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
+
+   !> Solves and writes the points under the detection of crashes, and numbers the branches of a sweep that is complete; collective.
+   subroutine solve_points(self, options, comm, run, summary, error)
+      type(study_t), intent(in) :: self
+      type(run_options_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      type(run_t), intent(inout), target :: run
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+      type(crash_location_t) :: location
+
+      location = run%results%crash_location()
+      location%exit_status = options%status_of_exit
+      call detect_crashes(options%path, location)
+      call wait_for_points()
+      call run%ending%enter(huge(1.0_wp))
+      call run_points(self, run, options%level, comm, summary, error)
+      call run%ending%leave()
+      call end_crash_detection()
+      call share_error(comm, error)
+      if (summary%n_left == 0 .and. self%plan%is_ordered() .and. .not. allocated(error)) &
+         call number_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
+   end subroutine solve_points
+
+   !> Checks the closed file, and adds to it what is known of the whole run alone; on one rank.
+   subroutine complete_file(self, options, run, has_time, summary, error)
+      type(study_t), intent(in) :: self
+      type(run_options_t), intent(in) :: options
+      type(run_t), intent(inout) :: run
+      logical, intent(in) :: has_time                                 !! for what is not necessary
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+
+      if (summary%interruption /= interruption%signal) call check_written(options%path, summary%n_left, error)
+      if (allocated(error)) return
+      if (run%before%is_there .and. allocated(self%plan%curve)) call recount(options%path, summary, error)
+      if (allocated(error)) return
+      if (summary%n_left == 0) call remove_padding(self, options%path, run%progress, has_time)
+      if (run%before%is_there .or. allocated(summary%law_doubt)) call store_law_doubt(options%path, summary%law_doubt, error)
+   end subroutine complete_file
 
    !> Prepares a run: the source of points, the points to solve, and the result file.
    subroutine prepare(self, options, comm, run, summary, error)
