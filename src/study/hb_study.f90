@@ -92,24 +92,38 @@ contains
          call request_curve(self%plan%curve, self%model, first, request, error)
          if (allocated(error)) return
       end if
-      if (is_chained(self)) then
+      if (is_chained(self)) call begin_chains()
+      if (allocated(error)) return
+      call write_complete_text(first, self%input_complete)
+      call find_tuples(self, error)
+
+   contains
+
+      !> Each point starts from its neighbour: the model is read again with this setting.
+      subroutine begin_chains()
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
          if (.not. allocated(error)) &
             call read_model(self%model, first, error, self%available_memory, self%callbacks, self%purpose)
-         if (allocated(error)) return
-      end if
-      call write_complete_text(first, self%input_complete)
-      if (self%model%system%tones%n_tones == 0) then
-         self%tuples = self%model%discretisation%harmonics%tuples
-      else if (self%model%options%accuracy%grows_set) then
-         allocate (self%tuples(self%model%system%tones%n_tones, share_of_integrated*self%model%options%accuracy%max_harmonics), &
-                   source=0)
-      else
-         call tuples_of_sweep(self%tuples, self%model%discretisation%harmonics, self%plan, self%document, has_improved(self), error)
-      end if
+      end subroutine begin_chains
    end subroutine new_study
+
+   !> Finds the tuples of the result file: those of the sets of all points, or room for as many as a set may choose.
+   subroutine find_tuples(self, error)
+      type(study_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      associate (model => self%model)
+         if (model%system%tones%n_tones == 0) then
+            self%tuples = model%discretisation%harmonics%tuples
+         else if (model%options%accuracy%grows_set) then
+            allocate (self%tuples(model%system%tones%n_tones, share_of_integrated*model%options%accuracy%max_harmonics), source=0)
+         else
+            call tuples_of_sweep(self%tuples, model%discretisation%harmonics, self%plan, self%document, has_improved(self), error)
+         end if
+      end associate
+   end subroutine find_tuples
 
    !> Reads the model of a point.
    subroutine study_read_point(self, point, model, error)
