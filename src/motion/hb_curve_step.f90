@@ -147,24 +147,34 @@ contains
                share = real(conjg(before)*(before - behind))/abs(before - behind)**2
                if (share <= 0.0_wp .or. share >= 1.0_wp .or. any(abs(middles - share) < 0.1_wp)) cycle
                middles = [middles, share]
-               call curve%point_at(share*curve%last_step, x, is_on_curve)
+               has_switched_branch = leaves_line(share)
+               if (has_switched_branch .or. curve%status /= outcome%pending) return
+               event = zero_of_coefficient()
+               call curve%find_zero(event, [0.0_wp, curve%last_step], [event%value(curve, curve%last_x), &
+                                                                       event%value(curve, curve%x)], x, position, is_on_curve)
                has_switched_branch = .not. is_on_curve
-               if (.not. has_switched_branch) has_switched_branch = off_the_line*curve%last_step < &
-                  norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units)
-               if (.not. has_switched_branch) has_switched_branch = abs(coefficient_of(x) - (before + share*(behind - before))) > &
-                                                largest_change*max(abs(before), abs(behind))
-               if (.not. has_switched_branch .and. curve%status == outcome%pending) then
-                  event = zero_of_coefficient()
-                  call curve%find_zero(event, [0.0_wp, curve%last_step], [event%value(curve, curve%last_x), &
-                                                                          event%value(curve, curve%x)], x, position, is_on_curve)
-                  has_switched_branch = .not. is_on_curve
-               end if
                if (has_switched_branch .or. curve%status /= outcome%pending) return
             end do
          end do
       end associate
 
    contains
+
+      !> Whether the curve, or the coefficient on it, is far from the line between both ends of the step at a share of it.
+      logical function leaves_line(share)
+         real(wp), intent(in) :: share
+         real(wp) :: x(size(self%curve%x))
+         logical :: is_on_curve
+
+         associate (curve => self%curve)
+            call curve%point_at(share*curve%last_step, x, is_on_curve)
+            leaves_line = .not. is_on_curve
+            if (.not. leaves_line) leaves_line = off_the_line*curve%last_step < &
+               norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units)
+            if (.not. leaves_line) leaves_line = abs(coefficient_of(x) - (before + share*(behind - before))) > &
+               largest_change*max(abs(before), abs(behind))
+         end associate
+      end function leaves_line
 
       pure type(coefficient_event_t) function zero_of_coefficient() result(event)
          associate (set => self%problem%model%discretisation%harmonics)
