@@ -220,9 +220,8 @@ contains
       type(gradient_t), intent(inout) :: gradient
       type(gradient_t) :: finer
       type(error_t), allocatable :: error
-      type(level_t) :: before, next
-      integer :: k
-      logical :: is_exact, refines_set, refines_grid
+      type(level_t) :: next
+      logical :: has_room, is_exact, refines_set, refines_grid
 
       is_exact = degree_of(system) > 0
       refines_set = options%accuracy%is_on .and. options%accuracy%grows_set
@@ -231,27 +230,48 @@ contains
       gradient%estimate = ieee_value(1.0_wp, ieee_quiet_nan)          ! unless there is room for a check
       next = own
       do
-         before = next
-         if (refines_set) call new_doubled_set(next%set, before%set, error)
-         if (allocated(error)) return
-         if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(system))
-         if (.not. is_exact) next%n_samples = 2*next%n_samples
-         if (product(real(next%n_samples, wp)) >= minor*options%accuracy%max_samples .or. &
-             any(next%n_samples <= 2*next%set%highest) .or. next%set%n_harmonics > options%accuracy%max_harmonics) return
+         call refine_level()
+         if (.not. has_room) return
          call motion%differentiate(next, finer, error)
          if (allocated(error) .or. .not. allocated(finer%coefficients)) return
          finer%coefficients = in_set(finer%coefficients, next%set, own%set)
-         if (allocated(gradient%response)) then
-            finer%estimate = abs(finer%response - gradient%response)/max(abs(finer%response), tiny(1.0_wp))
-         else
-            finer%estimate = [(norm2(finer%coefficients(:, :, :, k) - gradient%coefficients(:, :, :, k))/ &
-                               max(norm2(finer%coefficients(:, :, :, k)), tiny(1.0_wp)), k=1, size(finer%estimate))]
-         end if
+         finer%estimate = changes_of(finer, gradient)
          gradient%estimate = finer%estimate
          if (refines_set .or. refines_grid) gradient = finer
          if (.not. (refines_set .or. refines_grid) .or. all(finer%estimate <= options%accuracy%tolerance)) return
       end do
+
+   contains
+
+      !> Makes the next level twice as fine, in what limits the accuracy; whether the limits of the accuracy permit it.
+      subroutine refine_level()
+         type(level_t) :: before
+
+         before = next
+         has_room = .false.
+         if (refines_set) call new_doubled_set(next%set, before%set, error)
+         if (allocated(error)) return
+         if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(system))
+         if (.not. is_exact) next%n_samples = 2*next%n_samples
+         has_room = .not. (product(real(next%n_samples, wp)) >= minor*options%accuracy%max_samples .or. &
+                           any(next%n_samples <= 2*next%set%highest) .or. &
+                           next%set%n_harmonics > options%accuracy%max_harmonics)
+      end subroutine refine_level
    end subroutine differentiate_to_tolerance
+
+   !> Relative changes of derivatives, of the response or of all coefficients, (values).
+   pure function changes_of(finer, coarse) result(changes)
+      type(gradient_t), intent(in) :: finer, coarse                   !! with the same harmonics
+      real(wp) :: changes(size(coarse%estimate))
+      integer :: k
+
+      if (allocated(coarse%response)) then
+         changes = abs(finer%response - coarse%response)/max(abs(finer%response), tiny(1.0_wp))
+      else
+         changes = [(norm2(finer%coefficients(:, :, :, k) - coarse%coefficients(:, :, :, k))/ &
+                     max(norm2(finer%coefficients(:, :, :, k)), tiny(1.0_wp)), k=1, size(changes))]
+      end if
+   end function changes_of
 
    !> Coefficients of the tuples of another set, all of which `set` contains.
    pure function in_set(coefficients, set, other)
