@@ -31,10 +31,11 @@ contains
       type(path_point_t), intent(out) :: point                         !! the motion found, otherwise the last point
       logical, intent(out) :: is_found
       type(curve_t) :: curve
-      type(path_point_t) :: crossing, last, motion
+      type(path_point_t) :: crossing                                  ! the first unstable limit cycle
+      type(path_point_t) :: last
       real(wp) :: damping(1), damping_before(1)
       integer :: i
-      logical :: is_on_curve, is_stable
+      logical :: is_on_curve
 
       is_found = .false.
       call self%begin(self%length*first_amplitude, point, is_on_curve)
@@ -54,20 +55,8 @@ contains
          self%is_neutral = self%is_neutral .and. abs(damping(1)) <= rounding
          self%is_driven = self%is_driven .or. damping(1) < -rounding
          self%reached = max(self%reached, point%amplitude(1))
-         if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) then
-            is_stable = damping(1) > damping_before(1)
-            if (is_stable .or. .not. allocated(crossing%u)) then
-               motion = last
-               call correct_at_value(self, curve, motion, is_found)
-               if (is_found .and. is_stable) then
-                  point = motion
-                  exit
-               else if (is_found) then
-                  crossing = motion
-                  is_found = .false.
-               end if
-            end if
-         end if
+         if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) call find_motion_on_step()
+         if (is_found) exit
          if (point%amplitude(1) > last_amplitude*self%length .or. damping(1) > largest_damping) exit
          if (point%amplitude(1) < 0.1_wp*first_amplitude*self%length .and. point%amplitude(1) < last%amplitude(1)) exit
          call update_scales(self, curve, point)
@@ -83,6 +72,24 @@ contains
          if (is_found) return
       end if
       call report_end(self, point, damping(1), i <= max_steps .and. curve%status == outcome%pending)
+
+   contains
+
+      !> Finds the limit cycle on the last step, where no damping is needed: the wanted one if the damping rises there; of the
+      !> others, which are unstable, the first is kept.
+      subroutine find_motion_on_step()
+         type(path_point_t) :: motion
+         logical :: is_stable, is_there
+
+         is_stable = damping(1) > damping_before(1)
+         if (.not. is_stable .and. allocated(crossing%u)) return
+         motion = last
+         call correct_at_value(self, curve, motion, is_there)
+         if (.not. is_there) return
+         is_found = is_stable
+         if (is_stable) point = motion
+         if (.not. is_stable) crossing = motion
+      end subroutine find_motion_on_step
    end subroutine follow_curve
 
    !> Describes where a curve without a motion has ended.
