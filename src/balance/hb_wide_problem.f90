@@ -157,14 +157,8 @@ contains
       end function has_kinks
    end function slightly_later
 
-   !> Two steps of Newton's method from a motion, by the preconditioner of the wider balance if that is used, otherwise as
-   !> follows. With several tones they are block steps, two in the second one, if each is clearly smaller than the one
-   !> before: retained and added harmonics are then so weakly coupled that a few block steps add up to the full step. Two
-   !> may decrease by chance: the first one is in the added harmonics, and what comes back to these shows only in the
-   !> third. With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first step contact
-   !> begins and ends within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam
-   !> against a wall, products .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against
-   !> order 45 .0031 at order 20), and only the first one is used.
+   !> Two steps of Newton's method from a motion, in the first of these ways that finds them: by the preconditioner of the wider
+   !> balance, if that is used; with several tones by block steps; by the coupling of retained and added harmonics.
    subroutine wide_problem_find_two_steps(self, motion, r, is_rigid, acts_rigidly, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
@@ -216,8 +210,14 @@ contains
          end if
       end subroutine find_whole_steps
 
-      !> Finds the second step in blocks, and adds a third one; `is_found` is false if they do not add up to the full step. With
-      !> rigid laws there is no second step then.
+      !> Finds the second step in blocks, and adds a third one to it, if each is clearly smaller than the one before: retained and
+      !> added harmonics are then so weakly coupled that a few block steps add up to the full step; otherwise `is_found` is false.
+      !> Two may decrease by chance: the first one is in the added harmonics, and what comes back to these shows only in the third.
+      !>
+      !> With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first step contact begins and ends
+      !> within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products
+      !> .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against order 45 .0031 at order 20), and
+      !> only the first one is used unless the second is clearly smaller.
       subroutine find_second_in_blocks()
          is_found = .false.
          call self%find_residual(moved(), first, r_there, is_lost)
