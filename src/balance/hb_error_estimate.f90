@@ -455,20 +455,9 @@ contains
       real(wp) :: x_half(size(x))
       logical :: is_held(n), is_high(balance%harmonics%n_coefficients), is_possible, is_there
       type(law_measure_t) :: measure
-      integer :: h, half, i
+      integer :: i
 
-      associate (harmonics => balance%harmonics)
-         half = int(0.5_wp*maxval(sum(abs(harmonics%tuples), dim=1)))
-         do h = 1, harmonics%n_harmonics
-            select type (problem)
-            class is (bordered_problem_t)
-               is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > half
-            class default                                                ! as in its smaller problem
-               is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(0.5_wp*harmonics%highest))
-            end select
-            if (harmonics%sin_at(h) > 0) is_high(harmonics%sin_at(h)) = is_high(harmonics%cos_at(h))
-         end do
-      end associate
+      is_high = are_in_upper_half(balance%harmonics, problem)
       if (.not. any(is_high)) return
       is_held = [(is_high, i=1, n/size(is_high))]
       x_half = x
@@ -501,6 +490,25 @@ contains
          self%truncation = max(measure%norm(change)/size_of_motion, min(self%truncation, minor))
       end associate
    end subroutine compare_with_half
+
+   !> Whether coefficients belong to the upper half of a set, which the smaller problem does not have.
+   pure function are_in_upper_half(set, problem) result(are_high)
+      type(harmonics_t), intent(in) :: set
+      class(problem_t), intent(in) :: problem
+      logical :: are_high(set%n_coefficients)
+      integer :: h, half
+
+      half = int(0.5_wp*maxval(sum(abs(set%tuples), dim=1)))
+      do h = 1, set%n_harmonics
+         select type (problem)
+         class is (bordered_problem_t)
+            are_high(set%cos_at(h)) = sum(abs(set%tuples(:, h))) > half
+         class default                                                ! as in its smaller problem
+            are_high(set%cos_at(h)) = any(abs(set%tuples(:, h)) > ceiling(0.5_wp*set%highest))
+         end select
+         if (set%sin_at(h) > 0) are_high(set%sin_at(h)) = are_high(set%cos_at(h))
+      end do
+   end function are_in_upper_half
 
    !> Rigid contact and friction on the finer grid, and the power dissipated by each law there.
    subroutine check_contact(self, structure, balance, wide, u, error)
