@@ -124,14 +124,7 @@ contains
             scan%position = last + 1
             has_ended = .true.
          case (",")
-            if (.not. body%in_key) then
-               call stop_at(scan, scan%line, "&"//name//": unexpected ',' where a key is expected")
-            else if (body%n_found == 0 .or. body%after_comma) then
-               call stop_at(scan, scan%line, &
-                            "&"//name//": key '"//body%key//"' has an empty value before ','")
-            end if
-            body%after_comma = .true.
-            scan%position = start + 1
+            call pass_comma(scan, body, name)
          case ("'", '"')
             call read_value(text, scan, body, start - 1)
             call store_value(text, scan, body, content)
@@ -149,18 +142,42 @@ contains
          end select
          if (allocated(scan%problem)) return
       end do
-      if (.not. rest_is_empty(text, scan%position)) then
-         call skip_blanks(text, scan)
-         if (text(scan%position:scan%position) == "&") then
-            call stop_at(scan, scan%line, "a group begins on a line of its own, not behind the end of &"//name)
-         else
-            call stop_at(scan, scan%line, "text behind the end of group &"//name// &
-                         "; a value with '/' needs quotes, a comment begins with '!'")
-         end if
-         return
+      if (rest_is_empty(text, scan%position)) then
+         content%spelling = text(body%offset + 1:scan%position - 1)
+      else
+         call refuse_rest(text, scan, name)
       end if
-      content%spelling = text(body%offset + 1:scan%position - 1)
    end subroutine parse_body
+
+   !> Passes a comma between the values of a key.
+   pure subroutine pass_comma(scan, body, name)
+      type(scan_t), intent(inout) :: scan
+      type(body_t), intent(inout) :: body
+      character(*), intent(in) :: name                                !! of the group
+
+      if (.not. body%in_key) then
+         call stop_at(scan, scan%line, "&"//name//": unexpected ',' where a key is expected")
+      else if (body%n_found == 0 .or. body%after_comma) then
+         call stop_at(scan, scan%line, "&"//name//": key '"//body%key//"' has an empty value before ','")
+      end if
+      body%after_comma = .true.
+      scan%position = scan%position + 1
+   end subroutine pass_comma
+
+   !> Stops at what is on the line of the end of a group.
+   pure subroutine refuse_rest(text, scan, name)
+      character(*), intent(in) :: text
+      type(scan_t), intent(inout) :: scan
+      character(*), intent(in) :: name                                !! of the group
+
+      call skip_blanks(text, scan)
+      if (text(scan%position:scan%position) == "&") then
+         call stop_at(scan, scan%line, "a group begins on a line of its own, not behind the end of &"//name)
+      else
+         call stop_at(scan, scan%line, "text behind the end of group &"//name// &
+                      "; a value with '/' needs quotes, a comment begins with '!'")
+      end if
+   end subroutine refuse_rest
 
    !> Whether the word that ends at `last` is a key: '=' or an index follows; blanks in between are ignored.
    pure logical function is_key(text, last)
