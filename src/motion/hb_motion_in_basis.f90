@@ -66,24 +66,12 @@ contains
       result%n_harmonics = basis%whole%n_harmonics
       keeps = .false.
       if (present(cached)) keeps = associated(cached) .and. coordinates%n > 0
-      if (keeps) then
-         call cached%narrow%borrow(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                 discretisation%loads%at(basis%positions), linear, error)
-      else
-         call new_dynamic_stiffness(stiffness, system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                    discretisation%loads%at(basis%positions), error, &
-                                    wanted_slopes_t(is_on=is_autonomous, of_motion=system%normal_mode%has_energy, &
-                                                    loads=discretisation%load_slopes%at(basis%positions)))
-      end if
+      call find_linear_part()
       if (allocated(error)) return
       if (coordinates%n == 0) then
          result%setup_seconds = wall_clock() - started
          call solve_linear_model(system, discretisation, options, basis, stiffness, result)
          return
-      end if
-      if (.not. keeps) then
-         allocate (linear)
-         call new_linear_part(linear, stiffness)
       end if
       call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, system%laws), error)
       if (keeps) balance%cached_wide => cached%wide
@@ -99,6 +87,25 @@ contains
          call search_for_locking(system, discretisation, options, start, coordinates%dofs, result)
       if (keeps) call cached%narrow%give_back(balance%stiffness)
       call balance%destroy()
+
+   contains
+
+      !> The linear part: that of the previous motion, as far as it is the same, or a new one; without coordinates of laws the
+      !> dynamic stiffness alone.
+      subroutine find_linear_part()
+         if (keeps) then
+            call cached%narrow%borrow(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                      discretisation%loads%at(basis%positions), linear, error)
+            return
+         end if
+         call new_dynamic_stiffness(stiffness, system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                    discretisation%loads%at(basis%positions), error, &
+                                    wanted_slopes_t(is_on=is_autonomous, of_motion=system%normal_mode%has_energy, &
+                                                    loads=discretisation%load_slopes%at(basis%positions)))
+         if (allocated(error) .or. coordinates%n == 0) return
+         allocate (linear)
+         call new_linear_part(linear, stiffness)
+      end subroutine find_linear_part
    end subroutine solve_in_basis
 
    !> Finds the start of the search: the tones, and the motion if it is given or by time integration.

@@ -78,20 +78,7 @@ contains
       scale = maxval(sum(abs(motion%amplitudes), dim=2))
       other = state
       other%q = other%q + nearness*scale*[(cos(real(i, wp)), i=1, size(other%q))]
-      config = options%integration
-      config%tolerance = max(config%tolerance, tolerance)
-      config%decimation = huge(1)
-      config%transient = n_transient*period
-      config%duration = period
-      config%max_evaluations = int(min(max_work/evaluation_work(equations%n_dofs, equations%laws%n_coordinates, .false.), &
-                                       1.0e18_wp), int64)             ! of both
-      step = two_pi/(samples_of_tone*maxval(abs(motion%tones%omega)))
-      step = period/ceiling(period/step)
-      config%method = integration_method%cvode
-      if (.not. has_bounds_of(system)) then
-         config%method = integration_method%runge_kutta_4
-         config%substeps = ceiling(step*fastest_of(system)/step_of_mode)
-      end if
+      call plan_integration()
       call integrate_from(equations, config, step, law_dofs, state, record, error)
       if (.not. allocated(error)) call integrate_from(equations, config, step, law_dofs, other, other_record, error)
       if (allocated(error)) return
@@ -102,5 +89,25 @@ contains
       end associate
       there = there(:, law_dofs)
       departure = norm2(record%every_displacement - there)/max(norm2(there), tiny(1.0_wp))
+
+   contains
+
+      !> Settings of both integrations: through the transient and one period, within the work, in fixed steps where CVODE cannot be
+      !> used.
+      subroutine plan_integration()
+         config = options%integration
+         config%tolerance = max(config%tolerance, tolerance)
+         config%decimation = huge(1)
+         config%transient = n_transient*period
+         config%duration = period
+         config%max_evaluations = int(min(max_work/evaluation_work(equations%n_dofs, equations%laws%n_coordinates, .false.), &
+                                          1.0e18_wp), int64)          ! of both
+         step = two_pi/(samples_of_tone*maxval(abs(motion%tones%omega)))
+         step = period/ceiling(period/step)
+         config%method = integration_method%cvode
+         if (has_bounds_of(system)) return
+         config%method = integration_method%runge_kutta_4
+         config%substeps = ceiling(step*fastest_of(system)/step_of_mode)
+      end subroutine plan_integration
    end subroutine find_departure
 end module hb_departure
