@@ -24,6 +24,7 @@ contains
       text = to_text(size(matrix, 1))//" x "//to_text(size(matrix, 2))
    end function shape_text
 
+   !> Fails unless all arguments are of `n_dofs` degrees of freedom.
    pure subroutine check_sizes(n_dofs, mass, damping, stiffness, labels, units, error)
       integer, intent(in) :: n_dofs
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
@@ -49,6 +50,7 @@ contains
       end if
    end subroutine check_sizes
 
+   !> Fails if a label begins with no letter, is too long or given twice, or if a unit is empty or too long.
    pure subroutine check_names(labels, units, error)
       character(*), intent(in) :: labels(:), units(:)
       type(error_t), allocatable, intent(out) :: error
@@ -79,6 +81,7 @@ contains
       end do
    end subroutine check_names
 
+   !> Fails if an entry of a matrix is not finite.
    pure subroutine check_finite(name, matrix, labels, error)
       character(*), intent(in) :: name
       real(wp), intent(in) :: matrix(:, :)

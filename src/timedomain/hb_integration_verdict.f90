@@ -63,8 +63,8 @@ contains
    end function limit_of
 
    !> Verdict after some periods; `not_done` if the time integration must continue. Disturbances of a stable motion may grow before
-   !> they decay, as far as the shapes in which they decay are nearly parallel: with `may_recover` growth counts as transient as long
-   !> as the time integration has not left the motion and is not over.
+   !> they decay, as far as the shapes in which they decay are nearly parallel: with `may_recover` growth counts as transient as
+   !> long as the time integration has not left the motion and is not over.
    pure integer function decide(ratio, distance, fewest, decay, is_last, may_recover) result(kind)
       real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
       real(wp), intent(in) :: distance(:) !! of both time integrations, logarithm, 0 at the start, (n_periods)
