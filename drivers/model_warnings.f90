@@ -183,7 +183,8 @@ contains
          if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then
             text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
                    to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
-         else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp) then
+         else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp .and. &
+                  2*sum([(size(model%system%laws(i)%law%dofs), i=1, size(model%system%laws))]) < structure%n_dofs) then
             text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each frequency "// &
                    "anew; a reduced model of it, created once, is much faster:"//new_line("a")// &
                    "   nhbm-model reduce "//structure%model_file//" --keep "//named_dofs(document)//" --up-to "// &

@@ -470,7 +470,7 @@ def net(tmp_path_factory):
         coordinates=np.c_[np.arange(n) % N_X, np.arange(n) // N_X, np.zeros(n)].astype(float),
         dof_node=np.arange(n),
         dof_direction=["z"] * n,
-        sets={"stops": np.array([399, 799]), "edge": np.arange(N_X - 1, n, N_X)},
+        sets={"stops": np.array([399, 799]), "edge": np.arange(N_X - 1, n, N_X), "most": np.arange(700)},
     ).write(folder / "net.h5")
     return folder
 
@@ -523,6 +523,13 @@ def test_the_command_for_a_small_model_names_all_places(net):
     )
     (command,) = (line.strip() for line in run("check", "plane.nml", cwd=net).stdout.splitlines() if "nhbm-model reduce" in line)
     assert "--keep n7.z,n9.z,edge.z,n11.z,n13.z" in command
+
+
+def test_no_small_model_is_advised_where_laws_are_nearly_everywhere(net):
+    """It would keep all of these."""
+    (net / "most.nml").write_text(NET.replace("order = 3", "order = 1").replace("dof = 'stops.z'", "dof = 'most.z'"))
+    told = run("check", "most.nml", cwd=net).stdout
+    assert "memory" in told and "condensed at each frequency" not in told
 
 
 @pytest.mark.long  # seconds
