@@ -2,6 +2,7 @@
 submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_balance, only: largest_dense_tangent
    use hb_basis, only: basis_t, whole_basis
+   use hb_block_factors, only: least_rough
    use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
    use hb_coordinates, only: coordinates_t
@@ -59,7 +60,7 @@ contains
       n_wide = 0.5_wp*(volume(2*orders + 1) + 1)
       bytes%error_estimate = of_error_estimate + 4*real_bytes*unknowns(s, n_wide) + linear_bytes(s, n_wide, size(orders) == 1) &
                           + complex_bytes*s%n_dofs*merge(n_wide, s%n_harmonics, size(orders) == 1) &
-                          + complex_bytes*n_wide*s%n_coordinates*factor_rows(s%n_coordinates, s%bandwidth) & ! of each harmonic
+                          + corrected_bytes(s)*merge(n_wide - s%n_harmonics, n_wide, size(orders) == 1) & ! of added harmonics
                           + sample_bytes(s, n_wide, finer_samples(s%samples, orders, s%is_rigid .or. s%has_unknown_tones), .false.)
       if (size(orders) > 1 .and. from_products(s) .and. .not. s%is_rigid) &
          bytes%error_estimate = bytes%error_estimate + products_bytes(wider(s, orders, n_wide), .false.)
@@ -120,9 +121,19 @@ contains
       products_bytes = real_bytes*(n*(s%solver%krylov_vectors + 15) + 0.5_wp*min(max_memory, factors) + &
                                    volume(samples)*((s%n_kinds + 4)*s%n_coordinates + s%n_kinds*s%n_pairs) + &
                                    6.5_wp*table_size(s%highest) + 5*s%n_coordinates**2) &
-                       + complex_bytes*s%n_harmonics*s%n_coordinates*factor_rows(s%n_coordinates, s%bandwidth)
+                       + s%n_harmonics*corrected_bytes(s)
       if (is_strongest .and. affords_tangent(s)) products_bytes = products_bytes + real_bytes*n**2
    end function products_bytes
+
+   !> Factors of the tangent of one harmonic, in single precision where hb_block_factors has them so.
+   pure real(wp) function corrected_bytes(s)
+      type(sizes_t), intent(in) :: s
+
+      associate (rows => factor_rows(s%n_coordinates, s%bandwidth))
+         corrected_bytes = complex_bytes*s%n_coordinates*rows
+         if (rows >= s%n_coordinates .and. s%n_coordinates >= least_rough) corrected_bytes = 0.5_wp*corrected_bytes
+      end associate
+   end function corrected_bytes
 
    !> Whether the dense tangent is tried where products do not lead to a solution.
    pure logical function affords_tangent(s)
@@ -253,7 +264,7 @@ contains
          n_entries = real(max(k%n_entries(), structure%sparse%damping%n_entries()), wp) + structure%sparse%mass%n_entries()
          bandwidth = maxval([0, (maxval(abs(k%column(k%first(i):k%first(i + 1) - 1) - i)), i=1, structure%n_dofs)])
       end associate
-      self%matrices = 3*n_entries
+      self%matrices = n_entries                                       ! with those of damping and the numbers of columns
       n_entries = min(n_entries, n_interior**2)
       self%factors = 6*n_entries + min(fill*n_entries, n_interior*factor_rows(n_interior, real(bandwidth, wp)))
    end subroutine count_matrices

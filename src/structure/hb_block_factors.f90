@@ -13,9 +13,9 @@ module hb_block_factors
    use hb_underflow, only: restore_underflow, underflow_to_zero
    implicit none
    private
-   public :: block_factors_t, new_block_factors
+   public :: block_factors_t, least_rough, new_block_factors
 
-   integer, parameter :: least_rough = 200                   !! order of a block; smaller ones take a few MB
+   integer, parameter :: least_rough = 200                   !! order of a dense block; smaller ones take a few MB
 
    !> The factors of one block.
    type :: factors_t
