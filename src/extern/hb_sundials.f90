@@ -60,6 +60,7 @@ module hb_sundials
       class(ode_t), pointer :: ode => null()
       integer :: n = 0, n_events = 0
       logical :: is_stuck = .false.                                   ! steps no longer change the time
+      logical :: has_ended = .false.                                  ! the work was over at an evaluation
       integer :: n_rhs = 0                                            ! evaluations so far, modulo the range of integers
       character(:), allocatable :: message                            ! the last message of the library
    end type handle_t
@@ -161,6 +162,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       self%handle%is_stuck = .false.
+      self%handle%has_ended = .false.
       if (hb_cvode_restart(self%integrator, t) /= 0) call fail(error, "cvode: "//self%handle%message)
    end subroutine cvode_restart
 
@@ -211,10 +213,10 @@ contains
       call handle%ode%rhs(t, y_values, dydt_values)
       call_rhs = 0
       if (.not. all(ieee_is_finite(dydt_values))) call_rhs = recoverable
-      if (handle%is_stuck .or. handle%ode%is_over) call_rhs = unrecoverable
       handle%n_rhs = handle%n_rhs + 1
-      if (modulo(handle%n_rhs, evaluations_between) > 0) return
-      if (work_is_over()) call_rhs = unrecoverable
+      if (modulo(handle%n_rhs, evaluations_between) == 0) handle%has_ended = work_is_over()
+      ! at each evaluation from here on: the fixed-point iteration repeats a step that fails once, whatever is returned
+      if (handle%is_stuck .or. handle%has_ended .or. handle%ode%is_over) call_rhs = unrecoverable
    end function call_rhs
 
    integer(c_int) function call_events(t, y, g, data) bind(c)
