@@ -116,6 +116,9 @@ def sections_of(path: Path, procedure: str) -> list[str]:
         return SECTIONS_BY_FILE[path.name]
     if procedure in SECTIONS_BY_PROCEDURE:
         return SECTIONS_BY_PROCEDURE[procedure]
+    group = procedure.removesuffix("_declare_numbers")
+    if group != procedure and group in keys_of_table():
+        return [group]
     module = path.stem.removeprefix("hb_")
     if path.parent.name == "laws":
         return [f"law {module.removeprefix('law_')}"]
