@@ -361,7 +361,9 @@ def build_alone(file: str, text: str, folder: Path) -> tuple[bool, bool]:
         if meaning(module) != meaning(BUILD / "src" / "modules" / module.name):
             return True, False
     library = "lib" + place.split("/CMakeFiles/")[1].split(".dir/")[0].removeprefix("lib") + ".so"
-    built = next(path for path in BUILD.rglob(library + "*") if not path.is_symlink()).relative_to(BUILD)
+    built = next((path.relative_to(BUILD) for path in BUILD.rglob(library + "*") if not path.is_symlink()), None)
+    if built is None:  # of a program, not of a library
+        return True, False
     link = run(["ninja", "-C", str(BUILD), "-t", "commands", str(built)]).splitlines()[-1]
     loaded = re.search(r"-soname,(\S+)", link)[1]
     link = link.replace(f" {place} ", f" {thing} ").replace(f"-o {built} ", f"-o {folder / loaded} ")
