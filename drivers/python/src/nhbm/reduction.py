@@ -90,7 +90,7 @@ def reduce(
     if n_shapes > LARGEST_REDUCED[method]:
         many = f"{len(retained)} retained degrees of freedom and {n_modes} modes"
         raise ModelError(f"{many} are more than a reduced model may have by the method '{method}', {LARGEST_REDUCED[method]}")
-    _check_memory(model.n_dofs, n_shapes)
+    _check_memory(model.n_dofs, min(n_shapes, model.n_dofs))
     n_modes = min(n_modes, model.n_dofs - len(retained))
     if method == "krylov":
         space = _KrylovSpace(model, retained, up_to)
