@@ -13,6 +13,7 @@ from nhbm.errors import ModelError
 
 LARGEST_DENSE = 3000  # degrees of freedom, where ARPACK fails
 BLOCK = 64  # right-hand sides
+FEW = 0.01  # of their entries, which are not zero: making a sparse matrix of many takes longer than the solution
 MAX_RESTARTS = 40  # of ARPACK, which needs a few
 
 
@@ -35,15 +36,16 @@ class Factors:
             raise ModelError(f"{what} is not positive definite") from None
 
         def solve(b: Any) -> Any:
-            if b.shape[1] == 1:
-                x = dense(np.asfortranarray(b))
-                cholmod.solve(factor, x)
-                return np.array(x).reshape(b.shape)
-            answers = np.empty(b.shape)  # by blocks: sparse ones are solved four at a time, dense ones one by one
+            answers = np.empty(b.shape)
             for first in range(0, b.shape[1], BLOCK):
-                columns = sp.coo_matrix(b[:, first : first + BLOCK])
-                entries = spmatrix(columns.data, columns.row.astype(int), columns.col.astype(int), columns.shape)
-                answers[:, first : first + BLOCK] = dense(cholmod.spsolve(factor, entries))
+                block = b[:, first : first + BLOCK]
+                if np.count_nonzero(block) <= FEW * block.size:  # solved four columns at a time, others one by one
+                    few = sp.coo_matrix(block)
+                    x = dense(cholmod.spsolve(factor, spmatrix(few.data, few.row.astype(int), few.col.astype(int), few.shape)))
+                else:
+                    x = dense(np.asfortranarray(block))
+                    cholmod.solve(factor, x)
+                answers[:, first : first + BLOCK] = np.array(x).reshape(block.shape)
             return answers
 
         self._solve = solve
