@@ -64,7 +64,8 @@ contains
 
    !> Verdict after some periods; `not_done` if the time integration must continue. Disturbances of a stable motion may grow before
    !> they decay, as far as the shapes in which they decay are nearly parallel: with `may_recover` growth counts as transient as
-   !> long as the time integration has not left the motion and is not over.
+   !> long as the time integration has not left the motion and is not over; a growth like a power of time, of a body that is nearly
+   !> free, is not known to last before the structure has decayed.
    pure integer function decide(ratio, distance, fewest, decay, is_last, may_recover) result(kind)
       real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
       real(wp), intent(in) :: distance(:) !! of both time integrations, logarithm, 0 at the start, (n_periods)
@@ -116,6 +117,9 @@ contains
          kind = verdict%undecided
          if (rise <= -log(halved) .or. (n >= fewest .and. rise <= log(merge(neutral, sheared, decay > 0)))) kind = verdict%agrees
       end if
+      if (.not. present(may_recover)) return
+      if (may_recover .and. is_last .and. kind == verdict%unstable .and. n < decay .and. rise <= log(sheared)) &
+         kind = verdict%undecided                                     ! like a power of time, over less than a decay
 
    contains
 

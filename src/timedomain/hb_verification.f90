@@ -243,7 +243,7 @@ contains
       type(options_t), intent(in) :: options
       type(claim_t), intent(in) :: claim
       integer, intent(in) :: n_periods
-      real(wp) :: frequencies(size(claim%tuples, 2)), step, tuples(size(claim%tuples, 1), size(claim%tuples, 2))
+      real(wp) :: frequencies(size(claim%tuples, 2)), length, step, tuples(size(claim%tuples, 1), size(claim%tuples, 2))
       integer :: i
 
       associate (omega => claim%omega, amplitudes => claim%amplitudes, equations => self%system)
@@ -251,11 +251,13 @@ contains
          frequencies = matmul(omega, tuples)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
                                      discretisation%harmonics%frequencies(omega), omega)
+         length = equations%length
          call choose_length(self%length, system, options, claim, n_periods)
          step = self%length%period/self%length%n_samples
          self%scale = sum(abs(amplitudes), dim=1)
          self%scale = [(maxval(self%scale, mask=system%structure%units == system%structure%units(i)), i=1, size(self%scale))]
-         where (self%scale <= 0.0_wp) self%scale = max(equations%length, nearness)
+         where (self%scale <= 0.0_wp) self%scale = max(length, nearness)
+         equations%length = min(length, maxval(self%scale))           ! errors of time integration: a law's length may be far larger
          self%speed = self%scale*max(leading_of(amplitudes, frequencies), minval(omega))
          self%config = options%integration
          self%config%transient = 0.0_wp
@@ -274,7 +276,7 @@ contains
          call place_state(equations, amplitudes, frequencies, -periods_of_sliders*self%length%period, step, self%state)
          call place_neighbour(self)
          call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, system%tones%is_unknown), &
-                                         equations%laws%shape, system%structure%units, max(equations%length, nearness), &
+                                         equations%laws%shape, system%structure%units, max(length, nearness), &
                                          n_steady(self%length%most, self%length%fewest))
          self%estimate = options%error_estimate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate

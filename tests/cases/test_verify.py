@@ -77,6 +77,33 @@ def test_growth_without_a_decay_is_unstable(tmp_path):
         assert verified(result, status=NOT_ALL_CONVERGED)["integration_verdict"] == [UNSTABLE]
 
 
+def test_motions_far_below_the_length_of_a_law_agree(tmp_path):
+    """Nanometres, where the damping changes its sign at a metre: tolerances of the integration are those of the motion."""
+    text = """&structure type='matrices', n_dofs=2, mass=118.61591, 0, 0, 118.61591, damping=3.0830348e+08, 0, 0, 3.0830348e+08,
+   stiffness=8.2929844e+16, -3.9166356e+16, -3.9166356e+16, 8.7519879e+16 /
+&tones frequency=16073824 /
+&load dof='x1', tuple=1, cos=3.2588995e+08 /
+&load dof='x1', tuple=0, cos=4.0337009e+08 /
+&law type='van_der_pol', dof='x1', strength=2.4257045e+08 /
+"""
+    assert verified(solve(text, tmp_path))["integration_verdict"] == [AGREES]
+
+
+def test_a_nearly_free_body_that_drifts_is_not_unstable(tmp_path):
+    """Its disturbances grow like time for thousands of periods, and decay afterwards, as its multipliers do."""
+    text = """&structure type='matrices', n_dofs=3, mass=1, 0, 0, 0, 1, 0, 0, 0, 1,
+   damping=0.027029625, -0.025719663, 0, -0.025719663, 0.059855578, -0.034135914, 0, -0.034135914, 0.034135914,
+   stiffness=0.51439339, -0.51439327, 0, -0.51439327, 1.1971116, -0.68271828, 0, -0.68271828, 0.68271828 /
+&tones frequency=1.6153 /
+&load dof='x3', tuple=1, cos=0.528128 /
+&law type='elastic_stop', dof='x3', stiffness=6.6117, gap=0.3746, two_sided=.true. /
+"""
+    result = solve(text, tmp_path)
+    assert read(result, "is_stable")[0] == [1]
+    done = run("verify", result, "--periods", "600", cwd=tmp_path)
+    assert "unstable" not in done.stdout, done.stdout
+
+
 def test_verify_integrates_again_what_was_integrated_with_a_set_of_its_own(tmp_path):
     """Ueda's oscillator without a balance: the file has as many elements as its largest set, the first point uses six of ten."""
     text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=0 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
