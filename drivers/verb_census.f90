@@ -78,7 +78,7 @@ contains
       call annotate(error, options%input)
       if (allocated(error)) return
       if (.not. all([(is_solved(census%motions(i)%result%status), i=1, size(census%motions))])) status = not_all_right
-      if (census%n_left > 0) status = incomplete
+      if (max(census%n_left, census%n_unfollowed) > 0) status = incomplete
       if (size(census%motions) == 0) then
          status = not_all_right
          call print_error("no start led to a motion")
@@ -86,8 +86,10 @@ contains
       end if
       call write_census(alone, census, path, options%overwrite, comm, error)
       if (allocated(error)) return
-      if (census%n_left > 0) call print_error(ending_text(merge(interruption%signal, interruption%time_limit, signal_caught()))// &
-                                              ": "//number_of(census%n_left, "random start")//" not made")
+      if (status == incomplete) call print_error( &
+         ending_text(merge(interruption%signal, interruption%time_limit, signal_caught()))//": "// &
+         number_of(census%n_left, "random start")//" not made, branches of "// &
+         number_of(census%n_unfollowed, "motion")//" not followed")
       if (options%level < log_level%normal) return
       call write_table(alone, census)
       call write_completeness(census, config)

@@ -63,6 +63,7 @@ module hb_census
       integer :: n_random = 0, n_directed = 0                         !! starts
       integer :: n_random_lost = 0, n_directed_lost = 0               !! those of them that led to no motion
       integer :: n_left = 0                                           !! random starts that time did not permit
+      integer :: n_unfollowed = 0                                     !! motions whose branches it did not permit to follow
       integer :: n_spurious = 0                                       !! solutions without a motion near them on larger sets
       logical :: is_complete = .false.                                !! the model is linear: there is no other motion
       type(completeness_t) :: completeness
@@ -159,6 +160,7 @@ contains
          call add_branch_of(search, i)
          i = i + 1
       end do
+      census%n_unfollowed = size(search%motions) - i + 1
       call describe(search, model, census)
       call search%balance%destroy()
       census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed + &

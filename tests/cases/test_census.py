@@ -89,5 +89,5 @@ def test_what_a_census_refuses(folder):
 
 def test_time_ends_a_census(folder):
     done = run("census", "duffing.nml", "--time-limit", "0", cwd=folder)
-    assert done.status == INCOMPLETE and "200 random starts not made" in done.stderr
+    assert done.status == INCOMPLETE and "200 random starts not made, branches of 3 motions not followed" in done.stderr
     assert "from 1 directed start and 0 random starts" in done.stdout
