@@ -185,8 +185,9 @@ contains
       order = [(d, d=1, self%n_dofs)]
       do i = 1, min(self%n_dofs, max_apart)
          k = i + int(self%number()*(self%n_dofs - i + 1))
-         order([i, k]) = order([k, i])
-         d = order(i)
+         d = order(k)
+         order(k) = order(i)
+         order(i) = d
          h = self%lowest(1 + int(self%number()**2*size(self%lowest)))
          direction = 0.0_wp
          direction((d - 1)*self%harmonics%n_coefficients + self%harmonics%cos_at(h)) = 1.0_wp
