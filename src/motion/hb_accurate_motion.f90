@@ -3,7 +3,7 @@
 !> Source: docs/why/accuracy.md.
 module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
-   use hb_attempts, only: attempts_t, make_attempts, point_conditions_t
+   use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, point_conditions_t, stage
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -16,7 +16,7 @@ module hb_accurate_motion
    use hb_outcome, only: is_integrated, outcome
    use hb_primary_method, only: evaluation_work, primary_method
    use hb_refined_motion, only: has_ended, refined_motion_t
-   use hb_solver_types, only: attempt_rule_t, attempt_t, stage
+   use hb_solver_types, only: attempt_t
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: system_t
    use hb_threads, only: use_threads

@@ -2,7 +2,7 @@
 !> The remedies follow from the outcomes of the attempts and from properties that make a model difficult: contact much
 !> stiffer than the structure, sliders that hardly slide, steep friction, nearly commensurate tones.
 module hb_advice
-   use hb_attempts, only: attempt_rules
+   use hb_attempts, only: attempt_rules, technique
    use hb_balance, only: balance_t
    use hb_error_estimate, only: near_commensurate
    use hb_harmonics, only: tuple_text
@@ -11,7 +11,7 @@ module hb_advice
    use hb_numbers, only: number_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome, outcome_name, reason
-   use hb_solver_types, only: report_t, technique
+   use hb_solver_types, only: report_t
    use hb_system, only: system_t
    use hb_text, only: rounded, to_text
    implicit none

@@ -1,7 +1,7 @@
 !> Computes the motion of a model on its set, with all derived results, by the attempts of `hb_attempts`.
 module hb_motion
    use hb_amplitudes, only: as_amplitudes
-   use hb_attempts, only: attempts_t, make_attempts, motion_conditions_t
+   use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, motion_conditions_t, stage, technique
    use hb_basis, only: basis_t, whole_basis
    use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: cancellation_t, work_is_over
@@ -17,7 +17,7 @@ module hb_motion
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_primary_method, only: primary_method
-   use hb_solver_types, only: attempt_rule_t, attempt_t, stage, technique
+   use hb_solver_types, only: attempt_t
    use hb_stability, only: stability_method
    use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense

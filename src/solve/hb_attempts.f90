@@ -5,23 +5,81 @@
 !> a motion is the solution of equations. `make_attempts` makes the attempts of one stage for an object that extends `attempts_t`;
 !> the conditions of the stage (`permit`) decide which of them apply, `row_after` where to go on. A new attempt is a row here, its
 !> condition in `permit` of its stage, and a case of its name in `make` of the object of its stage: hb_motion, hb_accurate_motion,
-!> hb_curve_runner; for the solver, if it does something new, a component of `technique_t` (hb_solver_types) and a case in
-!> `proceed` of hb_solver, and if it starts elsewhere, one of `starting_point_t` and a case in `start_of`. What a condition of
-!> the solver needs is a component of `solver_conditions_t`, set in `conditions_of`. `kind` is an existing `fallback`, unless
-!> result files must tell it apart. The page docs/user/convergence.md has the same table; tests compare them, and assert what is
-!> tried next after which failures.
+!> hb_curve_runner; for the solver, if it does something new, a component of `technique_t` and a case in `proceed` of hb_solver,
+!> and if it starts elsewhere, one of `starting_point_t` and a case in `start_of`. What a condition of the solver needs is a
+!> component of `solver_conditions_t`, set in `conditions_of`. `kind` is an existing `fallback`, unless result files must tell it
+!> apart. The page docs/user/convergence.md has the same table; tests compare them, and assert what is tried next after which
+!> failures.
 module hb_attempts
    use hb_kinds, only: wp
    use hb_outcome, only: is_integrated, is_lost, outcome, outcome_name
-   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, stage, starting_point, technique, work_limit
+   use hb_solver_types, only: attempt_t, fallback
    implicit none
    private
-   public :: attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, motion_conditions_t, point_conditions_t
-   public :: row_after, row_of, solver_conditions_t
+   public :: attempt_rule_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, motion_conditions_t
+   public :: point_conditions_t, row_after, row_of, solver_conditions_t, stage, starting_point, technique
 
    integer, parameter :: max_stagnant_iterations = 10 ! without a clear gain, where other attempts remain
    real(wp), parameter :: half = 0.5_wp               ! of what remains of the budget, so that no attempt exhausts it
    real(wp), parameter :: quarter = 0.25_wp           ! of the budget, for the time integration of a first guess
+
+   !> What attempts are for; each stage makes those of the stages before it.
+   type :: stage_t
+      integer :: solver = 1                                           !! a solution of equations
+      integer :: motion = 2                                           !! a motion on a given set of harmonics
+      integer :: point = 3                                            !! a motion to a tolerance
+      integer :: curve = 4                                            !! the start of a curve
+   end type stage_t
+   type(stage_t), parameter :: stage = stage_t()
+
+   !> How an attempt proceeds.
+   type :: technique_t
+      integer :: direct = 1                                           !! the method of the settings from the start
+      integer :: other_method = 2                                     !! Broyden's after Newton's, or the other way round
+      integer :: smaller_problems = 3                                 !! the smallest one by all attempts, larger ones from it
+      integer :: damping_homotopy = 4                                 !! artificial damping that is reduced to zero
+      integer :: nonlinearity_homotopy = 5                            !! along a factor of all laws
+      integer :: load_homotopy = 6                                    !! along a factor of all loads
+      integer :: balance = 7                                          !! harmonic balance, by the attempts of the stages below
+      integer :: integration = 8                                      !! in time, until the motion is steady
+   end type technique_t
+   type(technique_t), parameter :: technique = technique_t()
+
+   !> Where an attempt of the solver starts.
+   type :: starting_point_t
+      integer :: first_guess = 1                                      !! the one that was given
+      integer :: linear_solution = 2                                  !! of the problem without its nonlinearity
+      integer :: zero = 3
+      integer :: other_guess = 4                                      !! zero if the linear solution was given, else that
+   end type starting_point_t
+   type(starting_point_t), parameter :: starting_point = starting_point_t()
+
+   !> The work of which an attempt may use a share.
+   type :: work_limit_t
+      integer :: left_for_fallbacks = 1                               !! what is left of the budget of the fallbacks of a solver
+      integer :: fallbacks = 2                                        !! all that the settings permit, `max_fallback_work`
+      integer :: work_so_far = 3                                      !! of the point
+   end type work_limit_t
+   type(work_limit_t), parameter :: work_limit = work_limit_t()
+
+   !> A row of the table of attempts.
+   type :: attempt_rule_t
+      character(22) :: name = ""
+      character(48) :: text = ""                                      !! completes "the motion was found" and "tried"
+      integer :: kind = fallback%none                                 !! one of `fallback`, as the result file has it
+      integer :: technique = technique%balance
+      integer :: start = starting_point%first_guess
+      integer :: max_stagnant_iterations = 0                          !! without a clear gain; 0: no limit
+      real(wp) :: share = 0.0_wp                                      !! of the work that the attempt may use; 0: not limited by it
+      logical :: needs_tangent = .false.                              !! a dense one
+      integer :: stage = stage%solver
+      integer :: share_of = work_limit%left_for_fallbacks             !! one of `work_limit`
+      character(22) :: on_success = "end"                             !! the attempt that follows: its name, `next` of the same
+                                                                      !! stage, or `end` for none
+      character(22) :: on_failure = "next"
+   contains
+      procedure :: has_budget => attempt_rule_has_budget
+   end type attempt_rule_t
 
    !> All attempts, stage by stage, in their order. Attempts of the solver without a share of the fallbacks' budget are the normal
    !> way to a solution. Time integrations without one have what the solver leaves of it, see `share_of_solver`.
@@ -149,10 +207,17 @@ module hb_attempts
 
 contains
 
+   !> Whether the attempt shares the budget of fallbacks.
+   pure logical function attempt_rule_has_budget(self)
+      class(attempt_rule_t), intent(in) :: self
+
+      attempt_rule_has_budget = self%share > 0.0_wp
+   end function attempt_rule_has_budget
+
    !> Makes the attempts of a stage, in the order of the table, and records them. One that does not apply counts as a failure.
    recursive subroutine make_attempts(self, of_stage)
       class(attempts_t), intent(inout) :: self
-      integer, intent(in) :: of_stage                                 !! one of hb_solver_types%stage
+      integer, intent(in) :: of_stage                                 !! one of `stage`
       type(attempt_t) :: attempt
       type(attempt_t), allocatable :: within(:)
       integer :: row

@@ -5,7 +5,7 @@
 !> section 6.4.
 module hb_solver
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_attempts, only: attempts_t, make_attempts, solver_conditions_t
+   use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, solver_conditions_t, stage, starting_point, technique
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_broyden, only: solve_broyden
    use hb_budget, only: budget_t
@@ -16,8 +16,7 @@ module hb_solver
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: attempt_rule_t, attempt_t, fallback, largest_affordable, method, report_t, solver_config_t, stage, &
-      starting_point, technique
+   use hb_solver_types, only: attempt_t, fallback, largest_affordable, method, report_t, solver_config_t
    implicit none
    private
    public :: solve, solve_by_homotopy

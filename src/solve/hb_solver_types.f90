@@ -6,8 +6,8 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_rule_t, attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method
-   public :: report_t, share_of_solver, solver_config_t, stage, starting_point, technique, unit_of_work, work_limit
+   public :: attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, report_t, share_of_solver
+   public :: solver_config_t, unit_of_work
 
    type :: method_t
       integer :: auto = 1                                             !! numbers as the order of the table of input keys
@@ -42,64 +42,6 @@ module hb_solver_types
       "from the first guess", "from another first guess", "by another method", "by homotopy in the laws", &
       "by homotopy in the loads", "from a solution with fewer harmonics", "from a time-integrated motion", &
       "by homotopy in artificial damping"]
-
-   !> What attempts are for; each stage makes those of the stages before it.
-   type :: stage_t
-      integer :: solver = 1                                           !! a solution of equations
-      integer :: motion = 2                                           !! a motion on a given set of harmonics
-      integer :: point = 3                                            !! a motion to a tolerance
-      integer :: curve = 4                                            !! the start of a curve
-   end type stage_t
-   type(stage_t), parameter :: stage = stage_t()
-
-   !> How an attempt proceeds.
-   type :: technique_t
-      integer :: direct = 1                                           !! the method of the settings from the start
-      integer :: other_method = 2                                     !! Broyden's after Newton's, or the other way round
-      integer :: smaller_problems = 3                                 !! the smallest one by all attempts, larger ones from it
-      integer :: damping_homotopy = 4                                 !! artificial damping that is reduced to zero
-      integer :: nonlinearity_homotopy = 5                            !! along a factor of all laws
-      integer :: load_homotopy = 6                                    !! along a factor of all loads
-      integer :: balance = 7                                          !! harmonic balance, by the attempts of the stages below
-      integer :: integration = 8                                      !! in time, until the motion is steady
-   end type technique_t
-   type(technique_t), parameter :: technique = technique_t()
-
-   !> Where an attempt of the solver starts.
-   type :: starting_point_t
-      integer :: first_guess = 1                                      !! the one that was given
-      integer :: linear_solution = 2                                  !! of the problem without its nonlinearity
-      integer :: zero = 3
-      integer :: other_guess = 4                                      !! zero if the linear solution was given, else that
-   end type starting_point_t
-   type(starting_point_t), parameter :: starting_point = starting_point_t()
-
-   !> The work of which an attempt may use a share.
-   type :: work_limit_t
-      integer :: left_for_fallbacks = 1                               !! what is left of the budget of the fallbacks of a solver
-      integer :: fallbacks = 2                                        !! all that the settings permit, `max_fallback_work`
-      integer :: work_so_far = 3                                      !! of the point
-   end type work_limit_t
-   type(work_limit_t), parameter :: work_limit = work_limit_t()
-
-   !> A row of the table of attempts, see hb_attempts.
-   type :: attempt_rule_t
-      character(22) :: name = ""
-      character(48) :: text = ""                                      !! completes "the motion was found" and "tried"
-      integer :: kind = fallback%none                                 !! one of `fallback`, as the result file has it
-      integer :: technique = technique%balance
-      integer :: start = starting_point%first_guess
-      integer :: max_stagnant_iterations = 0                          !! without a clear gain; 0: no limit
-      real(wp) :: share = 0.0_wp                                      !! of the work that the attempt may use; 0: not limited by it
-      logical :: needs_tangent = .false.                              !! a dense one
-      integer :: stage = stage%solver
-      integer :: share_of = work_limit%left_for_fallbacks             !! one of `work_limit`
-      character(22) :: on_success = "end"                             !! the attempt that follows: its name, `next` of the same
-                                                                      !! stage, or `end` for none
-      character(22) :: on_failure = "next"
-   contains
-      procedure :: has_budget => attempt_rule_has_budget
-   end type attempt_rule_t
 
    !> Settings of a solver; the component initialisers are the defaults of the program.
    type :: solver_config_t
@@ -167,13 +109,6 @@ module hb_solver_types
    end type report_t
 
 contains
-
-   !> Whether the attempt shares the budget of fallbacks.
-   pure logical function attempt_rule_has_budget(self)
-      class(attempt_rule_t), intent(in) :: self
-
-      attempt_rule_has_budget = self%share > 0.0_wp
-   end function attempt_rule_has_budget
 
    !> Adds the work of another report to this one; the first error stays.
    pure subroutine report_add(self, other)

@@ -1,7 +1,7 @@
 !> One curve, for the command, C and Python alike: its first motion is found by the attempts of `hb_attempts`, or its state
 !> at a stored point is restored; then its points are returned one by one.
 module hb_curve_runner
-   use hb_attempts, only: attempts_t, make_attempts
+   use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, stage, technique
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
    use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
@@ -13,7 +13,7 @@ module hb_curve_runner
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved, outcome
-   use hb_solver_types, only: attempt_rule_t, attempt_t, stage, technique
+   use hb_solver_types, only: attempt_t
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_thresholds, only: reliable
