@@ -11,7 +11,7 @@ import pytest
 from in_process import ROOT
 
 
-@pytest.mark.parametrize("module", ["groups", "keys", "laws", "model"])
+@pytest.mark.parametrize("module", ["builders", "keys", "laws", "model"])
 def test_examples_of_docstrings(module):
     found = doctest.testmod(importlib.import_module(f"nhbm.{module}"), optionflags=doctest.ELLIPSIS)
     assert found.attempted > 0 and found.failed == 0
