@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import subprocess
 import sys
+import warnings
 
 import h5py
 import numpy as np
@@ -51,6 +52,33 @@ def test_a_model_without_laws_is_saved_for_the_command(tmp_path):
     for verb in (("info", "--check"), ("why",), ("verify",)):
         done = run(verb[0], "linear.h5", *verb[1:], cwd=tmp_path)
         assert done.status == ALL_CONVERGED, done.stderr
+
+
+@pytest.mark.parametrize(("settings", "status"), [
+    ({"error_estimate": {"is_on": False}}, "converged"),
+    ({"solver": {"primary_method": "integration"}}, "integrated"),
+    ({"solver": {"max_iterations": 0, "homotopy_iterations": 0, "fallback_by_integration": False}}, "out_of_budget"),
+])  # fmt: skip
+def test_a_motion_without_error_estimate_is_a_result_like_others(settings, status, tmp_path):
+    """Its frequency and its tuples were lost with the estimates of both, and it could not be saved."""
+    model = duffing()
+    for name, keys in settings.items():
+        model.set(name, **keys)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", nhbm.NotConverged)
+        found = model.solve(order=5)
+    assert found.status == status
+    assert found.frequency.dims == ("tone",)
+    assert found.tuple.dims == ("harmonic", "tone")
+    found.nhbm.save(tmp_path / "one.h5")
+    again = nhbm.open_dataset(tmp_path / "one.h5")
+    assert again.frequency.values.ravel() == found.frequency.values
+    if status == "out_of_budget":
+        with pytest.raises(ModelError, match="^no point is solved"):
+            found.nhbm.report()
+    else:
+        assert found.nhbm.amplitude("x1", (1,)) > 0
+        found.nhbm.report().save(tmp_path / "one.html")
 
 
 def test_users_get_what_they_need_and_internals_stand_apart():

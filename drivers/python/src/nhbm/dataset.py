@@ -88,9 +88,10 @@ def has_own_tuples(motion: xr.Dataset) -> bool:
 
 def check_found(data: xr.Dataset, name: str) -> None:
     """Raises ModelError, with the status and the reason, if a dataset lacks a column, or the tuples of it, because no motion was
-    found."""
+    found; or if it is a motion by itself, no point of others, whose coefficients are the last iterate."""
     check_result(data, name)
-    if "status" not in data or (name in data.variables and {"tuple", "tuples"} & set(data.variables)):
+    has_points = "point" in data.variables
+    if "status" not in data or (has_points and name in data.variables and {"tuple", "tuples"} & set(data.variables)):
         return
     check_motion(data, f", so there are no '{name}'")
     if "coefficients" not in data:
@@ -275,8 +276,9 @@ def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
         })  # fmt: skip
     main = columns[[name for name in _MAIN if name in columns.data_vars]].assign_attrs(columns.attrs)
     details = columns.drop_vars([name for name in columns.data_vars if name in _MAIN])
+    axes = {*main.dims, *(axis for name in _COORDINATES if name in columns.coords for axis in columns[name].dims)}
     others = {name: columns.coords[name] for name in columns.coords if name not in main.coords
-              and set(columns[name].dims) <= set(main.dims)}  # fmt: skip
+              and set(columns[name].dims) <= axes}  # fmt: skip
     main = main.assign_coords(others) if others else main
     main.encoding[_DETAILS] = details, source
     return main

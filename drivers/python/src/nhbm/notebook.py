@@ -139,11 +139,15 @@ def report(data: xr.Dataset) -> Report:
     """The report of a whole result."""
     page = imported("nhbm_post.page", "reports are made with", "nhbm")
     reader = imported("nhbm_post.reader", "reports are made with", "nhbm")
+    errors = imported("nhbm_post.errors", "reports are made with", "nhbm")
     with tempfile.TemporaryDirectory(prefix="nhbm-") as folder:
         path = Path(folder) / "result.h5"
         data.nhbm.save(path)
-        with reader.Results(path) as results:
-            page.write_page(results, path.with_suffix(".html"))
+        try:
+            with reader.Results(path) as results:
+                page.write_page(results, path.with_suffix(".html"))
+        except errors.ReaderError as error:
+            raise ModelError(str(error).removeprefix(f"{path}: ")) from None
         return Report(path.with_suffix(".html").read_text(encoding="utf-8"))
 
 
