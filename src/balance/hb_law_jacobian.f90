@@ -97,6 +97,7 @@ contains
       end do
       allocate (self%row(self%n_pairs), self%column(self%n_pairs), self%order(self%n_pairs))
       do a = 1, n_dofs
+         if (rows(a)%n == 0) cycle                                     ! no law acts here, and there are no columns
          call sort(rows(a)%columns(:rows(a)%n))
          do k = 1, rows(a)%n
             b = rows(a)%columns(k)
