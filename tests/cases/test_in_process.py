@@ -199,11 +199,14 @@ def test_curves_leave_nothing_behind():
         session.begin_curve()
         return sum(1 for _ in iter(session.next, False))
 
+    def growth():
+        before = of_heap().in_use
+        for _ in range(10):
+            curve()
+        return (of_heap().in_use - before) / 10
+
     n_points = [curve() for _ in range(5)][-1]
-    before = of_heap().in_use
-    for _ in range(10):
-        curve()
-    assert (of_heap().in_use - before) / 10 < 8 * n_points
+    assert min(growth() for _ in range(6)) < 4 * n_points  # what is left adds to each; the interpreter's own comes and goes
 
 
 def test_an_interrupt_as_a_call_begins_hides_no_later_one(monkeypatch):
