@@ -71,8 +71,15 @@ module hb_fftw
    integer, parameter :: n_slots = 128                                ! in the store, unless more are in use at once
    type(stored_plan_t), allocatable, save :: store(:)
    integer(int64), save :: n_uses = 0
+   integer(c_size_t), parameter :: many = 524288                       ! size of a block that large pages make faster: 4 MiB
 
    interface
+      subroutine prefer_large_pages(memory, n_bytes) bind(c, name="hb_prefer_large_pages")
+         import :: c_ptr, c_size_t
+         type(c_ptr), value :: memory
+         integer(c_size_t), value :: n_bytes
+      end subroutine prefer_large_pages
+
       subroutine lock_store() bind(c, name="hb_lock")
       end subroutine lock_store
 
@@ -88,19 +95,31 @@ contains
       integer, intent(in) :: n, m
       type(error_t), allocatable, intent(out) :: error
 
+      call allocate_block(self, n, m, error)
+      if (.not. allocated(error)) self%values = 0.0_wp
+   end subroutine new_real_block
+
+   !> Allocates an aligned real array of shape (n, m), whose pages the system provides when they are first used.
+   subroutine allocate_block(self, n, m, error)
+      type(real_block_t), intent(inout) :: self
+      integer, intent(in) :: n, m
+      type(error_t), allocatable, intent(out) :: error
+      integer(c_size_t) :: n_values
+
       call self%destroy()
-      if (int(n, c_size_t)*int(m, c_size_t) <= few) then
-         allocate (self%values(n, m), source=0.0_wp)
+      n_values = int(n, c_size_t)*int(m, c_size_t)
+      if (n_values <= few) then
+         allocate (self%values(n, m))
          return
       end if
-      self%memory = fftw_alloc_real(int(n, c_size_t)*int(m, c_size_t))
+      self%memory = fftw_alloc_real(n_values)
       if (.not. c_associated(self%memory)) then
          call fail(error, "out of memory for samples of the torus")
          return
       end if
+      if (n_values >= many) call prefer_large_pages(self%memory, 8*n_values)
       call c_f_pointer(self%memory, self%values, [n, m])
-      self%values = 0.0_wp
-   end subroutine new_real_block
+   end subroutine allocate_block
 
    !> Frees the array; safe to call twice.
    subroutine real_block_destroy(self)
@@ -184,17 +203,17 @@ contains
       integer, allocatable :: key(:)
       integer :: slot
       type(c_ptr) :: backward, forward
-      type(complex_block_t) :: samples, spectrum
+      type(real_block_t) :: samples, spectrum                         ! complex numbers, which planning does not touch
 
       call self%destroy()
       key = [is_along_axis, n, n_inner, n_outer, lead_spectrum, lead_samples]
       call lock_store()
       slot = slot_of(key)
       if (slot == 0) then
-         call new_complex_block(spectrum, lead_spectrum*n*n_outer, 1, error)
-         if (.not. allocated(error)) call new_complex_block(samples, lead_samples*n*n_outer, 1, error)
+         call allocate_block(spectrum, 2*lead_spectrum*n*n_outer, 1, error)
+         if (.not. allocated(error)) call allocate_block(samples, 2*lead_samples*n*n_outer, 1, error)
          if (.not. allocated(error)) then
-            call plan_axis(spectrum%values, samples%values)
+            call plan_axis(two_together(spectrum%values(:, 1)), two_together(samples%values(:, 1)))
             call store_plans(key, backward, forward, slot)
          end if
          call spectrum%destroy()
@@ -206,7 +225,7 @@ contains
    contains
 
       subroutine plan_axis(spectrum, samples)
-         complex(wp), intent(inout), contiguous :: spectrum(:, :), samples(:, :)
+         complex(wp), intent(inout), contiguous :: spectrum(:), samples(:)
          type(fftw_iodim) :: axis(1), batch(2)
 
          axis(1) = fftw_iodim(n, lead_spectrum, lead_samples)
