@@ -28,7 +28,8 @@ module hb_coarse_tangent
       integer, allocatable, private :: positions(:)                   ! of its coefficients among those of the full set
    contains
       procedure :: clear => coarse_tangent_clear
-      procedure :: add => coarse_tangent_add
+      procedure :: add_alone => coarse_tangent_add_alone
+      procedure :: add_column => coarse_tangent_add_column
       procedure :: factorise => coarse_tangent_factorise
       procedure :: n_factors => coarse_tangent_n_factors
       procedure :: solve => coarse_tangent_solve
@@ -94,28 +95,80 @@ contains
       self%is_usable = .false.
    end subroutine coarse_tangent_clear
 
-   !> Adds the block between degrees of freedom i (rows) and k (columns).
-   subroutine coarse_tangent_add(self, i, k, block)
+   !> Adds what multiplies each harmonic by itself to the block between degrees of freedom i (rows) and k (columns).
+   subroutine coarse_tangent_add_alone(self, i, k, stiffness)
       class(coarse_tangent_t), intent(inout) :: self
       integer, intent(in) :: i, k
-      real(wp), intent(in) :: block(:, :)                             !! (n_coefficients, n_coefficients) of `set`
-      real(wp), parameter :: smallest = 1.0e-30_wp                    ! of a unit in this precision [N/m]
-      integer :: column, m, row
+      complex(wp), intent(in) :: stiffness(:)                         !! [N/m], (n_harmonics) of `set`
+      integer :: h
       logical :: was_gradual
 
-      if (.not. any(abs(block) > 0.0_wp)) return                      ! no unit
+      call set_unit(self, max(maxval(abs(real(stiffness))), maxval(abs(aimag(stiffness)))))
+      if (.not. self%unit > 0.0_sp) return
       call underflow_to_zero(was_gradual)
-      m = self%set%n_coefficients
-      if (.not. self%unit > 0.0_sp) self%unit = real(min(max(maxval(abs(block)), smallest), 1.0_wp/smallest), sp)
-      do column = 1, m
-         row = (i - 1)*m
-         if (is_banded(self)) row = row + 2*self%half_bandwidth + 1 - ((k - 1)*m + column)
-         associate (entries => self%matrix(row + 1:row + m, (k - 1)*m + column))
-            entries = entries + real(block(:, column)/self%unit, sp)
+      do h = 1, self%set%n_harmonics
+         associate (a => self%set%cos_at(h), b => self%set%sin_at(h))
+            call add_entry(a, a, real(stiffness(h)))
+            if (b == 0) cycle
+            call add_entry(a, b, aimag(stiffness(h)))
+            call add_entry(b, a, -aimag(stiffness(h)))
+            call add_entry(b, b, real(stiffness(h)))
          end associate
       end do
       call restore_underflow(was_gradual)
-   end subroutine coarse_tangent_add
+
+   contains
+
+      subroutine add_entry(row, column, value)
+         integer, intent(in) :: row, column                           ! in the block
+         real(wp), intent(in) :: value                                ! [N/m]
+         integer :: at
+
+         at = above(self, i, k, column) + row
+         associate (entry => self%matrix(at, (k - 1)*self%set%n_coefficients + column))
+            entry = entry + real(value/self%unit, sp)
+         end associate
+      end subroutine add_entry
+   end subroutine coarse_tangent_add_alone
+
+   !> Adds a column of the block between degrees of freedom i (rows) and k (columns).
+   subroutine coarse_tangent_add_column(self, i, k, column, values)
+      class(coarse_tangent_t), intent(inout) :: self
+      integer, intent(in) :: i, k
+      integer, intent(in) :: column                                   !! coefficient of `set`
+      real(wp), intent(in) :: values(:)                               !! [N/m], (n_coefficients) of `set`
+      integer :: m, row
+      logical :: was_gradual
+
+      call set_unit(self, maxval(abs(values)))
+      if (.not. self%unit > 0.0_sp) return
+      call underflow_to_zero(was_gradual)
+      m = self%set%n_coefficients
+      row = above(self, i, k, column)
+      associate (entries => self%matrix(row + 1:row + m, (k - 1)*m + column))
+         entries = entries + real(values/self%unit, sp)
+      end associate
+      call restore_underflow(was_gradual)
+   end subroutine coarse_tangent_add_column
+
+   !> Rows of the stored matrix above a block in one of its columns.
+   pure integer function above(self, i, k, column)
+      type(coarse_tangent_t), intent(in) :: self
+      integer, intent(in) :: i, k, column                             !! in the block (i, k)
+
+      above = (i - 1)*self%set%n_coefficients
+      if (is_banded(self)) above = above + 2*self%half_bandwidth + 1 - ((k - 1)*self%set%n_coefficients + column)
+   end function above
+
+   !> Sets the unit of the entries by the first ones that are not zero.
+   pure subroutine set_unit(self, largest)
+      type(coarse_tangent_t), intent(inout) :: self
+      real(wp), intent(in) :: largest                                 !! of the entries [N/m]
+      real(wp), parameter :: smallest = 1.0e-30_wp                    ! of a unit in this precision [N/m]
+
+      if (self%unit > 0.0_sp .or. .not. largest > 0.0_wp) return
+      self%unit = real(min(max(largest, smallest), 1.0_wp/smallest), sp)
+   end subroutine set_unit
 
    !> Factorises the sum.
    subroutine coarse_tangent_factorise(self)

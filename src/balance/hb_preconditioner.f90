@@ -259,17 +259,16 @@ contains
    subroutine add_linear_part(coupled, linear)
       type(coarse_tangent_t), intent(inout) :: coupled
       type(linear_part_t), intent(in) :: linear
-      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
+      complex(wp) :: stiffness(coupled%set%n_harmonics)
       integer :: h, i, k
 
       do k = 1, linear%n_law
          do i = linear%pattern%first(k), linear%pattern%last(k)
-            block = 0.0_wp
             do h = 1, coupled%set%n_harmonics
-               call add_harmonic(coupled%set, h, linear%entry(i, k, coupled%retained(h)), block)
-               if (i == k) call add_harmonic(coupled%set, h, cmplx(linear%support_in(i, coupled%retained(h)), kind=wp), block)
+               stiffness(h) = linear%entry(i, k, coupled%retained(h))
+               if (i == k) stiffness(h) = stiffness(h) + linear%support_in(i, coupled%retained(h))
             end do
-            call coupled%add(i, k, block)
+            call coupled%add_alone(i, k, stiffness)
          end do
       end do
    end subroutine add_linear_part
@@ -279,20 +278,16 @@ contains
       type(coarse_tangent_t), intent(inout) :: coupled
       type(block_pattern_t), intent(in) :: pattern                    !! of a harmonic
       type(projected_laws_t), intent(inout) :: laws
-      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
+      complex(wp) :: stiffness(coupled%set%n_harmonics)
       real(wp) :: slopes(pattern%n_rows, laws%n_dofs)
-      integer :: h, i, k
+      integer :: i, k
 
       slopes = 0.0_wp
       call laws%add_memory_slopes(pattern, slopes)
       do k = 1, laws%n_dofs
          do i = pattern%first(k), pattern%last(k)
-            if (.not. abs(slopes(pattern%shift(k) + i, k)) > 0.0_wp) cycle
-            block = 0.0_wp
-            do h = 1, coupled%set%n_harmonics
-               call add_harmonic(coupled%set, h, cmplx(laws%factor*slopes(pattern%shift(k) + i, k), kind=wp), block)
-            end do
-            call coupled%add(i, k, block)
+            stiffness = cmplx(laws%factor*slopes(pattern%shift(k) + i, k), kind=wp)
+            call coupled%add_alone(i, k, stiffness)
          end do
       end do
    end subroutine add_memory
@@ -304,26 +299,22 @@ contains
       integer, intent(in) :: row                                      !! of the force
       integer, intent(in) :: column                                   !! of the motion
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], of all harmonics
-      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
-      real(wp), dimension(coupled%set%n_coefficients) :: cosine, sine
+      real(wp), dimension(coupled%set%n_coefficients) :: cosine, cosine_of_rate, sine, sine_of_rate
       integer :: h
 
       associate (set => coupled%set)
          do h = 1, set%n_harmonics
             call find_columns(coupled, laws, h, slope%by_motion, cosine, sine)
-            block(:, set%cos_at(h)) = cosine
-            if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = sine
-         end do
-         if (laws%needs_velocity) then
-            do h = merge(2, 1, set%has_zero), set%n_harmonics
-               call find_columns(coupled, laws, h, slope%by_rate, cosine, sine)
+            if (laws%needs_velocity .and. set%sin_at(h) > 0) then
+               call find_columns(coupled, laws, h, slope%by_rate, cosine_of_rate, sine_of_rate)
                associate (w => frequencies(coupled%retained(h)))
-                  block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w*sine
-                  block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w*cosine
+                  cosine = cosine - w*sine_of_rate
+                  sine = sine + w*cosine_of_rate
                end associate
-            end do
-         end if
-         call coupled%add(row, column, block)
+            end if
+            call coupled%add_column(row, column, set%cos_at(h), cosine)
+            if (set%sin_at(h) > 0) call coupled%add_column(row, column, set%sin_at(h), sine)
+         end do
       end associate
    end subroutine add_pair
 
@@ -334,20 +325,18 @@ contains
       type(projected_laws_t), intent(in) :: laws
       integer, intent(in) :: row                                      !! of the force
       integer, intent(in) :: column                                   !! of the reaction
-      real(wp) :: block(coupled%set%n_coefficients, coupled%set%n_coefficients)
       real(wp), dimension(coupled%set%n_coefficients) :: cosine, sine
       integer :: h, k
 
       associate (set => coupled%set)
-         do k = linear%pattern%first(column), linear%pattern%last(column)
-            do h = 1, set%n_harmonics
-               call find_columns(coupled, laws, h, slope%by_reaction, cosine, sine)
+         do h = 1, set%n_harmonics
+            call find_columns(coupled, laws, h, slope%by_reaction, cosine, sine)
+            do k = linear%pattern%first(column), linear%pattern%last(column)
                associate (s => linear%entry(column, k, coupled%retained(h)))
-                  block(:, set%cos_at(h)) = aimag(s)*sine - real(s)*cosine
-                  if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = -aimag(s)*cosine - real(s)*sine
+                  call coupled%add_column(row, k, set%cos_at(h), aimag(s)*sine - real(s)*cosine)
+                  if (set%sin_at(h) > 0) call coupled%add_column(row, k, set%sin_at(h), -aimag(s)*cosine - real(s)*sine)
                end associate
             end do
-            call coupled%add(row, k, block)
          end do
       end associate
    end subroutine add_reaction
@@ -364,22 +353,6 @@ contains
          call table%columns_among(part, coupled%set, table%offset(retained), table%offset(retained(h)), cosine, sine)
       end associate
    end subroutine find_columns
-
-   !> Adds what multiplies a harmonic by itself to a block of coefficients.
-   pure subroutine add_harmonic(set, h, s, block)
-      type(harmonics_t), intent(in) :: set
-      integer, intent(in) :: h
-      complex(wp), intent(in) :: s
-      real(wp), intent(inout) :: block(:, :)                          !! (set%n_coefficients, set%n_coefficients)
-
-      associate (a => set%cos_at(h), b => set%sin_at(h))
-         block(a, a) = block(a, a) + real(s)
-         if (b == 0) return
-         block(a, b) = block(a, b) + aimag(s)
-         block(b, a) = block(b, a) - aimag(s)
-         block(b, b) = block(b, b) + real(s)
-      end associate
-   end subroutine add_harmonic
 
    !> Solves for each harmonic by itself, then for those that are coupled.
    subroutine preconditioner_apply(self, set, r, step)
