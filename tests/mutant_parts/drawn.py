@@ -216,7 +216,8 @@ def stamp_of_source() -> str:
 
 def executed_lines(counters: Path) -> dict[str, dict[str, list[int]]]:
     """Of each source the lines with counters, and those that were executed."""
-    data = [path for path in counters.rglob("*.gcda") if "/src/CMakeFiles/" in str(path) and has_counted(path.read_bytes())]
+    of_source = re.compile(r"/src/CMakeFiles/|/__/src/")  # the latter are compiled into a suite
+    data = [path for path in counters.rglob("*.gcda") if of_source.search(str(path)) and has_counted(path.read_bytes())]
     for path in data:  # gcov reads the notes of the compiler from the same folder
         notes = Path("/", path.relative_to(counters)).with_suffix(".gcno")
         path.with_suffix(".gcno").symlink_to(notes)
