@@ -81,7 +81,7 @@ contains
       else if (n_now < n_before) then
          call fail(error, location//"the curves of '"//path//"' have room for "//to_text(n_before)//" points; give more, not "// &
                    to_text(n_now))
-      else if (study%plan%curve%switches .and. n_before < record%n_points) then
+      else if (study%plan%curve%switches .and. n_before < record%n_points .and. n_now > n_before) then
          call fail(error, location//"files of motions that leave several curves have the numbers of their points, which "// &
                    "would change; solve again with another --output")
       end if
