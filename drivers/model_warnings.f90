@@ -12,6 +12,7 @@ module model_warnings
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
    use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_load_catalogue, only: load_groups
    use hb_model, only: model_t
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
@@ -55,10 +56,13 @@ contains
    !> Whether a sweep or a curve varies a load, which may be zero in the input.
    logical function varies_loads(plan)
       type(sweep_plan_t), intent(in) :: plan
+      character(:), allocatable :: path
       integer :: i
 
-      varies_loads = any([(plan%parameters(i)%group == "load", i=1, size(plan%parameters))])
-      if (allocated(plan%curve)) varies_loads = varies_loads .or. index(lower(adjustl(plan%curve%path)), "load") == 1
+      varies_loads = any([(any(load_groups == plan%parameters(i)%group), i=1, size(plan%parameters))])
+      if (.not. allocated(plan%curve)) return
+      path = lower(trim(adjustl(plan%curve%path)))
+      varies_loads = varies_loads .or. any(load_groups == path(:scan(path//"%", "(%") - 1))
    end function varies_loads
 
    !> Names a speed of a structure or element that is constant while the frequency of a tone moves, and the input that
@@ -197,7 +201,7 @@ contains
    function named_dofs(document) result(text)
       type(document_t), intent(inout) :: document
       character(:), allocatable :: text
-      character(17), parameter :: groups(*) = [character(17) :: "law", "load", "start", "output", "dynamic_stiffness", &
+      character(17), parameter :: groups(*) = [character(17) :: "law", load_groups, "start", "output", "dynamic_stiffness", &
                                                element_groups, "normal_mode", "phase"]
       character(*), parameter :: keys(6) = [character(11) :: "dof", "dofs", "second_dofs", "normal_dofs", "force_dof", "force_dofs"]
       type(properties_t), pointer :: group

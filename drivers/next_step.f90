@@ -3,6 +3,7 @@ module next_step
    use hb_document, only: document_t, new_document
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
+   use hb_load_catalogue, only: load_groups
    use hb_model_tones, only: read_tones
    use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: outcome, reason, reason_names
@@ -432,7 +433,7 @@ contains
       type(string_t), allocatable :: sets(:)
       integer, allocatable :: values(:)
       integer :: i, k, n
-      character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
+      character(*), parameter :: with_tuples(*) = [character(17) :: load_groups, "start"]
 
       command = ""
       n = run%kind%n_periods

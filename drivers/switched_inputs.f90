@@ -10,6 +10,7 @@ module switched_inputs
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
+   use hb_load_catalogue, only: load_groups
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
@@ -129,7 +130,7 @@ contains
       type(document_t), intent(inout), target :: document
       logical, intent(in) :: is_torus
       type(string_t), allocatable, intent(inout) :: overrides(:)
-      character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
+      character(*), parameter :: with_tuples(*) = [character(17) :: load_groups, "start"]
       type(properties_t), pointer :: group
       integer, allocatable :: samples(:)
       integer :: i, k
@@ -145,6 +146,7 @@ contains
       do k = 1, size(with_tuples)
          do i = 1, document%count(trim(with_tuples(k)))
             group => document%group(trim(with_tuples(k)), i)
+            if (.not. group%has_key("tuple")) cycle
             if (allocated(samples)) deallocate (samples)
             call group%get("tuple", samples)
             call add(overrides, trim(with_tuples(k))//"("//to_text(i)//")%tuple", list_of(taken_over(samples, is_torus)))

@@ -12,7 +12,7 @@ module hb_element_reader
    use hb_text, only: string_t
    implicit none
    private
-   public :: read_elements
+   public :: find_dofs, read_elements
 
 contains
 

@@ -176,7 +176,7 @@ contains
       is_known = .false.
       if (size(movement%followers) == 1) then
          associate (number => movement%followers(1)%number)
-            if (number%object == has_number%load) then
+            if (number%is_of_loads()) then
                call add_load(self, base, number, derivatives, is_known)
                if (is_known) return
             end if
@@ -201,9 +201,11 @@ contains
       type(amplitudes_t) :: slope
       integer :: i, k
 
-      associate (model => base%model, load => base%model%system%loads(number%i))
-         call new_amplitudes(slope, model%system%structure%n_dofs, base%harmonics%n_harmonics)
-         call load%add_slope_to(number%number_t, model%system%structure, base%harmonics, base%frequencies, slope, is_known)
+      i = base%model%system%load_of(number)
+      associate (structure => base%model%system%structure)
+         call new_amplitudes(slope, structure%n_dofs, base%harmonics%n_harmonics)
+         call base%model%system%loads(i)%load%add_slope_to(number%number_t, structure, base%harmonics, base%frequencies, slope, &
+                                                           is_known)
       end associate
       if (.not. is_known) return
       do i = 1, size(derivatives)

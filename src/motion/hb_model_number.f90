@@ -4,6 +4,7 @@ module hb_model_number
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_element_catalogue, only: element_groups
    use hb_kinds, only: wp
+   use hb_load_catalogue, only: load_groups
    use hb_numbers, only: number_t
    use hb_text, only: to_text
    implicit none
@@ -11,7 +12,7 @@ module hb_model_number
    public :: follower_t, followers_of, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
       relation_t, tie_t, values_at
 
-   integer, parameter :: n_elements = size(element_groups)
+   integer, parameter :: n_elements = size(element_groups), n_loads = size(load_groups)
 
    !> The objects of a model that have numbers.
    type :: has_number_t
@@ -20,10 +21,10 @@ module hb_model_number
       integer :: element = 2                                          !! those of the catalogue, in its order
       integer :: dynamic_stiffness = n_elements + 2
       integer :: tones = n_elements + 3
-      integer :: load = n_elements + 4
-      integer :: start = n_elements + 5
-      integer :: law = n_elements + 6
-      integer :: normal_mode = n_elements + 7
+      integer :: load = n_elements + 4                                !! as elements
+      integer :: start = n_elements + n_loads + 4
+      integer :: law = n_elements + n_loads + 5
+      integer :: normal_mode = n_elements + n_loads + 6
    end type has_number_t
    type(has_number_t), parameter :: has_number = has_number_t()
 
@@ -41,7 +42,7 @@ module hb_model_number
       (numbered_group_t(element_groups(k), is_of_structure=.true., may_follow_unknown=.true.), k=1, n_elements), &
       numbered_group_t("dynamic_stiffness", is_of_structure=.true.), &
       numbered_group_t("tones"), &
-      numbered_group_t("load", is_of_loads=.true., may_follow_unknown=.true.), &
+      (numbered_group_t(load_groups(k), is_of_loads=.true., may_follow_unknown=.true.), k=1, n_loads), &
       numbered_group_t("start", may_move=.false.), &                  ! it selects a motion
       numbered_group_t("law", may_follow_unknown=.true.), &
       numbered_group_t("normal_mode", may_move=.false.)]              ! its amplitude or energy alone, which an equation has

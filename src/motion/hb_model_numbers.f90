@@ -14,6 +14,7 @@ module hb_model_numbers
    use hb_model_number, only: has_number, model_number_t
    use hb_numbers, only: number_t, numbered_t
    use hb_structure, only: structure_t
+   use hb_structure_load, only: is_only_in_time
    use hb_system, only: system_t
    use hb_text, only: to_text
    implicit none
@@ -218,7 +219,7 @@ contains
          if (allocated(error)) return
       end if
       if (any(numbers%is_of_loads()) .or. (any(numbers%object == has_number%tones) .and. self%system%has_inertia_loads) .or. &
-          (has_other_structure .and. any(self%system%loads%depends_on_structure()))) then
+          (has_other_structure .and. self%system%has_loads_by_structure())) then
          call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
          if (allocated(error)) return
          self%discretisation%loads = loads
@@ -266,16 +267,14 @@ contains
       slopes = loads
       frequencies = discretisation%harmonics%frequencies(merge(0.0_wp, system%tones%omega, system%tones%is_unknown))
       do i = 1, size(system%loads)
-         associate (load => system%loads(i))
-            if (.not. allocated(load%weights)) cycle                  ! a problem that has been reported
-            if (load%course%is_given) cycle                           ! of time integration alone
-            if (unknown_tone_of(system, i) > 0) then
-               call fail(error, "load "//to_text(i)//": tone "//to_text(unknown_tone_of(system, i))// &
-                         " is unknown, and a load needs a given frequency")
-               return
-            end if
-            call load%add_to(structure, discretisation%harmonics, frequencies, loads, slopes)
-         end associate
+         if (.not. allocated(system%loads(i)%load%weights)) cycle     ! a problem that has been reported
+         if (is_only_in_time(system%loads(i))) cycle
+         if (unknown_tone_of(system, i) > 0) then
+            call fail(error, "load "//to_text(i)//": tone "//to_text(unknown_tone_of(system, i))// &
+                      " is unknown, and a load needs a given frequency")
+            return
+         end if
+         call system%loads(i)%load%add_to(structure, discretisation%harmonics, frequencies, loads, slopes)
       end do
    end subroutine build_loads
 
@@ -285,10 +284,8 @@ contains
       integer, intent(in) :: i                                        !! number of the load
 
       tone = 0
-      associate (load => system%loads(i))
-         if (any(abs(load%weights*load%cosine) > 0.0_wp) .or. any(abs(load%weights*load%sine) > 0.0_wp)) &
-            tone = findloc(system%tones%is_unknown .and. load%tuple /= 0, .true., dim=1)
-      end associate
+      if (.not. system%loads(i)%load%is_zero()) &
+         tone = findloc(system%tones%is_unknown .and. system%loads(i)%load%tuple /= 0, .true., dim=1)
    end function unknown_tone_of
 
    !> Builds the terms that are added to the first guess.
@@ -299,8 +296,7 @@ contains
       call new_amplitudes(self%discretisation%start, self%system%structure%n_dofs, self%discretisation%harmonics%n_harmonics)
       do i = 1, size(self%options%start%given)
          if (.not. allocated(self%options%start%given(i)%weights)) cycle ! a problem that has been reported
-         call self%options%start%given(i)%add_to(self%system%structure, self%discretisation%harmonics, &
-            spread(0.0_wp, 1, self%discretisation%harmonics%n_harmonics), self%discretisation%start)
+         call self%options%start%given(i)%add_to(self%discretisation%harmonics, self%discretisation%start)
       end do
    end subroutine build_starts
 

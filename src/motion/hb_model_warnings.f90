@@ -4,13 +4,13 @@ module hb_model_warnings
    use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
    use hb_harmonics, only: tuple_text
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_load, only: load_t
    use hb_modes, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
    use hb_sign_warnings, only: describe_signs
+   use hb_structure_load, only: is_only_in_time, load_box_t
    use hb_system, only: system_t
    use hb_text, only: join, number_of, rounded_to, string_t, to_text
    use hb_tones, only: tones_t
@@ -99,38 +99,22 @@ contains
       end do
    end subroutine describe_coupling
 
-   !> Adds a line on each load whose phase seems to be in degrees, and that repeats a previous one: at the same place, with the
-   !> same tuple and component.
+   !> Adds a line on each load with an implausible number, and that repeats a previous one.
    pure subroutine describe_loads(loads, text)
-      type(load_t), intent(in) :: loads(:)
+      type(load_box_t), intent(in) :: loads(:)
       character(:), allocatable, intent(inout) :: text
       integer :: i, k
 
       do i = 1, size(loads)
-         if (abs(loads(i)%phase) > two_pi) call add_line(text, "load "//to_text(i)//": phase = "//to_text(loads(i)%phase)// &
-            " rad is more than a turn; 90 degrees are 1.5708 rad")
+         if (loads(i)%load%doubt() /= "") call add_line(text, "load "//to_text(i)//": "//trim(loads(i)%load%doubt()))
          do k = 1, i - 1
-            if (.not. repeats(loads(i), loads(k))) cycle
+            if (.not. loads(i)%load%repeats(loads(k)%load)) cycle
             call add_line(text, "loads "//to_text(k)//" and "//to_text(i)//" act at the same place with the same tuple, "// &
-                          trim(tuple_text(loads(i)%tuple))//": they are added; if one was to replace the other, remove it")
+                          trim(tuple_text(loads(i)%load%tuple))//": they are added; if one was to replace the other, remove it")
             exit
          end do
       end do
    end subroutine describe_loads
-
-   !> Whether two loads differ in nothing but their size.
-   pure logical function repeats(one, other)
-      type(load_t), intent(in) :: one, other
-
-      repeats = allocated(one%tuple) .and. allocated(other%tuple) .and. allocated(one%dofs) .and. allocated(other%dofs) .and. &
-                one%kind == other%kind .and. one%power == other%power .and. &
-                .not. (one%course%is_given .or. other%course%is_given)
-      if (repeats) repeats = size(one%tuple) == size(other%tuple) .and. size(one%dofs) == size(other%dofs)
-      if (repeats) repeats = all(one%dofs == other%dofs) .and. abs(one%phase - other%phase) <= 0.0_wp .and. &
-                             (all(one%tuple == other%tuple) .or. all(one%tuple == -other%tuple)) .and. &
-                             (abs(one%cosine*other%cosine) > 0.0_wp .or. abs(one%sine*other%sine) > 0.0_wp)
-      if (repeats) repeats = all(abs(one%weights - other%weights) <= 0.0_wp)
-   end function repeats
 
    !> Adds a line on given tones that are far above all natural frequencies of the structure, or far below.
    subroutine describe_tones(system, text)
@@ -217,7 +201,7 @@ contains
       integer :: i
 
       has_no_load = system%tones%n_tones > 0 .and. .not. any(system%tones%is_unknown) .and. discretisation%loads%is_zero() .and. &
-                    .not. any(system%loads%course%is_given) .and. &
+                    .not. any(is_only_in_time(system%loads)) .and. &
                     .not. any([(allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])
    end function has_no_load
 

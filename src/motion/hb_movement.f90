@@ -95,7 +95,7 @@ contains
       associate (numbers => self%followers%number)
          self%structure = any(numbers%is_of_structure())
          self%loads = any(numbers%is_of_loads())
-         if (self%structure .and. .not. self%loads) self%loads = any(system%loads%depends_on_structure())
+         if (self%structure .and. .not. self%loads) self%loads = system%has_loads_by_structure()
          self%laws = any(numbers%object == has_number%law)
          self%coordinates = any([(is_weight(system, numbers(i)), i=1, size(numbers))])
          self%tones = any(numbers%object == has_number%tones)

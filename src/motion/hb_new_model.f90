@@ -11,13 +11,16 @@ module hb_new_model
    use hb_amplitudes, only: amplitudes_t
    use hb_error, only: error_t, fail
    use hb_floquet, only: floquet_t
+   use hb_harmonic_amplitude, only: harmonic_amplitude_t
    use hb_harmonics, only: harmonics_t, tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t, new_law
    use hb_load, only: load_t
    use hb_model, only: model_t
+   use hb_model_number, only: numbered_groups
    use hb_model_numbers, only: build_loads, build_starts
    use hb_structure_builder, only: structure_builder_t
+   use hb_structure_load, only: load_box_t
    use hb_text, only: to_text
    use hb_tones, only: new_tones
    use hb_torus, only: new_torus
@@ -90,8 +93,9 @@ contains
       real(wp), intent(in) :: cosine, sine                            !! [N]
       type(error_t), allocatable, intent(out) :: error
       type(amplitudes_t) :: loads, slopes
+      type(load_box_t), allocatable :: boxes(:)
       type(load_t) :: load
-      integer :: place
+      integer :: i, place
 
       call self%system%structure%find_dof(dof, place, error)
       if (allocated(error)) return
@@ -104,9 +108,19 @@ contains
       load%tuple = tuple
       load%dofs = [place]
       load%weights = [1.0_wp]
-      load%cosine = cosine
-      load%sine = sine
-      self%system%loads = [self%system%loads, load]
+      load%amplitude = harmonic_amplitude_t(cosine, sine)
+      associate (n => size(self%system%loads))
+         allocate (boxes(n + 1))
+         do i = 1, n
+            boxes(i)%object = self%system%loads(i)%object
+            boxes(i)%i = self%system%loads(i)%i
+            call move_alloc(self%system%loads(i)%load, boxes(i)%load)
+         end do
+         boxes(n + 1)%object = findloc(numbered_groups%name == "load", .true., dim=1)
+         boxes(n + 1)%i = count(boxes(:n)%object == boxes(n + 1)%object) + 1
+         allocate (boxes(n + 1)%load, source=load)
+      end associate
+      call move_alloc(boxes, self%system%loads)
       call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
       self%discretisation%loads = loads
       self%discretisation%load_slopes = slopes

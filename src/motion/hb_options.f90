@@ -7,7 +7,6 @@ module hb_options
    use hb_fe_model, only: fe_model_source_t
    use hb_integration_config, only: integration_config_t
    use hb_kinds, only: wp
-   use hb_load, only: load_t
    use hb_locking, only: locking_t
    use hb_model_number, only: model_number_t
    use hb_outcome, only: outcome
@@ -15,6 +14,7 @@ module hb_options
    use hb_response, only: response_t
    use hb_solver_types, only: share_of_solver, solver_config_t
    use hb_stability, only: harmonic_motion_t, stability_config_t, stability_finder_t
+   use hb_start_term, only: start_term_t
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: system_t
    implicit none
@@ -73,7 +73,7 @@ module hb_options
 
    !> The first guess of a motion: the sum of the given terms and one of these.
    type :: start_config_t
-      type(load_t), allocatable :: given(:)                           !! terms
+      type(start_term_t), allocatable :: given(:)                     !! terms
       logical :: from_linear = .true.                                 !! the motion without laws, otherwise zero
       logical :: from_integration = .false.                           !! or the end of a time integration
    end type start_config_t

@@ -6,12 +6,12 @@ module hb_system
    use hb_law, only: hold_t, law_box_t
    use hb_law_coordinates, only: dofs_of_unknowns, laws_at, new_law_coordinates
    use hb_law_measure, only: law_measure_t, new_law_measure
-   use hb_load, only: load_t
    use hb_model_number, only: has_number, model_number_t, tie_t
    use hb_numbers, only: numbered_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
    use hb_structure_element, only: element_box_t
+   use hb_structure_load, only: is_only_in_time, load_box_t
    use hb_text, only: to_text
    use hb_tones, only: tones_t
    implicit none
@@ -45,7 +45,7 @@ module hb_system
       type(structure_t) :: structure                                  !! with them
       type(law_box_t), allocatable :: laws(:)
       integer, allocatable :: law_groups(:)                           !! number of the group of each law
-      type(load_t), allocatable :: loads(:)                           !! as given
+      type(load_box_t), allocatable :: loads(:)
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that are zero, by unknown tone; size 0:
@@ -55,6 +55,8 @@ module hb_system
       type(tie_t), allocatable :: ties(:)                             !! by which numbers follow others, in their order
    contains
       procedure :: object_of => system_object_of
+      procedure :: load_of => system_load_of
+      procedure :: has_loads_by_structure => system_has_loads_by_structure
       procedure :: has_restitution => system_has_restitution
       procedure :: wanted_dofs => system_wanted_dofs
       procedure :: dofs_of_unknowns => system_dofs_of_unknowns
@@ -82,17 +84,36 @@ contains
          case (has_number%dynamic_stiffness)
             if (.not. allocated(self%structure%parts)) return
             if (i <= size(self%structure%parts)) object => self%structure%parts(i)
-         case (has_number%load)
-            if (i <= size(self%loads)) object => self%loads(i)
          case (has_number%law)
             k = findloc(self%law_groups, i, dim=1)
             if (k > 0) object => self%laws(k)%law
          case default
             k = findloc(self%elements%object == number%object .and. self%elements%i == i, .true., dim=1)
             if (k > 0) object => self%elements(k)%element
+            k = self%load_of(number)
+            if (k > 0) object => self%loads(k)%load
          end select
       end associate
    end function system_object_of
+
+   !> The load that has a number; 0: none.
+   pure integer function system_load_of(self, number) result(k)
+      class(system_t), intent(in) :: self
+      type(model_number_t), intent(in) :: number
+
+      k = findloc(self%loads%object == number%object .and. self%loads%i == number%i, .true., dim=1)
+   end function system_load_of
+
+   !> Whether some loads depend on the matrices of the structure.
+   pure logical function system_has_loads_by_structure(self) result(has)
+      class(system_t), intent(in) :: self
+      integer :: i
+
+      has = .false.
+      do i = 1, size(self%loads)
+         has = has .or. self%loads(i)%load%depends_on_structure()
+      end do
+   end function system_has_loads_by_structure
 
    !> Degrees of freedom whose motion is unknown whether or not a law acts on them: those with a given phase or amplitude, and
    !> those that are kept.
@@ -145,7 +166,7 @@ contains
 
       is_loaded = .false.
       do i = 1, size(self%loads)
-         if (allocated(self%loads(i)%weights)) is_loaded(self%loads(i)%dofs) = .true.
+         if (allocated(self%loads(i)%load%weights)) is_loaded(self%loads(i)%load%dofs) = .true.
       end do
       if (.not. any(is_loaded)) is_loaded = .true.
       self%kept_dofs = pack([(i, i=1, size(is_loaded))], is_loaded)
@@ -161,8 +182,8 @@ contains
 
       if (self%tones%n_tones == 0) then
          call fail(error, "missing tones; without them a model can only be integrated in time")
-      else if (any(self%loads%course%is_given)) then
-         i = findloc(self%loads%course%is_given, .true., dim=1)
+      else if (any(is_only_in_time(self%loads))) then
+         i = findloc(is_only_in_time(self%loads), .true., dim=1)
          call fail(error, "load "//to_text(i)//": "//only_in_time)
       end if
       if (allocated(error)) return

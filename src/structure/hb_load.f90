@@ -1,42 +1,47 @@
-!> A load, or a term of a first guess: cosine and sine amplitudes of one tuple at some degrees of freedom and a phase by which it
-!> leads. A force, or the motion of a base; both may grow with a power of the frequency.
+!> A force, or the motion of a base: one tuple at some degrees of freedom, both may grow with a power of the frequency. In time
+!> integration it may begin, end, and have a frequency of its own.
 module hb_load
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_error, only: error_t
+   use hb_harmonic_amplitude, only: harmonic_amplitude_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
-   use hb_load_course, only: load_course_t, timed_load_t
-   use hb_numbers, only: number_t, numbered_t, numbers_t
+   use hb_load_course, only: load_course_t
+   use hb_numbers, only: number_t, numbers_t
+   use hb_problems, only: problems_t
+   use hb_sine_course, only: sine_course_t
    use hb_structure, only: structure_t
+   use hb_structure_load, only: add_amplitudes, structure_load_t
+   use hb_text, only: to_text
    implicit none
    private
-   public :: load_kind, load_t, timed_loads
+   public :: load_t
 
-   !> In the order of the words of an input.
-   type :: load_kind_t
-      integer :: force = 1
-      integer :: base_acceleration = 2
-      integer :: base_displacement = 3
-   end type load_kind_t
-   type(load_kind_t), parameter :: load_kind = load_kind_t()
+   character(*), parameter :: units_of_powers(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
 
-   type, extends(numbered_t) :: load_t
-      integer :: kind = load_kind%force
+   type, extends(structure_load_t) :: load_t
+      logical :: is_acceleration = .false., is_displacement = .false. !! of the base; neither: a force
       integer :: power = 0                                            !! of |j.omega|, by which the amplitudes are multiplied
-      integer, allocatable :: tuple(:)                                !! j, (n_tones)
-      integer, allocatable :: dofs(:)
-      real(wp), allocatable :: weights(:)                             !! (size(dofs))
-      real(wp) :: cosine = 0.0_wp, sine = 0.0_wp
-      real(wp) :: phase = 0.0_wp                                      !! [rad], without effect for the zero tuple
-      character(4) :: unit = "N"                                      !! of both
-      type(load_course_t) :: course                                   !! over time; given: no load of the balance
+      type(harmonic_amplitude_t) :: amplitude                         !! [N], [m/s**2], [m], by the power of the frequency
+      type(sine_course_t) :: course                                   !! if it is one of time integration alone
+      logical, private :: has_cosine = .true., has_sine = .true., is_tuple_given = .false. ! in an input; as the next
+      logical, private :: has_begin = .false., has_end = .false., has_frequency = .false., has_end_frequency = .false., &
+                          has_chirp = .false.
    contains
-      procedure :: declare_numbers => load_declare_numbers
-      procedure :: add_to => load_add_to
       procedure :: add_slope_to => load_add_slope_to
-      procedure :: is_affine_in => load_is_affine_in
-      procedure :: grows => load_grows
+      procedure :: add_to => load_add_to
+      procedure :: check => load_check
+      procedure :: declare_numbers => load_declare_numbers
+      procedure :: depends_on_frequency => load_depends_on_frequency
       procedure :: depends_on_structure => load_depends_on_structure
+      procedure :: derive => load_derive
+      procedure :: doubt => load_doubt
+      procedure :: find_course => load_find_course
+      procedure :: has_tuple => load_has_tuple
+      procedure :: has_valid_numbers => load_has_valid_numbers
+      procedure :: is_affine_in => load_is_affine_in
+      procedure :: is_zero => load_is_zero
+      procedure :: repeats => load_repeats
    end type load_t
 
 contains
@@ -45,10 +50,97 @@ contains
       class(load_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
-      call numbers%add("cos", self%cosine, unit=trim(self%unit))
-      call numbers%add("sin", self%sine, unit=trim(self%unit))
-      call numbers%add("phase", self%phase)
+      call numbers%add("frequency_power", self%power)
+      call numbers%add("kind", self%is_acceleration, "base_acceleration")
+      call numbers%add("kind", self%is_displacement, "base_displacement")
+      call declare_course(self, numbers)
+      call numbers%note_given("cos", self%has_cosine)
+      call numbers%note_given("sin", self%has_sine)
+      call self%amplitude%declare(numbers, trim(unit_of(self)))
    end subroutine load_declare_numbers
+
+   !> Declares the numbers of the course over time that are given.
+   subroutine declare_course(self, numbers)
+      class(load_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%note_given("tuple", self%is_tuple_given)
+      call numbers%note_given("begin", self%has_begin)
+      call numbers%note_given("end", self%has_end)
+      call numbers%note_given("frequency", self%has_frequency)
+      call numbers%note_given("end_frequency", self%has_end_frequency)
+      call numbers%note_given("chirp", self%has_chirp)
+      if (self%has_begin) call numbers%add("begin", self%course%begin)
+      if (self%has_end) call numbers%add("end", self%course%end)
+      if (self%has_frequency) call numbers%add("frequency", self%course%frequency)
+      if (self%has_end_frequency) call numbers%add("end_frequency", self%course%end_frequency)
+      if (self%has_chirp) call numbers%add("chirp", self%course%is_exponential, "exponential")
+      self%timed_by = ""
+      if (self%has_chirp) self%timed_by = "chirp"
+      if (self%has_end_frequency) self%timed_by = "end_frequency"
+      if (self%has_frequency) self%timed_by = "frequency"
+      if (self%has_end) self%timed_by = "end"
+      if (self%has_begin) self%timed_by = "begin"
+   end subroutine declare_course
+
+   !> Unit of the amplitudes.
+   pure character(4) function unit_of(self) result(unit)
+      class(load_t), intent(in) :: self
+
+      unit = units_of_powers(max(0, min(self%power, 4)))
+      if (self%is_acceleration) unit = "m/s2"
+      if (self%is_displacement) unit = "m"
+   end function unit_of
+
+   !> The chirp begins with the load, at the frequency that is given.
+   pure subroutine load_derive(self)
+      class(load_t), intent(inout) :: self
+
+      self%course%power = self%power
+      self%course%is_chirp = self%has_end_frequency
+      if (self%has_frequency .and. self%has_begin) self%course%origin = self%course%begin
+   end subroutine load_derive
+
+   subroutine load_check(self, problems)
+      class(load_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. (self%has_cosine .or. self%has_sine)) call problems%add("cos", "give 'cos', 'sin' or both")
+      if (self%timed_by == "") return
+      if (.not. ends_after_begin(self)) call problems%add("end", "must be later than the begin of the load")
+      if (self%has_end_frequency .and. .not. (self%has_end .and. self%has_frequency)) then
+         call problems%add("end_frequency", "needs 'frequency', from which it changes, and 'end', when it is reached")
+      else if (.not. has_frequencies_of_chirp(self)) then
+         call problems%add("chirp", "'exponential' needs 'frequency' and 'end_frequency' above 0")
+      end if
+      if (self%has_frequency .and. self%is_tuple_given) &
+         call problems%add("frequency", "give either 'tuple' or 'frequency', not both")
+      if (self%is_displacement) call problems%add("kind", "a base that jumps or changes its frequency is given by its "// &
+                                                  "acceleration: 'base_acceleration'")
+   end subroutine load_check
+
+   logical function load_has_valid_numbers(self) result(are_valid)
+      class(load_t), intent(in) :: self
+
+      are_valid = .true.
+      if (self%timed_by /= "") are_valid = ends_after_begin(self) .and. has_frequencies_of_chirp(self)
+   end function load_has_valid_numbers
+
+   pure logical function ends_after_begin(self)
+      class(load_t), intent(in) :: self
+      real(wp) :: begin
+
+      begin = self%course%begin
+      if (self%has_end_frequency .and. .not. (self%has_begin .and. self%has_frequency)) begin = max(begin, 0.0_wp)
+      ends_after_begin = self%course%end > begin
+   end function ends_after_begin
+
+   pure logical function has_frequencies_of_chirp(self) result(has)
+      class(load_t), intent(in) :: self
+
+      has = .not. self%course%is_exponential
+      if (.not. has) has = self%has_end_frequency .and. self%course%frequency > 0.0_wp .and. self%course%end_frequency > 0.0_wp
+   end function has_frequencies_of_chirp
 
    !> Whether the force is an affine function of a number, as it is of both amplitudes.
    pure logical function load_is_affine_in(self, number) result(is_affine)
@@ -58,117 +150,123 @@ contains
       is_affine = number%key == "cos" .or. number%key == "sin"
    end function load_is_affine_in
 
-   !> Whether the force depends on the frequency.
-   elemental logical function load_grows(self) result(grows)
+   pure logical function load_depends_on_frequency(self) result(depends)
       class(load_t), intent(in) :: self
 
-      grows = self%power > 0 .or. self%kind == load_kind%base_displacement
-   end function load_grows
+      depends = self%power > 0 .or. self%is_displacement
+   end function load_depends_on_frequency
 
-   !> Whether the force depends on the mass of the structure.
-   elemental logical function load_depends_on_structure(self) result(depends)
+   !> The motion of a base acts on the mass.
+   pure logical function load_depends_on_structure(self) result(depends)
       class(load_t), intent(in) :: self
 
-      depends = self%kind /= load_kind%force
+      depends = self%is_acceleration .or. self%is_displacement
    end function load_depends_on_structure
 
-   !> Adds the force to those of all loads, unless the set does not have its tuple. In the frame of a base that moves by
-   !> r a(t), the force is -M r a''.
+   !> Whether it has a tuple, instead of a frequency of its own.
+   pure logical function load_has_tuple(self) result(has)
+      class(load_t), intent(in) :: self
+
+      has = .not. self%has_frequency
+   end function load_has_tuple
+
+   pure logical function load_is_zero(self) result(is_zero)
+      class(load_t), intent(in) :: self
+
+      is_zero = self%amplitude%is_zero() .or. .not. any(abs(self%weights) > 0.0_wp)
+   end function load_is_zero
+
+   !> In the frame of a base that moves by r a(t), the force is -M r a''.
    subroutine load_add_to(self, structure, set, frequencies, loads, slopes)
       class(load_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
       type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      type(amplitudes_t), intent(inout) :: loads                      !! [N], or [m] of a first guess
-      type(amplitudes_t), intent(inout), optional :: slopes           !! their derivatives by j.omega [N s]
+      real(wp), intent(in) :: frequencies(:)
+      type(amplitudes_t), intent(inout) :: loads
+      type(amplitudes_t), intent(inout), optional :: slopes
       type(amplitudes_t) :: amplitudes
       type(error_t), allocatable :: error
-      real(wp) :: phase
-      integer :: h, power
+      complex(wp) :: c
+      integer :: h
 
       call new_amplitudes(amplitudes, structure%n_dofs, set%n_harmonics)
-      phase = merge(self%phase, 0.0_wp, any(self%tuple /= 0))
-      call amplitudes%add_tuple(set, self%tuple, self%dofs, self%weights*(self%cosine*cos(phase) + self%sine*sin(phase)), &
-                                self%weights*(self%sine*cos(phase) - self%cosine*sin(phase)), error)
+      c = self%amplitude%turned(is_constant=all(self%tuple == 0))
+      call amplitudes%add_tuple(set, self%tuple, self%dofs, self%weights*real(c, wp), -self%weights*aimag(c), error)
       if (allocated(error)) return
-      power = self%power
-      if (self%kind /= load_kind%force) then
+      if (self%depends_on_structure()) then
          do h = 1, size(amplitudes%values, 2)
-            amplitudes%values(:, h) = merge(-1, 1, self%kind == load_kind%base_acceleration)* &
-                                      structure%mass_times(amplitudes%values(:, h))
+            amplitudes%values(:, h) = merge(-1, 1, self%is_acceleration)*structure%mass_times(amplitudes%values(:, h))
          end do
-         if (self%kind == load_kind%base_displacement) power = power + 2
       end if
-      if (power == 0) then
-         call loads%add_scaled(amplitudes, spread(1.0_wp, 1, set%n_harmonics))
-         return
-      end if
-      call loads%add_scaled(amplitudes, abs(frequencies)**power)
-      if (present(slopes)) &
-         call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
+      call add_amplitudes(amplitudes, self%power + merge(2, 0, self%is_displacement), frequencies, loads, slopes)
    end subroutine load_add_to
 
-   !> The loads that have a course over time.
-   pure function timed_loads(given, structure) result(timed)
-      type(load_t), intent(in) :: given(:)
-      type(structure_t), intent(in) :: structure
-      type(timed_load_t) :: timed(count(given%course%is_given))
-      integer :: i, k, n
-
-      n = 0
-      do i = 1, size(given)
-         if (.not. given(i)%course%is_given) cycle
-         n = n + 1
-         timed(n)%course = given(i)%course
-         associate (load => given(i))
-            allocate (timed(n)%amplitude(structure%n_dofs), source=(0.0_wp, 0.0_wp))
-            do k = 1, size(load%dofs)
-               timed(n)%amplitude(load%dofs(k)) = timed(n)%amplitude(load%dofs(k)) + &
-                                                  load%weights(k)*cmplx(load%cosine, -load%sine, wp)*ahead(load)
-            end do
-            if (load%kind == load_kind%base_acceleration) timed(n)%amplitude = -structure%mass_times(timed(n)%amplitude)
-         end associate
-      end do
-
-   contains
-
-      !> exp(i phase), without effect on a load without a frequency.
-      pure complex(wp) function ahead(load)
-         type(load_t), intent(in) :: load
-
-         ahead = (1.0_wp, 0.0_wp)
-         if (load%course%has_own_frequency .or. any(load%tuple /= 0)) ahead = cmplx(cos(load%phase), sin(load%phase), wp)
-      end function ahead
-   end function timed_loads
-
-   !> Adds the derivative of the force by one of its numbers: linear in the amplitudes, and a quarter of a period ahead for the
-   !> phase. `is_known` is false for other numbers, so that differences must take its place.
+   !> The force is linear in its amplitude.
    subroutine load_add_slope_to(self, number, structure, set, frequencies, slope, is_known)
       class(load_t), intent(in) :: self
-      type(number_t), intent(in) :: number                            !! one that it declares
+      type(number_t), intent(in) :: number
       type(structure_t), intent(in) :: structure
       type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      type(amplitudes_t), intent(inout) :: slope                      !! [N by the unit of the number]
+      real(wp), intent(in) :: frequencies(:)
+      type(amplitudes_t), intent(inout) :: slope
       logical, intent(out) :: is_known
       type(load_t) :: unit
 
       unit = self
-      is_known = .true.
-      select case (number%key)
-      case ("cos")
-         unit%cosine = 1.0_wp
-         unit%sine = 0.0_wp
-      case ("sin")
-         unit%cosine = 0.0_wp
-         unit%sine = 1.0_wp
-      case ("phase")
-         if (all(self%tuple == 0)) return                             ! without effect
-         unit%phase = self%phase + 0.25_wp*two_pi
-      case default
-         is_known = .false.
-         return
-      end select
-      call unit%add_to(structure, set, frequencies, slope)
+      call self%amplitude%slope(trim(number%key), all(self%tuple == 0), unit%amplitude, is_known)
+      if (is_known .and. .not. unit%amplitude%is_zero()) call unit%add_to(structure, set, frequencies, slope)
    end subroutine load_add_slope_to
+
+   subroutine load_find_course(self, structure, omega, course, amplitude)
+      class(load_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: omega(:)
+      class(load_course_t), allocatable, intent(out) :: course
+      complex(wp), intent(inout) :: amplitude(:)
+      type(sine_course_t) :: mine
+      complex(wp) :: c
+      integer :: k
+
+      mine = self%course
+      if (.not. self%has_frequency) mine%frequency = dot_product(self%tuple, omega)
+      allocate (course, source=mine)
+      c = self%amplitude%turned(is_constant=.not. self%has_frequency .and. all(self%tuple == 0))
+      do k = 1, size(self%dofs)
+         amplitude(self%dofs(k)) = amplitude(self%dofs(k)) + self%weights(k)*c
+      end do
+      if (self%is_acceleration) amplitude = -structure%mass_times(amplitude)
+   end subroutine load_find_course
+
+   !> A phase that seems to be in degrees.
+   pure function load_doubt(self) result(text)
+      class(load_t), intent(in) :: self
+      character(120) :: text
+
+      text = ""
+      if (abs(self%amplitude%phase) > two_pi) text = "phase = "//to_text(self%amplitude%phase)// &
+                                                     " rad is more than a turn; 90 degrees are 1.5708 rad"
+   end function load_doubt
+
+   !> The same place, tuple and component.
+   pure logical function load_repeats(self, other) result(repeats)
+      class(load_t), intent(in) :: self
+      class(structure_load_t), intent(in) :: other
+
+      repeats = .false.
+      select type (other)
+      type is (load_t)
+         repeats = allocated(self%tuple) .and. allocated(other%tuple) .and. allocated(self%dofs) .and. allocated(other%dofs) .and. &
+                   (self%is_acceleration .eqv. other%is_acceleration) .and. &
+                   (self%is_displacement .eqv. other%is_displacement) .and. self%power == other%power .and. &
+                   self%timed_by == "" .and. other%timed_by == ""
+         if (repeats) repeats = size(self%tuple) == size(other%tuple) .and. size(self%dofs) == size(other%dofs)
+         if (.not. repeats) return
+         associate (a => self%amplitude, b => other%amplitude)
+            repeats = all(self%dofs == other%dofs) .and. abs(a%phase - b%phase) <= 0.0_wp .and. &
+                      (all(self%tuple == other%tuple) .or. all(self%tuple == -other%tuple)) .and. &
+                      (abs(a%cosine*b%cosine) > 0.0_wp .or. abs(a%sine*b%sine) > 0.0_wp)
+         end associate
+         if (repeats) repeats = all(abs(self%weights - other%weights) <= 0.0_wp)
+      end select
+   end function load_repeats
 end module hb_load

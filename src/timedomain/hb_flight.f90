@@ -54,7 +54,7 @@ contains
       type(hold_t), intent(in) :: rigid(:)                            !! its rigid laws
 
       is_made_of_flights = size(rigid) > 0 .and. all(rigid%is_wall) .and. all(system%laws%spans%is_held_back) .and. &
-                           .not. system%laws%has_turning .and. size(system%loads%course) == 0
+                           .not. system%laws%has_turning .and. size(system%loads%timed) == 0
    end function is_made_of_flights
 
    !> Flights of a model with walls; its time is counted in units of the fastest motion.

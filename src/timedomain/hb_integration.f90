@@ -7,11 +7,12 @@ module hb_integration
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: wp
-   use hb_load, only: timed_loads
+   use hb_load_course, only: timed_load_t
    use hb_modes, only: modes_t, new_modes
    use hb_options, only: options_t
    use hb_record_tones, only: find_tones
    use hb_structure, only: max_dense, max_dofs
+   use hb_structure_load, only: find_timed_loads
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_stepping, only: assess, integrate_from, integration_assessment_t, integration_record_t
@@ -61,6 +62,7 @@ contains
       type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t), intent(in), optional :: earlier      !! end of an earlier record
+      type(timed_load_t), allocatable :: timed(:)
       real(wp), allocatable :: frequencies(:)
       real(wp) :: step
 
@@ -70,8 +72,9 @@ contains
       call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
       allocate (frequencies, source=discretisation%harmonics%frequencies(self%omega))
+      call find_timed_loads(system%loads, system%structure, self%omega, timed)
       call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, &
-                                  self%omega, timed_loads(system%loads, system%structure))
+                                  self%omega, timed)
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
       if (present(earlier)) then
          self%state = earlier
@@ -106,15 +109,17 @@ contains
       type(integration_record_t) :: record
       type(integration_state_t) :: state
       type(integration_system_t), target :: equations
+      type(timed_load_t), allocatable :: timed(:)
       complex(wp) :: c(size(frequencies), size(options%output%dofs), options%integration%starts)
       integer :: i, kind(options%integration%starts)
       real(wp) :: size_of_motion, spread(options%integration%starts)
 
+      call find_timed_loads(system%loads, system%structure, system%tones%omega, timed)
       each(1) = content%assessment
       kind = 1
       do i = 1, size(each)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     frequencies, system%tones%omega, timed_loads(system%loads, system%structure))
+                                     frequencies, system%tones%omega, timed)
          if (i == 1) then
             size_of_motion = maxval(abs(matmul(content%record%every_displacement, equations%laws%shape(options%output%dofs, :))))
             if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))

@@ -1,7 +1,7 @@
 !> The loads of a model in time: harmonic ones, and those with a course of their own, which begin and end.
 module hb_integration_loads
    use hb_kinds, only: int64, wp
-   use hb_load_course, only: load_course_t, timed_load_t
+   use hb_load_course, only: timed_load_t
    implicit none
    private
    public :: append_courses, integration_loads_t, new_integration_loads
@@ -17,9 +17,9 @@ module hb_integration_loads
       complex(wp), allocatable :: phasor(:), rotation(:)              !! (n_active)
       real(wp) :: origin = 0.0_wp, step = 0.0_wp                      !! [s]
       integer(int64) :: n_steps = 0                                   !! since `origin`
-      type(load_course_t), allocatable :: course(:)                   !! of the loads with one, (n_courses)
-      complex(wp), allocatable :: amplitude(:, :)                     !! cos - i sin, (n_dofs, n_courses)
-      real(wp), allocatable :: share(:)                               !! of the present interval, (n_courses)
+      type(timed_load_t), allocatable :: timed(:)                     !! those with a course
+      complex(wp), allocatable :: amplitude(:, :)                     !! theirs, cos - i sin, (n_dofs, size(timed))
+      real(wp), allocatable :: share(:)                               !! of the present interval, (size(timed))
    contains
       procedure :: act_within => loads_act_within
       procedure :: add_courses => loads_add_courses
@@ -49,7 +49,7 @@ contains
       allocate (self%phasor(self%n_active), self%rotation(self%n_active))
       self%cosine = real(amplitudes(:, pack([(h, h=1, size(frequencies))], is_active)), wp)
       self%sine = -aimag(amplitudes(:, pack([(h, h=1, size(frequencies))], is_active)))
-      allocate (self%course(0), self%share(0), self%amplitude(size(amplitudes, 1), 0))
+      allocate (self%timed(0), self%share(0), self%amplitude(size(amplitudes, 1), 0))
    end subroutine new_integration_loads
 
    !> Adds loads with a course.
@@ -60,7 +60,7 @@ contains
 
       n_dofs = size(self%amplitude, 1)
       deallocate (self%share, self%amplitude)
-      self%course = timed%course
+      self%timed = timed
       allocate (self%share(size(timed)), source=0.0_wp)
       allocate (self%amplitude(n_dofs, size(timed)))
       do i = 1, size(timed)
@@ -73,8 +73,11 @@ contains
    pure subroutine loads_act_within(self, from, to)
       class(integration_loads_t), intent(inout) :: self
       real(wp), intent(in) :: from, to                                !! [s], ascending
+      integer :: k
 
-      self%share = self%course%share(from, to)
+      do k = 1, size(self%timed)
+         self%share(k) = self%timed(k)%course%share(from, to)
+      end do
    end subroutine loads_act_within
 
    !> Adds the loads with a course.
@@ -85,9 +88,9 @@ contains
       complex(wp) :: factor
       integer :: k
 
-      do k = 1, size(self%course)
+      do k = 1, size(self%timed)
          if (.not. self%share(k) > 0.0_wp) cycle
-         factor = self%share(k)*self%course(k)%factor(time)
+         factor = self%share(k)*self%timed(k)%course%factor(time)
          values = values + real(factor*self%amplitude(:, k), wp)
       end do
    end subroutine loads_add_courses
@@ -95,20 +98,25 @@ contains
    !> Highest frequency of all loads [rad/s]; 0 without loads.
    pure real(wp) function loads_highest_frequency(self) result(highest)
       class(integration_loads_t), intent(in) :: self
+      integer :: k
 
-      highest = maxval([0.0_wp, abs(self%frequency), abs(self%course%frequency), self%course%end_frequency])
+      highest = maxval([0.0_wp, abs(self%frequency)])
+      do k = 1, size(self%timed)
+         highest = max(highest, self%timed(k)%course%highest_frequency())
+      end do
    end function loads_highest_frequency
 
    !> The first time after another one at which a load begins or ends; huge: none.
    pure real(wp) function loads_next_edge(self, time) result(edge)
       class(integration_loads_t), intent(in) :: self
       real(wp), intent(in) :: time                                    !! [s]
-      real(wp) :: edges(2*size(self%course))
+      integer :: k
 
       edge = huge(1.0_wp)
-      if (size(self%course) == 0) return
-      edges = [self%course%begin, self%course%end]
-      edge = minval([huge(1.0_wp), pack(edges, edges > time)])
+      do k = 1, size(self%timed)
+         if (self%timed(k)%course%begin > time) edge = min(edge, self%timed(k)%course%begin)
+         if (self%timed(k)%course%end > time) edge = min(edge, self%timed(k)%course%end)
+      end do
    end function loads_next_edge
 
    !> Value at any time.
@@ -124,7 +132,7 @@ contains
          phase = self%frequency(k)*time
          values = values + cos(phase)*self%cosine(:, k) + sin(phase)*self%sine(:, k)
       end do
-      if (size(self%course) > 0) call self%add_courses(time, values)
+      if (size(self%timed) > 0) call self%add_courses(time, values)
    end subroutine loads_at
 
    !> Value some time after the one given to `begin`. Phases of long times are computed once, not at each call.
@@ -140,7 +148,7 @@ contains
          phasor = self%phasor(k)*cmplx(cos(self%frequency(k)*elapsed), sin(self%frequency(k)*elapsed), wp)
          values = values + real(phasor, wp)*self%cosine(:, k) + aimag(phasor)*self%sine(:, k)
       end do
-      if (size(self%course) > 0) call self%add_courses(self%origin + elapsed, values)
+      if (size(self%timed) > 0) call self%add_courses(self%origin + elapsed, values)
    end subroutine loads_after
 
    !> Prepares equal steps from a given time.
@@ -184,6 +192,6 @@ contains
             values(i) = values(i) + c*self%cosine(i, k) + s*self%sine(i, k)
          end do
       end do
-      if (size(self%course) > 0) call self%add_courses(self%origin + self%n_steps*self%step, values)
+      if (size(self%timed) > 0) call self%add_courses(self%origin + self%n_steps*self%step, values)
    end subroutine loads_here
 end module hb_integration_loads

@@ -106,7 +106,7 @@ contains
       self%shape = self%laws%shape
       if (size(self%shape) > 0) call dpotrs("L", n, size(self%shape, 2), factor, n, self%shape, n, info)
       self%accelerations = self%loads
-      if (size(self%loads%course) > 0) then
+      if (size(self%loads%timed) > 0) then
          associate (amplitude => self%accelerations%amplitude)
             allocate (real_part, source=real(amplitude, wp))
             allocate (imaginary_part, source=aimag(amplitude))

@@ -68,7 +68,7 @@ contains
 
       associate (loads => self%system%accelerations)
          self%load_start = self%load_end
-         if (size(loads%course) > 0) then                             ! of this step, not of the last one
+         if (size(loads%timed) > 0) then                             ! of this step, not of the last one
             call loads%act_within(time, time_after)
             call loads%here(self%load_start)
          end if

@@ -20,7 +20,11 @@ from program import run
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 TABLES = runpy.run_path(str(ROOT / "tests" / "keys"))
-ELEMENTS = re.findall(r"^([a-z]\w*) \|", (SRC / "structure_elements.txt").read_text(), re.MULTILINE)
+ELEMENTS, LOADS = (
+    re.findall(r"^([a-z]\w*) \|", (SRC / f"structure_{table}.txt").read_text(), re.MULTILINE) for table in ("elements", "loads")
+)
+WITH_AMPLITUDES = [load for load in LOADS if "harmonic_amplitude_t" in (SRC / "structure" / f"hb_{load}.f90").read_text()]
+OF_SOME_LOADS = {"label", "dof", "vector", "dofs", "tuple"}  # are read where the load has a row for them
 KEYS, LAWS = TABLES["keys"](), TABLES["laws"]()
 
 # Where neither the file nor the procedure (read_<group>) tells whose keys are read.
@@ -32,7 +36,8 @@ SECTIONS_BY_FILE = {
     "hb_sweep_plan.f90": ["sweep"],
     "hb_swept.f90": ["sweep"],
     "hb_curve_plan.f90": ["curve"],
-    "hb_element_reader.f90": ELEMENTS,
+    "hb_element_reader.f90": [*ELEMENTS, *LOADS],
+    "hb_harmonic_amplitude.f90": ["start", *WITH_AMPLITUDES],
 }
 SECTIONS_BY_PROCEDURE = {
     "any_beam_declare_numbers": ["structure beam", "structure modal_beam"],
@@ -43,10 +48,9 @@ SECTIONS_BY_PROCEDURE = {
     "read_matrices": ["structure matrices"],
     "read_modal_beam": ["structure modal_beam"],
     "read_rotor_stator": ["structure rotor_stator"],
-    "load_declare_numbers": ["load", "start"],
-    "read_amplitude": ["load", "start"],
-    "read_course": ["load"],
-    "read_position": ["initial", "load", "start"],
+    "read_load": LOADS,
+    "read_position": ["initial", "start", *LOADS],
+    "read_tuple": ["start", *LOADS],
     "read_ties": ["tie"],
     "read_user_law": ["law user"],
     "jenkins_declare_numbers": ["law jenkins", "law jenkins_2d"],
@@ -104,6 +108,8 @@ def keys_of_program() -> dict[str, dict[str, str]]:
                 listed += [first + key for first in FURTHER.findall(line) for key in ("dofs", "weights")]
             for key in [key for _, key in CALL.findall(line)] + listed:
                 for section in sections_of(path, procedure):
+                    if section in LOADS and key in OF_SOME_LOADS - keys_of_table()[section]:
+                        continue
                     if procedure == "frequency_part_declare_numbers" and kind:
                         section = f"{section} {kind}"
                     keys.setdefault(section, {})[key.lower()] = f"{path.relative_to(ROOT)}:{number}"
@@ -122,7 +128,7 @@ def sections_of(path: Path, procedure: str) -> list[str]:
     module = path.stem.removeprefix("hb_")
     if path.parent.name == "laws":
         return [f"law {module.removeprefix('law_')}"]
-    if path.parent.name == "structure" and module in ELEMENTS:
+    if path.parent.name == "structure" and module in ELEMENTS + LOADS:
         return [module]
     if path.parent.name == "structure":
         return [f"structure {module}"]

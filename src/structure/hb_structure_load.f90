@@ -1,0 +1,180 @@
+!> A load on a structure, such as `load_t`: it declares its numbers (hb_numbers), and adds its harmonics to those of all loads as
+!> often as they change. Each kind is a group of an input, a row of src/structure_loads.txt. Readers, sweeps, curves, ties,
+!> derivatives and time integration know no kind.
+module hb_structure_load
+   use hb_amplitudes, only: amplitudes_t
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_load_course, only: load_course_t, timed_load_t
+   use hb_numbers, only: number_t, numbered_t
+   use hb_problems, only: problems_t
+   use hb_structure, only: structure_t
+   use hb_text, only: max_name
+   implicit none
+   private
+   public :: add_amplitudes, find_timed_loads, is_only_in_time, load_box_t, structure_load_t
+
+   type, extends(numbered_t), abstract :: structure_load_t
+      integer, allocatable :: tuple(:)                                !! j, (n_tones); zeros if it has no key for it
+      integer, allocatable :: dofs(:)                                 !! at which it acts; none if it has no key for them
+      real(wp), allocatable :: weights(:)                             !! (size(dofs)); not allocated after a problem of the input
+      character(max_name) :: timed_by = ""                            !! key by which it is one of time integration alone, with a
+                                                                      !! course, and not of the balance; empty: of both
+   contains
+      procedure(add_load), deferred :: add_to
+      procedure :: add_slope_to => structure_load_add_slope_to
+      procedure :: check => structure_load_check
+      procedure :: depends_on_frequency => structure_load_depends_on_frequency
+      procedure :: depends_on_structure => structure_load_depends_on_structure
+      procedure :: find_course => structure_load_find_course
+      procedure :: has_tuple => structure_load_has_tuple
+      procedure :: is_zero => structure_load_is_zero
+      procedure :: n_dofs => structure_load_n_dofs
+      procedure :: repeats => structure_load_repeats
+      procedure :: doubt => structure_load_doubt
+   end type structure_load_t
+
+   abstract interface
+      !> Adds the load, with its present numbers, to the harmonics of all loads (`add_amplitudes`). It leaves out what the set of
+      !> harmonics does not have.
+      subroutine add_load(self, structure, set, frequencies, loads, slopes)
+         import :: amplitudes_t, harmonics_t, structure_load_t, structure_t, wp
+         class(structure_load_t), intent(in) :: self
+         type(structure_t), intent(in) :: structure
+         type(harmonics_t), intent(in) :: set
+         real(wp), intent(in) :: frequencies(:)                       !! j.omega [rad/s], (n_harmonics)
+         type(amplitudes_t), intent(inout) :: loads                   !! [N]
+         type(amplitudes_t), intent(inout), optional :: slopes        !! their derivatives by j.omega [N s]
+      end subroutine add_load
+   end interface
+
+   !> Loads in an array.
+   type :: load_box_t
+      integer :: object = 0                                           !! its kind, as a `model_number_t` has it
+      integer :: i = 0                                                !! its number among those of this kind, as given
+      class(structure_load_t), allocatable :: load
+   end type load_box_t
+
+contains
+
+   !> Adds amplitudes times a power of the magnitude of the frequency to those of all loads.
+   subroutine add_amplitudes(amplitudes, power, frequencies, loads, slopes)
+      type(amplitudes_t), intent(in) :: amplitudes
+      integer, intent(in) :: power
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      type(amplitudes_t), intent(inout) :: loads
+      type(amplitudes_t), intent(inout), optional :: slopes           !! by j.omega
+
+      if (power == 0) then
+         call loads%add_scaled(amplitudes, spread(1.0_wp, 1, size(frequencies)))
+         return
+      end if
+      call loads%add_scaled(amplitudes, abs(frequencies)**power)
+      if (present(slopes)) &
+         call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
+   end subroutine add_amplitudes
+
+   !> The loads that have a course over time.
+   subroutine find_timed_loads(loads, structure, omega, timed)
+      type(load_box_t), intent(in) :: loads(:)
+      type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      type(timed_load_t), allocatable, intent(out) :: timed(:)
+      integer :: i, n
+
+      allocate (timed(count(is_only_in_time(loads))))
+      n = 0
+      do i = 1, size(loads)
+         if (.not. is_only_in_time(loads(i))) cycle
+         n = n + 1
+         allocate (timed(n)%amplitude(structure%n_dofs), source=(0.0_wp, 0.0_wp))
+         call loads(i)%load%find_course(structure, omega, timed(n)%course, timed(n)%amplitude)
+      end do
+   end subroutine find_timed_loads
+
+   !> Whether a load belongs to time integration alone.
+   elemental logical function is_only_in_time(box)
+      type(load_box_t), intent(in) :: box
+
+      is_only_in_time = box%load%timed_by /= ""
+   end function is_only_in_time
+
+   !> Adds the derivative of the load by one of its numbers. `is_known` is false if it does not know it: differences then take
+   !> its place, which are exact for numbers in which the load is affine (`is_affine_in`).
+   subroutine structure_load_add_slope_to(self, number, structure, set, frequencies, slope, is_known)
+      class(structure_load_t), intent(in) :: self
+      type(number_t), intent(in) :: number                            !! one that it declares
+      type(structure_t), intent(in) :: structure
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      type(amplitudes_t), intent(inout) :: slope                      !! [N by the unit of the number]
+      logical, intent(out) :: is_known
+
+      is_known = .false.
+   end subroutine structure_load_add_slope_to
+
+   !> Reports numbers and options that do not fit together.
+   subroutine structure_load_check(self, problems)
+      class(structure_load_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+   end subroutine structure_load_check
+
+   !> Whether the load depends on the frequency of its harmonic.
+   pure logical function structure_load_depends_on_frequency(self) result(depends)
+      class(structure_load_t), intent(in) :: self
+
+      depends = .false.
+   end function structure_load_depends_on_frequency
+
+   !> Whether the load depends on the matrices of the structure.
+   pure logical function structure_load_depends_on_structure(self) result(depends)
+      class(structure_load_t), intent(in) :: self
+
+      depends = .false.
+   end function structure_load_depends_on_structure
+
+   !> The course of a load that has one (`timed_by`), and its amplitudes.
+   subroutine structure_load_find_course(self, structure, omega, course, amplitude)
+      class(structure_load_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      class(load_course_t), allocatable, intent(out) :: course
+      complex(wp), intent(inout) :: amplitude(:)                      !! c [N], zero on entry, (n_dofs)
+   end subroutine structure_load_find_course
+
+   !> Whether an input must give the tuple, for a kind that has a key for it.
+   pure logical function structure_load_has_tuple(self) result(has)
+      class(structure_load_t), intent(in) :: self
+
+      has = .true.
+   end function structure_load_has_tuple
+
+   !> Whether the load vanishes, at any frequency.
+   pure logical function structure_load_is_zero(self) result(is_zero)
+      class(structure_load_t), intent(in) :: self
+
+      is_zero = .false.
+   end function structure_load_is_zero
+
+   !> Number of degrees of freedom of a kind with the key `dofs`.
+   pure integer function structure_load_n_dofs(self) result(n_dofs)
+      class(structure_load_t), intent(in) :: self
+
+      n_dofs = 1
+   end function structure_load_n_dofs
+
+   !> Whether another load differs from this one in nothing but its size, as a mistake would.
+   pure logical function structure_load_repeats(self, other) result(repeats)
+      class(structure_load_t), intent(in) :: self, other
+
+      repeats = .false.
+   end function structure_load_repeats
+
+   !> What is implausible about the numbers; empty: nothing.
+   pure function structure_load_doubt(self) result(text)
+      class(structure_load_t), intent(in) :: self
+      character(120) :: text
+
+      text = ""
+   end function structure_load_doubt
+end module hb_structure_load
