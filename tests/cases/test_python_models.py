@@ -123,6 +123,27 @@ def test_a_label_names_a_bearing_too():
     assert float(model.solve(order=1).nhbm.amplitude("x1")) == pytest.approx(x, rel=1e-9)
 
 
+def test_groups_are_added_by_their_keys():
+    """Of a group that has no method of its own, too."""
+    table = {"speeds": [0.0, 2.0], "stiffness": [[1.0, 0.0, 0.0, 1.0], [3.0, 0.0, 0.0, 3.0]]}
+    by_methods, by_keys = (
+        Model(nhbm.Matrices(mass=np.eye(2), damping=np.eye(2), stiffness=np.eye(2)), tones=[1.5]) for _ in range(2)
+    )
+    by_methods.load("x1", 1, cos=0.1)
+    by_methods.law("cubic_spring", "x2", stiffness=3.0)
+    by_methods.bearing(["x1", "x2"], **table, speed=0.5, label="seal")
+    by_keys.add("load", dof="x1", tuple=1, cos=0.1)
+    by_keys.add("law", type="cubic_spring", dof="x2", stiffness=3.0)
+    by_keys.add("bearing", dofs=["x1", "x2"], **table, speed=0.5, label="seal")
+    assert by_keys.to_namelist() == by_methods.to_namelist()
+    with pytest.raises(nhbm.ModelError, match="'harmonics' is no group of which there may be several"):
+        by_keys.add("harmonics", order=3)
+    with pytest.raises(nhbm.ModelError, match="did you mean 'bearing'"):
+        by_keys.add("baering", dofs=["x1", "x2"])
+    with pytest.raises(nhbm.ModelError, match="load: unknown key 'cosine'"):
+        by_keys.add("load", dof="x1", cosine=3.0)
+
+
 def test_models_are_made_of_values():
     same(duffing().solve()["coefficients"].values, Model.from_namelist(DUFFING).solve()["coefficients"].values, "coefficients")
     wall = Model(

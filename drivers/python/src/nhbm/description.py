@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
-_CHECKED = "load", "start", "initial", "law", "bearing", "dynamic_stiffness"  # groups that are checked when they are added
 _CHECKED_DOFS = 100  # of the largest structure for it
 _SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
@@ -208,7 +207,8 @@ class Description(Laws):
             Its keys, such as ``set("harmonics", order=9)``; None restores the default.
         """
         if group in repeated_groups():
-            raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
+            call = f"{group}(...)" if hasattr(self, group) else f"add('{group}', ...)"
+            raise ModelError(f"there may be several groups &{group}; model.{call} adds one")
         if group == "curve":
             raise ModelError("the keys of &curve are arguments of the operations: model.curve(path, start, stop, points=200)")
         if group not in model_groups():
@@ -226,6 +226,22 @@ class Description(Laws):
         for key, value in keys.items():
             self._groups.single(group).put(key, value)
         self._sessions = {}
+
+    @exclusive
+    def add(self, group: str, **keys: Any) -> None:
+        """Adds a group of which there may be several, by its keys; those with methods of their own are easier to add by these.
+
+        Parameters
+        ----------
+        group : str
+            "load", "law", "bearing", ...
+        **keys
+            Its keys, as in an input.
+        """
+        known = [name for name in repeated_groups() if name != "tie"]
+        if group not in known:
+            raise ModelError(f"'{group}' is no group of which there may be several{among(group, known)}")
+        self._add(group, keys)
 
     @exclusive
     def load(self, dof: str | None = None, tuple_: Any = None, cos: float | None = None, sin: float | None = None,
@@ -496,7 +512,7 @@ class Description(Laws):
         """Raises what is wrong with a new group by itself, on the structure and the tones; not for large structures, which are
         read once."""
         structure = self._groups.first("structure")
-        if group.name not in (*_CHECKED, "structure") or structure is None:
+        if group.name not in ({"structure", *repeated_groups()} - {"tie"}) or structure is None:
             return
         file = structure.keys.get("file")
         if file is not None and not (isinstance(file, Structure) and file.n_dofs <= _CHECKED_DOFS):
