@@ -8,7 +8,8 @@
 !> Sliders in a plane that only the loading moves have different positions, which interpolation alone would make equal,
 !> slowly, at their mean: if all of them stick round after round, they are put there.
 !> A slider in a plane that slips little converges slowly from round to round: after many rounds without convergence Newton's
-!> method moves the first slice to the limit, by the derivative of a round (hb_round_map).
+!> method moves the first slice to the limit, by the derivative of a round (hb_round_map). Where the states hardly forget, the
+!> rounding of its steps moves them on in each further round.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: spend_work, work_is_over
@@ -26,6 +27,7 @@ module hb_slider_states
    integer, parameter :: not_known = -1, no = 0, yes = 1
    real(wp), parameter :: per_clamp = 4.0_wp, per_neighbour = 1.0_wp  ! see hb_solver_types%unit_of_work
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
+   real(wp), parameter :: rounding_of_step = 8*epsilon(1.0_wp)        ! likewise
 
    !> Samples are stored slice by slice: (n_slice, ..., n_steps).
    type :: slider_states_t
@@ -128,7 +130,8 @@ contains
          end if
          self%rounds = self%rounds + 1
          rounding = repeat_tolerance*max(largest, maxval(abs(self%states)))
-         self%repeats = change <= rounding
+         self%repeats = change <= rounding .or. &
+                        (self%has_jumped .and. change <= rounding/repeat_tolerance*rounding_of_step*characteristic%n_steps)
          self%full_stick = largest_move <= rounding
          if (self%repeats .or. self%rounds >= max_rounds .or. .not. ieee_is_finite(change)) exit
          if (modulo(self%rounds, between_jumps) == 0) then
