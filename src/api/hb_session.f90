@@ -397,17 +397,19 @@ contains
       is_cut = self%runner%is_prepared() .and. .not. self%has_curve .and. self%result%reason == reason%points
    end function session_is_cut
 
-   !> Makes the next point of the curve the result; `has_curve` is false if it was the last. An error ends the curve.
+   !> Makes the next point of the curve the result; `has_curve` is false if it was the last. What fails at a point becomes its
+   !> status and ends the curve; an error is a call after its end.
    subroutine session_curve_next(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: failure
 
       if (.not. self%has_curve) then
          call fail(error, "the curve has no further point")
          return
       end if
       call self%cancellation%begin_work()
-      call self%runner%next(self%cancellation, self%result, error)
+      call self%runner%next(self%cancellation, self%result, failure)
       self%has_curve = .not. (self%runner%is_done .or. self%result%status == outcome%interrupted)
       call complete_result(self)
    end subroutine session_curve_next

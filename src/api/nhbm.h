@@ -252,7 +252,8 @@ NHBM_EXPORT int nhbm_set_point_count(nhbm_model *model, size_t n_points);
 NHBM_EXPORT int nhbm_curve_begin(nhbm_model *model);
 
 /* Computes the next point of the curve as the last motion. *has_point: 1, or 0 after the last point and in each further call.
- * NHBM_INVALID_STATE: no curve has begun, or another function has ended it. Other errors end the curve. */
+ * A point without a solution is not an error, as in nhbm_solve; it ends the curve. NHBM_INVALID_STATE: no curve has begun, or
+ * another function has ended it. */
 NHBM_EXPORT int nhbm_curve_next(nhbm_model *model, int *has_point);
 
 /* Gives a curve that has ended at `points` of &curve more of them: nhbm_curve_next goes on, as if it had had them from the start.

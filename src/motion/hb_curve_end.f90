@@ -60,7 +60,7 @@ contains
 
       result%status = self%curve%status
       result%reason = reason%lost_curve
-      if (is_refused(self)) then
+      if (is_refused(self) .or. len_trim(fault_of_laws(self)) > 0) then
          result%status = outcome%failed
          result%reason = reason%error
       else if (self%has_collapsed) then
@@ -80,6 +80,8 @@ contains
       associate (value => self%curve%x(size(self%curve%x)), accuracy => self%model%options%accuracy, course => self%course)
          if (is_refused(self)) then
             text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
+         else if (len_trim(fault_of_laws(self)) > 0) then
+            text = "continuation failed at the value "//to_text(value)//": "//fault_of_laws(self)
          else if (self%has_collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
          else if (self%curve%status == outcome%locked) then
@@ -111,6 +113,17 @@ contains
          if (is_refused) is_refused = abs(self%problem%refusal%value - self%curve%x(n)) <= next_to_none*self%curve%units(n)
       end associate
    end function is_refused
+
+   !> Why a law cannot continue, here or on the set of odd motions; empty if all laws can.
+   pure function fault_of_laws(self) result(text)
+      class(followed_motion_t), intent(in) :: self
+      character(400) :: text
+
+      text = ""
+      if (self%problem%law_set%is_given_up) text = self%problem%law_set%error_text
+      if (.not. allocated(self%odd_problem)) return
+      if (self%odd_problem%law_set%is_given_up) text = self%odd_problem%law_set%error_text
+   end function fault_of_laws
 
    !> Whether an estimated error has no meaning, except that it is large: at a given order. By a tolerance, whether it is far above
    !> that.

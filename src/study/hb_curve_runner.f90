@@ -1,6 +1,7 @@
 !> One curve, for the command, C and Python alike: its first motion is found by the attempts of `hb_attempts`, or its state
 !> at a stored point is restored; then its points are returned one by one.
 module hb_curve_runner
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, stage, technique
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
    use hb_curve_request, only: curve_request_t
@@ -13,6 +14,7 @@ module hb_curve_runner
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_outcome, only: is_solved, outcome
+   use hb_point_kinds, only: curve_kind
    use hb_solver_types, only: attempt_t
    use hb_system, only: system_t
    use hb_text, only: to_text
@@ -28,6 +30,8 @@ module hb_curve_runner
       logical :: is_done = .false.                                    !! there is no further point
       class(motion_curve_t), allocatable, private :: curve
       logical, private :: has_begun = .false.
+      real(wp), private :: last_parameter = 0.0_wp                    ! of the last point
+      integer, private :: last_branch = 0                             ! likewise
    contains
       procedure :: prepare => curve_runner_prepare
       procedure :: continue_from => curve_runner_continue_from
@@ -61,6 +65,8 @@ contains
       call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
       self%is_done = .false.
       self%has_begun = .false.
+      self%last_parameter = self%request%start
+      self%last_branch = 0
    end subroutine curve_runner_prepare
 
    !> Restores the state of a prepared curve at the last of its stored points.
@@ -74,6 +80,8 @@ contains
       if (.not. allocated(error)) call self%curve%continue_from(self%model, self%request, stored, error)
       self%is_done = self%curve%is_done .or. allocated(error)
       self%has_begun = .true.
+      self%last_parameter = stored(size(stored))%parameter
+      self%last_branch = stored(size(stored))%branch
    end subroutine curve_runner_continue_from
 
    !> Whether there is a curve that may have points.
@@ -93,8 +101,8 @@ contains
       self%is_done = self%curve%is_done
    end subroutine curve_runner_lengthen
 
-   !> Returns the next point; with the status `interrupted`, and without an error, if the work ends first. An error ends the
-   !> curve.
+   !> Returns the next point; with the status `interrupted`, and without an error, if the work ends first. An `error` is a failure
+   !> of this point, which its result has as well; it ends the curve.
    subroutine curve_runner_next(self, cancellation, result, error)
       class(curve_runner_t), intent(inout), target :: self
       class(cancellation_t), intent(inout), target :: cancellation
@@ -119,6 +127,11 @@ contains
          return
       end if
       self%is_done = self%curve%is_done .or. allocated(error)
+      if (allocated(error)) call result%set_failure(error)
+      if (.not. allocated(result%curve)) result%curve = curve_position_t(curve_kind%none, self%last_parameter, &
+                                                                      ieee_value(1.0_wp, ieee_quiet_nan), self%last_branch)
+      self%last_parameter = result%curve%parameter
+      self%last_branch = result%curve%branch
    end subroutine curve_runner_next
 
    !> The system at the point that was returned last, with the numbers that it has there.

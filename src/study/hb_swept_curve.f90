@@ -1,7 +1,6 @@
 !> One curve of a run: its first model is read, or the state at the end of a previous run is restored from the file; then its
 !> points are returned one by one (hb_curve_runner), in the form of the file.
 module hb_swept_curve
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
    use hb_curve_runner, only: curve_runner_t
@@ -31,8 +30,6 @@ module hb_swept_curve
       type(law_doubt_t) :: law_doubt                                  !! at the first point
       type(idle_laws_t) :: idle_laws                                  !! in all points
       type(curve_runner_t), private :: runner
-      real(wp), private :: last_parameter = 0.0_wp
-      integer, private :: last_branch = 0
    contains
       procedure :: next => swept_curve_next
       procedure :: destroy => swept_curve_destroy
@@ -66,7 +63,6 @@ contains
       end associate
       if (.not. allocated(failure)) call self%runner%prepare()
       self%is_done = allocated(failure)
-      self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
       allocate (positions(source%plan%curve%n_points), status(source%plan%curve%n_points))
       call results%read_curve(first, status, positions, error)
@@ -76,8 +72,6 @@ contains
       call self%runner%continue_from(positions(:last), failure)
       self%is_done = self%runner%is_done
       self%stored = status(:last)
-      self%last_parameter = positions(last)%parameter
-      self%last_branch = positions(last)%branch
    end subroutine new_swept_curve
 
    !> The last of the stored points from which a curve can continue, without gaps before it; 0: none.
@@ -109,19 +103,13 @@ contains
       self%is_done = self%runner%is_done
       if (result%status == outcome%interrupted) return
       associate (model => self%runner%model)
-         if (allocated(error)) then
-            call result%set_failure(error)
-         else
+         if (.not. allocated(error)) then
             system => self%runner%system_at(result)
             call self%law_doubt%examine(system, model%discretisation, result)
             call self%idle_laws%examine(system, model%discretisation, result)
             if (.not. layout%has_own_tuples) call spread_result(model%discretisation%harmonics, layout, result)
          end if
       end associate
-      if (.not. allocated(result%curve)) result%curve = curve_position_t(curve_kind%none, self%last_parameter, &
-                                                                      ieee_value(1.0_wp, ieee_quiet_nan), self%last_branch)
-      self%last_parameter = result%curve%parameter
-      self%last_branch = result%curve%branch
       result%rank = rank
       result%solve_seconds = wall_clock() - started
    end subroutine swept_curve_next

@@ -78,6 +78,22 @@ def verdicts(data):
     return np.vectorize({"stable": 1, "unstable": -1, "unknown": 0}.get)(data["stability"].values)
 
 
+def test_a_curve_that_fails_is_that_of_the_command(tmp_path):
+    """Its row has the reason: a point that cannot be computed is no error of the caller."""
+    resonant = (
+        "&structure type='matrices', n_dofs=2, mass=1, 1, stiffness=2, -1, -1, 1 /\n&tones frequency=1.0 /\n&harmonics order=3 /\n"
+        "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=0.1 /\n"
+    )
+    (tmp_path / "curve.nml").write_text(resonant + CURVE.replace("0.6", "1.0"))
+    assert run("solve", "curve.nml", "--quiet", cwd=tmp_path).status == 4
+    with pytest.warns(nhbm.NotConverged, match="failed: dynamic stiffness"):
+        curve = Model.from_namelist(resonant).curve("tones.frequency", 1.0, 2.2, max_step=0.2, peak_of="x1 (1)")
+    opened = nhbm.open_dataset(tmp_path / "curve.h5")
+    assert curve["status"].values.tolist() == opened["status"].values.tolist() == ["failed"]
+    assert curve["message"].values.tolist() == opened["message"].values.tolist()
+    assert curve["tones_frequency"].values.tolist() == opened["tones_frequency"].values.tolist() == [1.0]
+
+
 def test_stability_is_known_where_the_command_knows_it(tmp_path):
     """For tori: a point, the points of a sweep, cold and warm, and those of a curve."""
     text = (DUFFING.replace("= 0.9 /", "= 0.9, 1.3 /").replace("tuple = 1, cos = 0.3", "tuple = 1, 0, cos = 0.1")

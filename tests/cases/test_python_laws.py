@@ -53,6 +53,27 @@ def test_laws_are_functions_of_python(tmp_path):
         )
 
 
+@pytest.mark.parametrize("odd", [False, True])
+def test_a_law_that_cannot_continue_ends_a_curve(tmp_path, odd):
+    """The points before it are there, and its row names the law."""
+    (tmp_path / "law.c").write_text(
+        '#include "nhbm_user_law.h"\n'
+        "int cubic(const nhbm_law_samples_t *s) { for (int i = 0; i < s->n_samples; ++i) { if (s->z[i]*s->z[i] > .36) return -7;\n"
+        "s->f[i] = .5*s->z[i]*s->z[i]*s->z[i]; if (s->df_dz) s->df_dz[i] = 1.5*s->z[i]*s->z[i]; } return 0; }\n")  # fmt: skip
+    subprocess.run([shutil.which("cc"), *INCLUDES, "-shared", "-fPIC", tmp_path / "law.c", "-o", tmp_path / "law.so"], check=True)
+    compiled = ctypes.CDLL(str(tmp_path / "law.so")).cubic
+    compiled.restype, compiled.argtypes = ctypes.c_int, [ctypes.c_void_p]
+    law = nhbm.law(compiled, odd=odd)
+    model = duffing(spring=law)
+    model.law(law, "x1", label="fragile")
+    with pytest.warns(nhbm.NotConverged, match="fragile.*-7"):
+        curve = model.curve("tones[0]", 0.5, 1.5, order=5)
+    assert curve.sizes["point"] > 5
+    assert set(curve["status"].values[:-1]) == {"converged"}
+    assert curve["status"].values[-1] == "failed"
+    assert np.nanmax(curve.nhbm.amplitude("x1", 1).values[:-1]) < 0.61
+
+
 def stop(q, p):
     return 0.5 * p[0] * (q - p[1] + abs(q - p[1]))
 
