@@ -216,7 +216,8 @@ def stamp_of_source() -> str:
 
 def executed_lines(counters: Path) -> dict[str, dict[str, list[int]]]:
     """Of each source the lines with counters, and those that were executed."""
-    of_source = re.compile(r"/src/CMakeFiles/|/__/src/")  # the latter are compiled into a suite
+    in_suite = "/__/src/"  # compiled into a suite
+    of_source = re.compile("/src/CMakeFiles/|" + in_suite)
     data = [path for path in counters.rglob("*.gcda") if of_source.search(str(path)) and has_counted(path.read_bytes())]
     for path in data:  # gcov reads the notes of the compiler from the same folder
         notes = Path("/", path.relative_to(counters)).with_suffix(".gcno")
@@ -226,11 +227,13 @@ def executed_lines(counters: Path) -> dict[str, dict[str, list[int]]]:
     subprocess.run(["gcov", "-i", *map(str, data)], cwd=work, capture_output=True, check=False)
     lines: dict[str, dict[str, set[int]]] = {}
     for path in work.glob("*.gcov.json.gz"):
-        for file in json.loads(gzip.open(path).read())["files"]:
+        content = json.loads(gzip.open(path).read())
+        for file in content["files"]:
             if str(SOURCE / "src") in file["file"]:
                 found = lines.setdefault(str(Path(file["file"]).relative_to(SOURCE)), {"all": set(), "executed": set()})
                 found["all"] |= {line["line_number"] for line in file["lines"]}
-                found["executed"] |= {line["line_number"] for line in file["lines"] if line["count"] > 0}
+                counts_all = in_suite in content["data_file"]  # such a suite starts processes, whose counts are lost
+                found["executed"] |= {line["line_number"] for line in file["lines"] if line["count"] > 0 or counts_all}
     return {name: {kind: sorted(numbers) for kind, numbers in found.items()} for name, found in lines.items()}
 
 
