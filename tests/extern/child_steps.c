@@ -1,4 +1,4 @@
-/* What tests let a child process do, and how it ends. Source: POSIX.1-2017. */
+/* What tests let a child process do, how it ends, and what is written to standard error. Source: POSIX.1-2017. */
 #include <fcntl.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 int status_of_child(void (*work)(void), const char *errors);
+void collect_errors(void (*work)(void), const char *errors);
 void end_by_exit(int status);
 void end_by_signal(int number);
 int has_crash_signals(void);
@@ -24,6 +25,18 @@ int status_of_child(void (*work)(void), const char *errors)
    }
    if (child < 0 || waitpid(child, &status, 0) != child) return -1;
    return WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
+}
+
+/* Does the work in this process, whose standard error goes to a file meanwhile. */
+void collect_errors(void (*work)(void), const char *errors)
+{
+   const int before = dup(STDERR_FILENO);
+   const int file = open(errors, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+   (void)dup2(file, STDERR_FILENO);
+   work();
+   (void)dup2(before, STDERR_FILENO);
+   (void)close(before);
+   (void)close(file);
 }
 
 void end_by_exit(int status)
