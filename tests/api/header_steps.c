@@ -20,6 +20,7 @@ int curve_step(void);
 int record_step(void);
 int verdict_step(void);
 int structure_step(void);
+int rotors_step(void);
 int description_step(void);
 int doubt_step(void);
 int wrong_structure_step(void);
@@ -377,6 +378,61 @@ int structure_step(void)
    values = (const double *)found.data + 6;
    CHECK(cabs(values[0] - I*values[1] - root) < 1e-12);
    CHECK(strcmp(labels_of(model, "dof"), "tip\nroot") == 0 && strcmp(labels_of(model, "law_dof"), "tip") == 0);
+   nhbm_destroy(&model);
+   return 0;
+}
+
+/* A disk with two speeds, such as those of two shafts: each matrix has a factor of its own. */
+static int disk(void *context, const char *file, nhbm_structure *s)
+{
+   static const int32_t diagonal[] = {0, 1, 2}, at[] = {0, 1}, across[] = {1, 0};
+   static const struct {
+      const char *name;
+      double factor;
+      int is_skew;
+   } matrices[] = {
+      {"mass", 1.0, 0},
+      {"stiffness", 9.0, 0},
+      {"damping", 0.2, 0},
+      {"gyroscopic", 0.1, 1},
+      {"gyroscopic_by_speed", 0.03, 1},
+      {"stiffness_by_speed", 0.05, 1},
+      {"stiffness_by_speed_squared", -0.02, 0},
+      {"gyroscopic_by_speed_2", 0.07, 1},
+      {"stiffness_by_speed_2", 0.11, 1},
+      {"stiffness_by_speed_squared_2", -0.013, 0},
+   };
+   int code = nhbm_structure_set_dofs(s, "x y", "", 0.0);
+
+   (void)context;
+   (void)file;
+   for (size_t i = 0; i < sizeof matrices / sizeof matrices[0] && code == 0; i++) {
+      const double factor = matrices[i].factor, plain[] = {factor, factor}, skew[] = {-factor, factor};
+      code = matrices[i].is_skew ? nhbm_structure_set_matrix(s, matrices[i].name, 2, 2, diagonal, across, skew)
+                                 : nhbm_structure_set_matrix(s, matrices[i].name, 2, 2, diagonal, at, plain);
+   }
+   return code;
+}
+
+int rotors_step(void)
+{
+   const double w = 1.3, first = 2.0, second = 3.0;
+   const double complex a = 9.0 - 0.02*first*first - 0.013*second*second - w*w + I*0.2*w;
+   const double complex b = 0.05*first + 0.11*second + I*w*(0.1 + 0.03*first + 0.07*second);
+   const double complex x = 0.3*a/(a*a + b*b), y = -0.3*b/(a*a + b*b);
+   nhbm_column found;
+   nhbm_model *model = created();
+   const double *values;
+
+   nhbm_set_structure_callback(model, disk, NULL);
+   CHECK(nhbm_read_input(model, "&structure type = 'model', file = 'disk', speed = 2.0, 3.0 /\n"
+                                "&tones frequency = 1.3 /\n&harmonics order = 1 /\n&load dof = 'x', tuple = 1, cos = 0.3 /\n",
+                         "disk") == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1);
+   CHECK(cabs(first_harmonic(model) - x) < 1e-12);
+   CHECK(nhbm_get_column(model, "coefficients", &found) == NHBM_SUCCESS && found.shape[0] == 2);
+   values = (const double *)found.data + 6;
+   CHECK(cabs(values[0] - I*values[1] - y) < 1e-12);
    nhbm_destroy(&model);
    return 0;
 }
