@@ -2,7 +2,7 @@
 !> differentiated (`&gradient`).
 module hb_number_paths
    use hb_document, only: document_t, parameter_t, tied_t
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_model_number, only: model_number_t, moving_groups, numbered_groups, relation_t, tie_t
@@ -10,7 +10,7 @@ module hb_number_paths
    use hb_model_tones, only: tone_of
    use hb_parameter_number, only: find_number, list_groups
    use hb_properties, only: properties_t
-   use hb_response, only: new_response, response_t
+   use hb_response, only: new_response, not_in_set, response_t
    use hb_text, only: number_of, shown, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
@@ -157,6 +157,8 @@ contains
       if (len_trim(of) > 0) then
          allocate (response)
          call new_response(response, of, self%system%structure, self%system%tones%n_tones, error)
+         if (.not. (allocated(error) .or. self%options%accuracy%grows_set .or. response%is_in(self%discretisation%harmonics))) &
+            call fail(error, "'"//response%name//"': "//not_in_set)
          if (allocated(error)) call group%problem("of", error%message)
          if (.not. allocated(error)) call move_alloc(response, self%options%gradient%of)
          if (self%options%purpose%is_followed) &

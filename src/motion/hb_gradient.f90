@@ -119,6 +119,7 @@ contains
                if (allocated(error)) exit
             end do
             call give_up()
+            call note_no_response()
             return
          end if
          associate (accuracy => options%accuracy)
@@ -139,6 +140,7 @@ contains
       call give_up()
       if (allocated(result%gradient%coefficients)) &
          call differentiate_to_tolerance(known, known%model%system, known%model%options, own, result%gradient)
+      call note_no_response()
 
    contains
 
@@ -149,6 +151,13 @@ contains
          if (work_is_over()) return
          if (.not. allocated(result%message)) result%message = "no derivatives: "//error%message
       end subroutine give_up
+
+      !> Reports that the requested response is zero: its amplitude has no derivative there.
+      subroutine note_no_response()
+         if (.not. allocated(options%gradient%of) .or. allocated(result%message)) return
+         if (allocated(result%gradient%weights) .or. .not. allocated(result%gradient%response)) return
+         result%message = "no derivatives: '"//options%gradient%of%name//"' is zero, or not in the set of harmonics"
+      end subroutine note_no_response
    end subroutine find_gradient
 
    !> Differentiates a motion without laws: it is computed on both sides of the value.

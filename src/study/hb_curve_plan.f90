@@ -17,7 +17,7 @@ module hb_curve_plan
    use hb_point_kinds, only: curve_kind_names, curve_kinds, located_by, response_keys, response_kinds, target_keys
    use hb_properties, only: properties_t
    use hb_property_record, only: line_of_curve
-   use hb_response, only: new_response
+   use hb_response, only: new_response, not_in_set
    use hb_stability, only: stability_method
    use hb_system, only: system_t
    use hb_text, only: lower, shown, string_t, to_text
@@ -236,8 +236,7 @@ contains
                               model%system%tones%n_tones, error)
             if (.not. (allocated(error) .or. model%options%accuracy%grows_set .or. &
                        response%is_in(model%discretisation%harmonics))) &
-               call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple; raise the order of "// &
-                         "&harmonics")
+               call fail(error, "'"//response%name//"': "//not_in_set)
             if (curve_kinds(response%kind)%needs_load .and. .not. allocated(error)) &
                call check_loads(model%system, model%discretisation, response, error)
             if (allocated(error)) then

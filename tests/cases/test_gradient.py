@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from in_process import ROOT
-from program import solve
+from program import messages_of, run, solve
 
 import nhbm
 
@@ -35,6 +35,30 @@ def test_derivatives_by_default_are_those_of_the_motion():
 def test_a_harmonic_that_is_not_in_the_set_has_no_derivative():
     with pytest.raises(nhbm.ModelError, match="x1 .40.': the set of harmonics does not have this tuple"):
         damper().gradient("x1 (40)", ["damper.limit"], order=5)
+
+
+DUFFING = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.05, stiffness = 1.0 /
+&tones frequency = 1.2 /
+&harmonics order = 5, symmetry = 'none' /
+&load dof = 'x1', tuple = 1, cos = 0.18 /
+&law type = 'cubic_spring', label = 'c', dof = 'x1', stiffness = 1.0 /
+&gradient by = 'law(c)%stiffness', of = '{}' /
+"""
+
+
+def test_a_response_without_derivative_is_named(tmp_path):
+    """A file lacked the derivative and said nothing, both for a harmonic that its set does not have and for one that is zero."""
+    (tmp_path / "case.nml").write_text(DUFFING.format("x1 (9)"))
+    refused = run("solve", "case.nml", cwd=tmp_path)
+    assert refused.status == 2
+    assert "case.nml:7: &gradient: of: 'x1 (9)': the set of harmonics does not have this tuple" in refused.stderr
+    zero = solve(DUFFING.format("x1 (2)"), tmp_path)
+    assert "no derivatives: 'x1 (2)' is zero, or not in the set of harmonics" in messages_of(zero)
+    path = solve(DUFFING.format("x1 (3)"), tmp_path)
+    assert "no derivatives" not in messages_of(path)
+    with h5py.File(path) as file:
+        assert abs(file["response_gradient"][0, 0]) > 0.0
 
 
 @pytest.mark.long
