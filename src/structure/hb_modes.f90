@@ -12,7 +12,7 @@ module hb_modes
    use hb_text, only: to_text
    implicit none
    private
-   public :: find_natural_frequencies, max_dofs, modes_t, natural_frequencies, new_modes, slowest_decay
+   public :: find_natural_frequencies, has_free_motion, max_dofs, modes_t, natural_frequencies, new_modes, slowest_decay
 
    integer, parameter :: largest_structure = 500                      ! degrees of freedom: all modes are computed
    integer, parameter :: max_dofs = 1500               !! for natural frequencies alone, computed at once in some seconds
@@ -123,6 +123,16 @@ contains
       if (any(modes%growth < 0.0_wp)) rate = minval(-modes%growth, mask=modes%growth < -1.0e-9_wp*modes%frequency)
       if (rate >= huge(1.0_wp)) rate = 0.0_wp
    end function slowest_decay
+
+   !> Whether some part can move without stiffness; false for large structures.
+   logical function has_free_motion(mass, stiffness)
+      real(wp), intent(in) :: mass(:, :), stiffness(:, :)             !! (n_dofs, n_dofs)
+      real(wp), parameter :: zero = 1.0e-6_wp                         ! relative to the largest entries
+
+      has_free_motion = .false.
+      if (size(mass, 1) > largest_structure .or. .not. any(abs(mass) > 0.0_wp)) return
+      has_free_motion = any(abs(natural_frequencies(mass, stiffness)) <= zero*sqrt(maxval(abs(stiffness))/maxval(abs(mass))))
+   end function has_free_motion
 
    !> Returns all finite natural frequencies, ascending; 0 for a motion without stiffness, negative for the growth
    !> rate at the equilibrium if the stiffness is negative. No value if LAPACK finds none: the structure has massless

@@ -24,6 +24,9 @@ module hb_integration_verdict
    real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that counts
    real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that does not count
    real(wp), parameter :: sheared = 4.5_wp                            ! likewise if nothing decays: like the square of time
+   real(wp), parameter :: drifting = 2.2_wp                           ! likewise: like time
+   real(wp), parameter :: slowing = 0.42_wp                           ! part of a logarithmic growth in the second half of the
+                                                                      ! periods: 0.5 if exponential, 0.37 if threefold like time
    integer, parameter :: min_fitted = 2                            ! periods
 
    type :: verdict_kind_t
@@ -65,14 +68,16 @@ contains
    !> Verdict after some periods; `not_done` if the time integration must continue. Disturbances of a stable motion may grow before
    !> they decay, as far as the shapes in which they decay are nearly parallel: with `may_recover` growth counts as transient as
    !> long as the time integration has not left the motion and is not over; a growth like a power of time, of a body that is nearly
-   !> free, is not known to last before the structure has decayed.
-   pure integer function decide(ratio, distance, fewest, decay, is_last, may_recover) result(kind)
+   !> free, is not known to last before the structure has decayed. Where nothing holds a body, disturbances move it on like time, as
+   !> errors of the time integration do: no sign of an instability.
+   pure integer function decide(ratio, distance, fewest, decay, is_last, may_recover, is_free) result(kind)
       real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
       real(wp), intent(in) :: distance(:) !! of both time integrations, logarithm, 0 at the start, (n_periods)
       integer, intent(in) :: fewest                                   !! periods that cover the whole motion
       integer, intent(in) :: decay !! periods in which the transient of the structure decays, 0: it does not
       logical, intent(in) :: is_last                                  !! no more periods
       logical, intent(in), optional :: may_recover                    !! default: growth is certain
+      logical, intent(in), optional :: is_free                        !! nothing linear holds some body; default: false
       integer :: retained, n, stretch, tail
       logical :: has_forgotten, has_left, is_falling
       real(wp) :: certain, gain, rise, start
@@ -110,6 +115,9 @@ contains
             if (is_last) kind = verdict%undecided
          else if (has_forgotten .or. is_last .or. n >= max(decay, 2*fewest)) then
             kind = merge(verdict%unstable, verdict%differs, gain >= log(growing) .and. rise > 0.0_wp)
+            if (kind == verdict%unstable .and. present(is_free)) then
+               if (is_free .and. rise <= min(log(drifting), slowing*gain)) kind = verdict%undecided
+            end if
          end if
       else if (has_forgotten .and. rise_of(distance(n - tail + 1:)) <= log(neutral)) then
          kind = verdict%agrees

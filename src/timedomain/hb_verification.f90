@@ -25,7 +25,7 @@ module hb_verification
    use hb_integration_verdict, only: decide, growing, grown, growth_of, limit_of, n_steady, verdict
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
-   use hb_modes, only: slowest_decay
+   use hb_modes, only: has_free_motion, slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_options, only: options_t
    use hb_outcome, only: outcome
@@ -89,6 +89,7 @@ module hb_verification
       integer :: longest = 0                                          !! that all limits permit
       real(wp) :: beats = 0.0_wp                                      !! that two of the slowest beats last
       integer :: decay = 0 !! in which the transient of the linear structure decays; 0: it does not
+      logical :: is_free = .false.                                    !! the linear structure does not hold some body
    end type length_t
 
    !> Both integrations, and their results so far.
@@ -332,7 +333,7 @@ contains
                         i=1, difference%n_periods)]
          call reset_distance(self%state, self%other, self%scale, self%speed, self%moved_back)
          result%kind = decide(self%ratio, distance, length%fewest, length%decay, difference%n_periods >= length%bound, &
-                              self%may_recover)
+                              self%may_recover, length%is_free)
          if (result%kind /= verdict%undecided .or. length%bound >= length%most) return
          length%bound = min(2*length%bound, length%most)
          result%kind = verdict%not_done
@@ -450,8 +451,10 @@ contains
          self%fewest = max(self%fewest, ceiling(min(self%beats, real(self%longest, wp))))
       end associate
       rate = 0.0_wp
-      if (.not. allocated(system%structure%sparse)) rate = slowest_decay(system%structure%mass, system%structure%damping, &
-                              system%structure%stiffness)*self%period
+      if (.not. allocated(system%structure%sparse)) then
+         rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)*self%period
+         self%is_free = has_free_motion(system%structure%mass, system%structure%stiffness)
+      end if
       self%bound = usual_bound
       if (rate > 0.0_wp) then
          self%decay = ceiling(min(max_decay/rate, real(longest_decay, wp)))
