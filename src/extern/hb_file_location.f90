@@ -50,13 +50,13 @@ contains
       else if (len_trim(path) < len(path)) then
          call fail(error, "its name ends with a blank; give another --output")
       else if (kind == file_kind%folder) then
-         call fail(error, "is a folder; give another --output")
+         call fail(error, "it is a folder; give another --output")
       else if (kind == file_kind%device_or_pipe) then
-         call fail(error, "is a pipe or a device, which is never replaced; give another --output")
+         call fail(error, "it is a pipe or a device, which is never replaced; give another --output")
       else if (kind == file_kind%lost_link) then
-         call fail(error, "is a link that leads nowhere; give another --output")
+         call fail(error, "it is a link that leads nowhere; give another --output")
       else if (kind /= file_kind%none .and. .not. overwrite) then
-         call fail(error, "exists; give --overwrite or another --output")
+         call fail(error, "it exists; give --overwrite or another --output")
       end if
    end subroutine check_target
 
@@ -77,7 +77,7 @@ contains
             return
          end if
          if (exists(path)) then
-            call fail(error, "exists; give --overwrite or another --output")
+            call fail(error, "it exists; give --overwrite or another --output")
             return
          end if
          ! a file system without links: use rename

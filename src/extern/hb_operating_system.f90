@@ -233,7 +233,7 @@ contains
       case (-3); call fail(error, "'"//path//"' is not a regular file; remove it or give another --output")
       case (-4); call fail(error, "'"//path//"' was not written by a run; move it or give another --output")
       case default
-         call fail(error, "cannot be made; check the permission of its folder or give another --output")
+         call fail(error, "it cannot be made; check the permission of its folder or give another --output")
       end select
    end subroutine lock_file
 

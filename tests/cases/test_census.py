@@ -29,7 +29,7 @@ def folder(tmp_path):
 def test_the_file_that_exists_is_named(folder):
     (folder / "duffing.h5").write_text("a result")
     done = run("census", "duffing.nml", "--starts", "5", cwd=folder)
-    assert done.status == BAD_INPUT and "result file 'duffing.h5': exists; give --overwrite" in done.stderr
+    assert done.status == BAD_INPUT and "result file 'duffing.h5': it exists; give --overwrite" in done.stderr
 
 
 def test_table_and_file_have_the_same_motions(folder):
