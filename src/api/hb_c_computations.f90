@@ -263,6 +263,22 @@ contains
       status = end_call(model, error, status)
    end function nhbm_verify
 
+   integer(c_int) function nhbm_set_verification_time(model, seconds) bind(c, name="nhbm_set_verification_time") result(status)
+      type(c_ptr), value :: model
+      real(c_double), value :: seconds
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: error
+
+      status = begin_call(model, "nhbm_set_verification_time", handle)
+      if (status /= c_status%success) return
+      if (seconds >= 0.0_c_double) then
+         handle%session%verification_time = merge(real(seconds, wp), huge(1.0_wp), seconds > 0.0_c_double)
+      else
+         call fail(error, "nhbm_set_verification_time: seconds must be positive, or 0 for no limit")
+      end if
+      status = end_call(model, error, c_status%invalid_argument)
+   end function nhbm_set_verification_time
+
    integer(c_int) function nhbm_verify_motion(model, motion, max_periods) bind(c, name="nhbm_verify_motion") result(status)
       type(c_ptr), value :: model, motion
       integer(c_int), value :: max_periods

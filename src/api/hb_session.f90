@@ -19,6 +19,7 @@ module hb_session
    use hb_idle_laws, only: idle_laws_t
    use hb_input_keys, only: input_groups
    use hb_integration, only: integrate_model, integration_t
+   use hb_integration_verdict, only: kind_of_verdict => verdict
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
@@ -56,6 +57,7 @@ module hb_session
       logical :: has_curve = .false.                                  !! `curve_next` may return a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
+      real(wp) :: verification_time = huge(1.0_wp)                    !! processor time of a verification [s]: then undecided
       type(census_t), allocatable :: census                           !! of the present values
       type(session_cancellation_t) :: cancellation
       type(column_view_t) :: column                                   !! found last
@@ -519,10 +521,12 @@ contains
       end if
       call new_claim(claim, motion, model%discretisation%harmonics%tuples, model%options%accuracy%grows_set)
       call self%cancellation%begin_work()
-      call self%cancellation%enter(huge(1.0_wp))
+      call self%cancellation%enter(self%verification_time)
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
-      if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
+      if (any(self%cancellation%verdict == [verdict%interrupted, verdict%timed_out]) .and. allocated(error)) deallocate (error)
+      if (self%cancellation%verdict == verdict%timed_out) &
+         self%verdict = verdict_t(kind=kind_of_verdict%undecided, coordinate="", drift=0.0_wp*motion%frequency)
       self%has_verdict = .not. allocated(error)
    end subroutine session_verify_motion
 

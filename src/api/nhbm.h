@@ -270,6 +270,10 @@ NHBM_EXPORT int nhbm_integrate(nhbm_model *model);
  * NHBM_INVALID_STATE: there is no such motion, or a value has changed since. NHBM_INVALID_ARGUMENT: max_periods is negative. */
 NHBM_EXPORT int nhbm_verify(nhbm_model *model, int max_periods);
 
+/* Processor time [s] after which nhbm_verify and nhbm_verify_motion end, with the verdict "undecided" and the
+ * duration 0; 0, as at first: no limit. */
+NHBM_EXPORT int nhbm_set_verification_time(nhbm_model *model, double seconds);
+
 /* A motion of the caller, such as one read from a file, at all degrees of freedom of the model. */
 typedef struct nhbm_motion {
    size_t n_tones, n_harmonics, n_dofs;

@@ -94,6 +94,7 @@ static int set_interrupt_callback(nhbm_model *m) { return nhbm_set_interrupt_cal
 static int set_progress_callback(nhbm_model *m) { return nhbm_set_progress_callback(m, progress, NULL); }
 static int solve(nhbm_model *m) { return nhbm_solve(m, NHBM_COLD_START); }
 static int set_point_count(nhbm_model *m) { return nhbm_set_point_count(m, 1); }
+static int set_verification_time(nhbm_model *m) { return nhbm_set_verification_time(m, 1.0); }
 static int curve_begin(nhbm_model *m) { return nhbm_curve_begin(m); }
 static int curve_lengthen(nhbm_model *m) { return nhbm_curve_lengthen(m, 1000); }
 static int curve_next(nhbm_model *m) { return nhbm_curve_next(m, &has_point); }
@@ -129,9 +130,9 @@ static const struct {
    bool needs_input;
 } functions[] = {
    {get_input, true}, {set_key, true}, {find_parameter, true}, {set_parameter, true}, {set_structure_callback, false},
-   {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false}, {curve_begin, true},
-   {curve_lengthen, true}, {curve_next, true}, {integrate, true}, {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true},
-   {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
+   {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false},
+   {set_verification_time, false}, {curve_begin, true}, {curve_lengthen, true}, {curve_next, true}, {integrate, true},
+   {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true}, {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
    {verify_motion, true}, {take_census, true}, {select_census_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
    {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {input_add_group, true}, {input_set_text, true},
    {input_set_logical, true}, {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true},
@@ -396,6 +397,9 @@ int range_step(void)
    CHECK(nhbm_select_census_motion(model, 0, &census_motion) == NHBM_SUCCESS && census_motion.start != 0);
    CHECK(nhbm_set_point_count(model, SIZE_MAX) == NHBM_INVALID_ARGUMENT && nhbm_set_point_count(model, INT_MAX) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && nhbm_set_point_count(model, 0) == NHBM_SUCCESS);
+   CHECK(nhbm_set_verification_time(model, -1.0) == NHBM_INVALID_ARGUMENT && SAYS("positive"));
+   CHECK(nhbm_set_verification_time(model, NAN) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_verification_time(model, 0.0) == NHBM_SUCCESS);
    CHECK(nhbm_get_key_row(nhbm_get_key_count(), row, sizeof row) == NHBM_INVALID_ARGUMENT && row[0] == '\0');
    CHECK(nhbm_get_key_row(SIZE_MAX, row, sizeof row) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_get_key_row(0, row, 0) == NHBM_INVALID_ARGUMENT && nhbm_get_key_row(0, row, 1) == NHBM_INVALID_ARGUMENT);

@@ -19,6 +19,22 @@ def test_wrong_numbers_of_periods_are_refused():
         with pytest.raises(ModelError, match="periods must be a whole number"):
             model.verify(periods=periods)
     assert model.verify(periods=np.int64(3))["integration_verdict"].item() in ("agrees", "undecided")
+    for seconds in (-1, float("nan"), "60"):
+        with pytest.raises(ModelError, match="^time_limit must be"):
+            model.verify(time_limit=seconds)
+
+
+def test_a_verification_ends_at_its_time_limit():
+    """From the last motion of `solve` and from a dataset; the limit does not remain for the next call."""
+    model = nhbm.Model(nhbm.Chain(n_masses=20, mass=1.0, coupling_stiffness=1.0, damping_mass=1e-3), tones=[1.1])
+    model.load("x1", 1, cos=0.1)
+    model.law("cubic_spring", "x10", stiffness=0.1)
+    motion = model.solve(order=1)
+    for arguments in ((), (motion,)):
+        ended = model.verify(*arguments, time_limit=1e-3)
+        assert ended["integration_verdict"].item() == "undecided"
+        assert ended["integration_duration"].item() == 0.0
+    assert model.verify(periods=3)["integration_duration"].item() > 0.0
     model["tones[0]"] = 1.0
     with pytest.raises(ModelError, match="values have changed"):
         model.verify()

@@ -233,6 +233,7 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "curve_lengthen": (pointer, count),
         "curve_next": (pointer, numbers),
         "integrate": (pointer,),
+        "set_verification_time": (pointer, real),
         "verify": (pointer, number),
         "verify_motion": (pointer, ctypes.POINTER(Motion), number),
         "take_census": (pointer, number, number, ctypes.c_double, ctypes.POINTER(Census)),

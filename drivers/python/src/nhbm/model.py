@@ -516,7 +516,7 @@ class Model(Description):
         return dataset.record_of(session)
 
     @exclusive
-    def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
+    def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0, time_limit: float = 0.0) -> xr.Dataset:
         """Integrates in time from a motion, and from a perturbed state, to verify the motion and its stability.
 
         Parameters
@@ -526,6 +526,8 @@ class Model(Description):
             is verified. Default: the motion that `solve` has found last.
         periods : int
             Largest number of periods of the slowest tone; 0: from the decay rate.
+        time_limit : float
+            Processor time [s] after which the verdict is "undecided" and the duration 0; 0: no limit.
 
         Returns
         -------
@@ -536,15 +538,21 @@ class Model(Description):
         """
         if isinstance(periods, bool) or not isinstance(periods, (int, np.integer)) or not 0 <= periods < 2**31:
             raise ModelError(f"periods must be a whole number, 0 for as many as the decay requires, not {periods!r}")
+        limit = numbers_of("time_limit", time_limit)[0]
+        if limit < 0.0:
+            raise ModelError(f"time_limit must be a time [s], or 0 for no limit, not {time_limit!r}")
         if motion is not None:
-            return self._verify_motion(motion, int(periods))
-        live = None if self._solved is None else self._sessions.get(self._solved)
-        if live is None:
-            raise ModelError("there is no motion of `solve` that can be verified")
-        live.session.verify(int(periods))
-        return dataset.record_of(live.session)
+            found = self._verify_motion(motion, int(periods), limit)
+        else:
+            live = None if self._solved is None else self._sessions.get(self._solved)
+            if live is None:
+                raise ModelError("there is no motion of `solve` that can be verified")
+            live.session.limit_verification(limit)
+            live.session.verify(int(periods))
+            found = dataset.record_of(live.session)
+        return found
 
-    def _verify_motion(self, motion: xr.Dataset, periods: int) -> xr.Dataset:
+    def _verify_motion(self, motion: xr.Dataset, periods: int, limit: float) -> xr.Dataset:
         """The verdict on a motion, at the values for which it was found."""
         if not isinstance(motion, xr.Dataset):
             raise ModelError(f"give a motion, as of model.solve() or curve.isel(point=3), not {type(motion).__name__}")
@@ -577,6 +585,7 @@ class Model(Description):
         sizes = {"n_tones": len(parts["frequency"]), "n_harmonics": n, "n_dofs": len(parts["coefficients"])}
         words = {"status": session.words_of("status").index(motion["status"].item()), "n_unstable": int(motion["n_unstable"])}
         addresses = {name: part.ctypes.data for name, part in parts.items()}
+        session.limit_verification(limit)
         session.verify_motion(Motion(**sizes, **addresses, **numbers, **words), periods)
         return dataset.record_of(session)
 

@@ -200,6 +200,10 @@ class Session:
         with self._interrupts:
             self._call("integrate")
 
+    def limit_verification(self, seconds: float) -> None:
+        """Processor time [s] after which a verification ends undecided; 0: no limit."""
+        self._call("set_verification_time", seconds)
+
     def verify(self, n_periods: int = 0) -> None:
         """Verifies the last motion by time integration; `time_column` returns the verdict."""
         with self._interrupts:
