@@ -10,12 +10,14 @@ module hb_number_paths
    use hb_model_tones, only: tone_of
    use hb_parameter_number, only: find_number, list_groups
    use hb_properties, only: properties_t
-   use hb_response, only: new_response, not_in_set, response_t
+   use hb_response, only: new_response, response_t
    use hb_text, only: number_of, shown, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: read_gradient, read_ties, refuse_unknown_tones, store_ties
+   public :: not_in_set, read_gradient, read_ties, refuse_unknown_tones, store_ties
+
+   character(*), parameter :: not_in_set = "the set of harmonics does not have this tuple; raise the order of &harmonics"
 
 contains
 

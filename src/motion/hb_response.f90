@@ -8,9 +8,7 @@ module hb_response
    use hb_thresholds, only: rounding
    implicit none
    private
-   public :: new_response, not_in_set, response_t
-
-   character(*), parameter :: not_in_set = "the set of harmonics does not have this tuple; raise the order of &harmonics"
+   public :: new_response, response_t
 
    type :: response_t
       character(:), allocatable :: name                               !! as in the input

@@ -11,13 +11,14 @@ module hb_curve_plan
    use hb_model_number, only: moving_groups, numbered_groups
    use hb_model_problem, only: moving_value_t
    use hb_movement, only: movement_t, new_movement
+   use hb_number_paths, only: not_in_set
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_parameter_number, only: find_number, followed_groups, list_groups
    use hb_point_kinds, only: curve_kind_names, curve_kinds, located_by, response_keys, response_kinds, target_keys
    use hb_properties, only: properties_t
    use hb_property_record, only: line_of_curve
-   use hb_response, only: new_response, not_in_set
+   use hb_response, only: new_response
    use hb_stability, only: stability_method
    use hb_system, only: system_t
    use hb_text, only: lower, shown, string_t, to_text
