@@ -27,6 +27,7 @@ module hb_law_bouc_wen
       real(wp) :: beta = 0.5_wp                                       !! >= 0.5
    contains
       procedure :: declare_numbers => bouc_wen_declare_numbers
+      procedure :: has_valid_numbers => bouc_wen_has_valid_numbers
       procedure :: derive => bouc_wen_derive
       procedure :: advance => bouc_wen_advance
       procedure :: force => bouc_wen_force
@@ -53,6 +54,13 @@ contains
       call numbers%add("exponent", self%exponent)
       call numbers%add("beta", self%beta)
    end subroutine bouc_wen_declare_numbers
+
+   !> A smaller exponent would be taken as 1: neither values nor differences may be there.
+   logical function bouc_wen_has_valid_numbers(self) result(are_valid)
+      class(bouc_wen_t), intent(in) :: self
+
+      are_valid = self%exponent >= 1.0_wp
+   end function bouc_wen_has_valid_numbers
 
    pure subroutine bouc_wen_derive(self)
       class(bouc_wen_t), intent(inout) :: self
