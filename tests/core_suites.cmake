@@ -10,7 +10,7 @@ endforeach()
 set(n_suites 0)
 file(GLOB suites CONFIGURE_DEPENDS RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR}/*/test_*.pf)
 list(FILTER suites INCLUDE REGEX "^(base|extern|solve|hypertime|structure|laws|balance|stability|motion)/")
-list(FILTER suites EXCLUDE REGEX "test_two_threads|test_hb_processes")   # with sources of their own
+list(FILTER suites EXCLUDE REGEX "test_two_threads|test_hb_processes|test_hb_crash_detection|test_replaced_process")   # with sources of their own
 foreach(suite IN LISTS suites)
    file(STRINGS ${suite} lines REGEX "^ *use[ ,]")
    list(TRANSFORM lines REPLACE "^ *use *(, *intrinsic *::)? *([a-z0-9_]+).*" "\\2" OUTPUT_VARIABLE modules)
