@@ -171,8 +171,8 @@ contains
       n = count(reasons == reason%points)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
          to_text(plan%n_fastest())//" points"//cut_text(findloc(reasons, reason%points, dim=1))]
-      if (has_no_peak()) lines = [character(max_line) :: lines, &
-                                  "no peak: the response of 'peak_of' is largest at an end of the curve"]
+      if (has_no_peak()) lines = [character(max_line) :: lines, "no peak: the response of 'peak_of' is largest at an end "// &
+                                  "of the curve, or not in its sets of harmonics"]
       n = count(reasons == reason%grazing)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
          "no motion was found beyond; try a sweep from there, or another start"]

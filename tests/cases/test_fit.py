@@ -188,6 +188,12 @@ def fit_without_warning(*arguments, **options):
         return nhbm.fit(*arguments, **options)
 
 
+@pytest.mark.parametrize("data", [{"frequency": 1.0, "amplitude": 2.0}, 3, {"frequency": np.ones((3, 2))}])
+def test_data_that_are_no_table_are_refused(data):
+    with pytest.raises(nhbm.ModelError, match="^data are no table: give lists"):
+        nhbm.fit(linear(), data, LINEAR, "x1 (1)", order=1)
+
+
 def noisy(values, share, seed=5):
     return values * (1 + share * np.random.default_rng(seed).standard_normal(len(values)))
 

@@ -103,6 +103,8 @@ def test_what_can_be_meant_otherwise(tmp_path):
     curve = "&curve parameter = 'tones%frequency', from = 0.8, to = {}, peak_of = 'x1 (1)' /\n"
     assert "no peak: the response of 'peak_of' is largest at an end of the curve" in said(text + curve.format(0.9), tmp_path)
     assert "no peak" not in said(text + curve.format(2.0), tmp_path)
+    adaptive = text.replace("&harmonics order = 9 /", "") + curve.format(2.0).replace("(1)", "(60)")
+    assert "no peak" in (answer := said(adaptive, tmp_path)) and "or not in its sets of harmonics" in answer
 
 
 def test_a_stop_that_both_tones_reach_together(tmp_path):

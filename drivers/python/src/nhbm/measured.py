@@ -75,7 +75,10 @@ def measured_sets(data: Any, model: Model, at: str, noise: float | None, control
         lengths = {str(name): len(column) for name, column in data.items() if np.ndim(column) == 1}
         if len(set(lengths.values())) > 1:
             raise ModelError("the columns of data differ in length: " + ", ".join(f"{name}: {n}" for name, n in lengths.items()))
-    table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
+    try:
+        table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"data are no table: give lists by the names of their columns, a DataFrame or a path ({error})") from None
     table.columns = [re.sub(r"\s*\[[^\]0-9]*\]$", "", str(name)).strip() for name in table.columns]  # without a unit
     given = set(table.columns)
     if "amplitude" not in given or len(given & {"frequency", "hertz"}) != 1:
