@@ -2,6 +2,7 @@
 module hb_integrable_system
    use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_integration_config, only: integration_method
    use hb_kinds, only: wp
    use hb_modes, only: modes_t, new_modes
    use hb_structure, only: max_dense, structure_t
@@ -9,7 +10,7 @@ module hb_integrable_system
    use hb_system, only: system_t
    implicit none
    private
-   public :: fastest_of, has_bounds_of, lacks_mass
+   public :: fastest_of, fixed_step_method_of, has_bounds_of, lacks_mass
 
 contains
 
@@ -41,6 +42,15 @@ contains
          end select
       end do
    end function has_bounds_of
+
+   !> Method with fixed steps for a system whose sliders `cvode` does not support: the only one for rigid laws, or the fastest.
+   pure integer function fixed_step_method_of(system) result(method)
+      type(system_t), intent(in) :: system
+      integer :: i
+
+      method = merge(integration_method%central_differences, integration_method%runge_kutta_4, &
+                     any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))]))
+   end function fixed_step_method_of
 
    !> Frequency of the fastest mode of the structure without damping [rad/s], 0 if not known.
    real(wp) function fastest_of(system) result(fastest)

@@ -8,7 +8,7 @@ module hb_integrated_start
    use hb_birkhoff, only: coefficients_at
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrable_system, only: fastest_of, has_bounds_of, lacks_mass
+   use hb_integrable_system, only: fastest_of, fixed_step_method_of, has_bounds_of, lacks_mass
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
@@ -135,7 +135,7 @@ contains
          config%method = integration_method%generalized_alpha
          config%spectral_radius = 0.0_wp                              ! what has no mass has no vibration of its own
       else if (config%method == integration_method%cvode .and. .not. has_bounds_of(system)) then
-         config%method = integration_method%runge_kutta_4
+         config%method = fixed_step_method_of(system)
          config%substeps = ceiling(step*fastest_of(system)/step_of_mode)
       end if
       call integrate_from(equations, config, step, law_dofs, state, record, error, early_end)

@@ -17,7 +17,7 @@ module hb_verification
    use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrable_system, only: fastest_of, has_bounds_of, lacks_mass
+   use hb_integrable_system, only: fastest_of, fixed_step_method_of, has_bounds_of, lacks_mass
    use hb_integrated_motion, only: find_steady_motion
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
@@ -54,6 +54,7 @@ module hb_verification
    real(wp), parameter :: nearness = 1.0e-6_wp ! of the second time integration at its start, relative to the motion
    real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is reset
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
+   integer, parameter :: finer_steps = 8                              ! of central differences, of first order under rigid laws
    integer, parameter :: min_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
    real(wp), parameter :: falls = 1.5_wp ! ratio of differences by a step and its half, if they are errors of the steps
@@ -269,8 +270,10 @@ contains
             self%config%spectral_radius = 0.0_wp                      ! what has no mass has no vibration of its own
             self%config%substeps = ceiling(step*maxval(omega)*implicit_steps/two_pi)
          else if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(system)) then
-            self%config%method = integration_method%runge_kutta_4
+            self%config%method = fixed_step_method_of(system)
             self%config%substeps = ceiling(max(step*min_steps/self%length%period, step*fastest_of(system)/step_of_mode))
+            if (self%config%method == integration_method%central_differences) &
+               self%config%substeps = finer_steps*self%config%substeps
          end if
          self%config%largest = runaway*maxval(self%scale)
          call new_integration_state(self%state, equations%n_dofs, equations%laws%n_states)

@@ -29,6 +29,28 @@ def test_verify_agrees_with_a_converged_motion(tmp_path):
     assert found["integration_difference"][0] < 1e-9
 
 
+SLIDERS = {
+    "bouc_wen": "&law type='bouc_wen', dof='x1', stiffness=1.0, yield_displacement=0.2 /\n",
+    "jenkins_2d": "&law type='jenkins_2d', dof='x1', second_dofs='x2', stiffness=1.0, limit=0.1 /\n",
+}
+
+
+@pytest.mark.parametrize("slider", SLIDERS)
+def test_sliders_beside_rigid_friction_are_verified(slider, tmp_path):
+    """CVODE has no such sliders and Runge-Kutta methods no rigid laws: central differences have both."""
+    text = (
+        "&structure type='matrices', n_dofs=2, mass=1.0, 1.0, damping=0.1, 0, 0, 0.1, stiffness=2.0, -1, -1, 2 /\n"
+        "&tones frequency=1.3 /\n&accuracy tolerance=1e-3 /\n&load dof='x1', tuple=1, cos=0.5 /\n"
+        "&law type='coulomb_rigid', dof='x2', limit=0.05 /\n"
+    )
+    result = solve(text + SLIDERS[slider], tmp_path)
+    assert verified(result)["integration_verdict"] == [AGREES]
+    with h5py.File(result, "r+") as file:
+        file["coefficients"][0, :, file["tuples"][0, :, 0].tolist().index(1), :] *= 1.05
+        file["checksum"][0] = checksum_of_row(file, 0)
+    assert verified(result, status=NOT_ALL_CONVERGED)["integration_verdict"] == [DIFFERS]
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_verify_counts_its_points(tmp_path, ranks):
     result = solve(CONVERGED_CUBIC + "&sweep parameter='load%cos', from=0.1, to=0.3, n=3 /\n", tmp_path)
