@@ -24,7 +24,7 @@ module hb_refined_motion
    use hb_thresholds, only: minor, reliable
    implicit none
    private
-   public :: calibrate_outputs, estimate_by_levels, has_ended, least_work_of_next, left_after, refined_motion_t
+   public :: calibrate_outputs, estimate_by_levels, estimate_from_above, has_ended, least_work_of_next, left_after, refined_motion_t
 
    integer, parameter :: max_idle = 4                                 ! consecutive levels without improvement
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
@@ -140,7 +140,7 @@ contains
    subroutine compare(self, trial)
       type(refined_motion_t), intent(inout) :: self
       type(motion_result_t), intent(inout) :: trial                   !! on `next`
-      real(wp) :: raw
+      real(wp) :: below, raw
       real(wp), allocatable :: outputs_raw(:)
 
       associate (system => self%system, top => self%top, next => self%next)
@@ -153,10 +153,11 @@ contains
          if (is_rigid(system)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
             self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, system%tones%n_tones)))
          call calibrate_outputs(system, self%options, trial, next%set, self%result, top%set, self%own_outputs)
-         if (self%is_checked .and. max(self%estimate, self%difference) < self%best_estimate .and. size(outputs_raw) == 0) then
+         below = estimate_from_above(self%estimate, self%difference, trial%level_estimate, is_rigid(system))
+         if (self%is_checked .and. below < self%best_estimate .and. size(outputs_raw) == 0) then
             self%best = self%result
             self%best_top = top
-            self%best_estimate = max(self%estimate, self%difference)
+            self%best_estimate = below
          end if
       end associate
       self%own_estimate = raw
@@ -242,6 +243,18 @@ contains
 
       estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction)))
    end function estimate_by_levels
+
+   !> Estimated error of a level according to the level above: at least the difference of the two. Under rigid laws errors fall so
+   !> slowly that the estimate of a level comes from differences, and what it is above, it was not less below.
+   pure real(wp) function estimate_from_above(estimate, difference, estimate_above, is_rigid) result(below)
+      real(wp), intent(in) :: estimate                                !! of the level so far
+      real(wp), intent(in) :: difference                              !! of the two motions, relative
+      real(wp), intent(in) :: estimate_above                          !! of the upper level, from the difference
+      logical, intent(in) :: is_rigid                                 !! a law is rigid
+
+      below = max(estimate, difference)
+      if (is_rigid) below = max(below, estimate_above)
+   end function estimate_from_above
 
    pure function estimates_of_outputs(result) result(estimates)
       type(motion_result_t), intent(in) :: result
