@@ -559,12 +559,13 @@ contains
 
    !> Derivative of the residual by a number of laws at fixed coefficients, see `differentiate_by_number` of
    !> hb_sampled_laws; `is_known` is false where differences of the residual must take its place.
-   subroutine balance_number_derivative(self, u, is_moved, number, step, derivative, is_known)
+   subroutine balance_number_derivative(self, u, is_moved, number, steps, derivative, is_known)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
       logical, intent(in) :: is_moved(:)                              !! the laws that have the number, (laws)
       type(number_t), intent(in) :: number
-      real(wp), intent(in) :: step                                    !! of differences, > 0
+      real(wp), intent(in) :: steps(2)                                !! of differences, downwards and upwards; 0 at an end of
+                                                                      !! the range
       real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)
       logical, intent(out) :: is_known
       type(error_t), allocatable :: error
@@ -574,7 +575,7 @@ contains
       call self%differentiate(u, error)
       if (.not. allocated(error)) call self%law_set%make_direction_samples(error)
       if (allocated(error)) return
-      call self%law_set%differentiate_by_number(is_moved, number, step, is_known)
+      call self%law_set%differentiate_by_number(is_moved, number, steps, is_known)
       if (.not. is_known) return
       call self%law_set%transform%to_coefficients(self%law_set%along%f%values, derivative)
       derivative = self%law_set%factor*derivative

@@ -170,13 +170,13 @@ contains
    end subroutine sampled_law_differentiate
 
    !> Derivative of the force of a law without memory by one of its numbers, at the gathered coordinates: that of the law,
-   !> otherwise a central difference.
-   subroutine sampled_law_find_number_slope(self, number, step, slope, is_known)
+   !> otherwise a difference.
+   subroutine sampled_law_find_number_slope(self, number, steps, slope, is_known)
       class(sampled_law_t), intent(in) :: self
       type(number_t), intent(in) :: number
-      real(wp), intent(in) :: step                                    !! of the difference, > 0
+      real(wp), intent(in) :: steps(2)                                !! of the difference, as for `find_sides`
       real(wp), allocatable, intent(out) :: slope(:, :)               !! as f
-      logical, intent(out) :: is_known                                !! the law has the number, and it can move to both sides
+      logical, intent(out) :: is_known                                !! the law has the number, and it can move by these steps
       type(law_box_t) :: sides(2)
       real(wp), allocatable :: lower(:, :)
       real(wp) :: value
@@ -186,19 +186,19 @@ contains
       allocate (slope, mold=self%f)
       call self%law%number_slope(number, self%z, self%v, self%p, slope, is_known)
       if (is_known) return
-      call self%find_sides(number, step, sides, is_known)
+      call self%find_sides(number, steps, sides, is_known)
       if (.not. is_known) return
       allocate (lower, mold=slope)
       call sides(1)%law%evaluate(self%z, self%v, self%p, lower)
       call sides(2)%law%evaluate(self%z, self%v, self%p, slope)
-      slope = (slope - lower)/(2.0_wp*step)
+      slope = (slope - lower)/sum(steps)
    end subroutine sampled_law_find_number_slope
 
-   !> The same of a law with memory, after `evaluate`: a central difference of its forces with the states of each side.
-   subroutine sampled_law_find_memory_slope(self, number, step, characteristic, samples, slope, is_known)
+   !> The same of a law with memory, after `evaluate`: a difference of its forces with the states of each side.
+   subroutine sampled_law_find_memory_slope(self, number, steps, characteristic, samples, slope, is_known)
       class(sampled_law_t), intent(in) :: self
       type(number_t), intent(in) :: number
-      real(wp), intent(in) :: step                                    !! > 0
+      real(wp), intent(in) :: steps(2)                                !! as for `find_sides`
       type(characteristic_t), intent(in) :: characteristic
       type(law_samples_t), intent(in) :: samples                      !! of the motion
       real(wp), allocatable, intent(out) :: slope(:, :)               !! as f
@@ -209,7 +209,7 @@ contains
       real(wp), allocatable :: f(:, :, :)
       integer :: i
 
-      call self%find_sides(number, step, sides, is_known)
+      call self%find_sides(number, steps, sides, is_known)
       if (.not. is_known) return
       allocate (f(size(self%f, 1), size(self%f, 2), 2))
       do i = 1, 2
@@ -226,24 +226,25 @@ contains
          end select
          if (.not. is_known) return
       end do
-      slope = (f(:, :, 2) - f(:, :, 1))/(2.0_wp*step)
+      slope = (f(:, :, 2) - f(:, :, 1))/sum(steps)
    end subroutine sampled_law_find_memory_slope
 
-   !> The law with a number that is smaller and larger by a step.
-   subroutine sampled_law_find_sides(self, number, step, sides, are_possible)
+   !> The law with a number that is smaller and larger by a step each.
+   subroutine sampled_law_find_sides(self, number, steps, sides, are_possible)
       class(sampled_law_t), intent(in) :: self
       type(number_t), intent(in) :: number
-      real(wp), intent(in) :: step
+      real(wp), intent(in) :: steps(2)                                !! downwards and upwards; 0 at an end of the range
       type(law_box_t), intent(out) :: sides(2)
       logical, intent(out) :: are_possible                            !! they differ in numbers alone
       real(wp) :: value
       integer :: i
 
       call self%law%find_number(number, value, are_possible)
+      are_possible = are_possible .and. sum(steps) > 0.0_wp
       do i = 1, 2
          if (.not. are_possible) return
          allocate (sides(i)%law, source=self%law)
-         call sides(i)%law%set_number(number, value + (2*i - 3)*step, are_possible)
+         call sides(i)%law%set_number(number, value + (2*i - 3)*steps(i), are_possible)
          if (are_possible) are_possible = (sides(i)%law%needs_velocity .eqv. self%law%needs_velocity) .and. &
                                           (allocated(sides(i)%law%kinks) .eqv. allocated(self%law%kinks))
       end do

@@ -371,14 +371,13 @@ contains
    end subroutine differentiate_memory
 
    !> Derivative of the forces with respect to a number of some laws at a fixed motion, `along%f`, after `differentiate`.
-   !> Kinks between samples move with the number; their correction is differentiated by central differences, and so are
-   !> laws that do not know their derivative, among them those with memory. `is_known` is false if the number cannot move to
-   !> both sides.
-   subroutine sampled_laws_differentiate_by_number(self, is_moved, number, step, is_known)
+   !> Kinks between samples move with the number; their correction is differentiated by differences, and so are laws that do
+   !> not know their derivative, among them those with memory. `is_known` is false if the number cannot move by these steps.
+   subroutine sampled_laws_differentiate_by_number(self, is_moved, number, steps, is_known)
       class(sampled_laws_t), intent(inout) :: self
       logical, intent(in) :: is_moved(:)                              !! the laws that have the number, (laws)
       type(number_t), intent(in) :: number
-      real(wp), intent(in) :: step                                    !! of differences, > 0
+      real(wp), intent(in) :: steps(2)                                !! as for `find_sides` of hb_sampled_law
       logical, intent(out) :: is_known
       type(law_box_t) :: sides(2)
       real(wp), allocatable :: slope(:, :)
@@ -394,9 +393,9 @@ contains
                return
             end if
             if (allocated(self%sampled(i)%hysteresis)) then
-               call self%sampled(i)%find_memory_slope(number, step, self%characteristic, self%samples, slope, is_known)
+               call self%sampled(i)%find_memory_slope(number, steps, self%characteristic, self%samples, slope, is_known)
             else
-               call self%sampled(i)%find_number_slope(number, step, slope, is_known)
+               call self%sampled(i)%find_number_slope(number, steps, slope, is_known)
             end if
             if (.not. is_known) return
             associate (law => self%laws(i)%law, f => self%along%f%values)
@@ -407,10 +406,10 @@ contains
       end do
       do i = 1, size(self%laws)
          if (.not. is_moved(i) .or. .not. allocated(self%laws(i)%law%kinks)) cycle
-         call self%sampled(i)%find_sides(number, step, sides, is_known)
+         call self%sampled(i)%find_sides(number, steps, sides, is_known)
          if (.not. is_known) return
-         call self%kinks%add_of(i, sides(2)%law, 0.5_wp/step, self%samples, self%along%f)
-         call self%kinks%add_of(i, sides(1)%law, -0.5_wp/step, self%samples, self%along%f)
+         call self%kinks%add_of(i, sides(2)%law, 1.0_wp/sum(steps), self%samples, self%along%f)
+         call self%kinks%add_of(i, sides(1)%law, -1.0_wp/sum(steps), self%samples, self%along%f)
       end do
    end subroutine sampled_laws_differentiate_by_number
 

@@ -4,9 +4,10 @@
 !> frequency of a tone, the balance moves to it; numbers of laws are set in them; structure and loads are built again, and
 !> condensed. For the amplitude or the energy of a normal mode, the balance is unchanged and an equation is added.
 !> The derivative of the residual with respect to the value is the sum of those with respect to all numbers that move:
-!> exact for frequencies and for numbers of laws that know it, a central difference of their forces for other numbers of laws,
-!> and that of hb_linear_slopes for structure and loads. Numbers that follow the frequency of an unknown tone move with it in
-!> the same way, and the derivative with respect to the frequency includes them. Source: docs/why/theory.md, section 6.7.
+!> exact for frequencies and for numbers of laws that know it, a difference of their forces for other numbers of laws, to both
+!> sides or, at an end of a range, to one, and that of hb_linear_slopes for structure and loads. Numbers that follow the frequency
+!> of an unknown tone move with it in the same way, and the derivative with respect to the frequency includes them. Source:
+!> docs/why/theory.md, section 6.7.
 module hb_model_problem
    use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
@@ -18,7 +19,7 @@ module hb_model_problem
    use hb_law_coordinates, only: laws_at
    use hb_linear_slopes, only: beside_t, find_slopes_between, find_slopes_by, linear_slopes_t, reaction_slope
    use hb_model, only: model_t
-   use hb_model_number, only: has_number, model_number_t
+   use hb_model_number, only: has_number, model_number_t, values_at
    use hb_movement, only: movement_t, movement_with_tone, new_movement, set_movement
    use hb_options, only: options_t
    use hb_refusal, only: refusal_t
@@ -451,7 +452,7 @@ contains
       end do
    end subroutine add_derivative
 
-   !> Adds the derivatives by numbers of laws, from the laws themselves or, if one of them has none, by a central difference.
+   !> Adds the derivatives by numbers of laws, from the laws themselves or, if one of them has none, by a difference.
    subroutine add_derivative_of_laws(self, movement, value, typical, x, derivative, is_possible)
       type(model_problem_t), intent(inout) :: self
       type(movement_t), intent(in) :: movement
@@ -459,17 +460,22 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(inout) :: derivative(:)
       logical, intent(out), optional :: is_possible                   !! the numbers can move
-      real(wp) :: part(size(x)), total(size(x))
-      integer :: k
+      real(wp) :: part(size(x)), steps(2), total(size(x)), values(size(movement%followers))
+      integer :: k, side
       logical :: can_move, is_known
 
       total = 0.0_wp
       can_move = .true.
+      values = values_at(movement%followers, value)
       do k = movement%first, size(movement%followers)
          associate (follower => movement%followers(k))
             if (follower%number%object /= has_number%law .or. abs(follower%slope) <= 0.0_wp) cycle
+            steps = difference_step*typical*abs(follower%slope)
+            do side = 1, 2                                            ! a law need not be one outside of the range
+               if (follower%number%range_problem(values(k) + (2*side - 3)*steps(side)) /= "") steps(side) = 0.0_wp
+            end do
             call self%number_derivative(x, self%model%system%law_groups == follower%number%i, follower%number%number_t, &
-                                        difference_step*typical*abs(follower%slope), part, is_known)
+                                        steps, part, is_known)
             if (.not. is_known) then
                call find_difference_of_laws(self, movement, value, difference_step*typical, x, total, can_move)
                exit
