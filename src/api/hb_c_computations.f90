@@ -268,13 +268,16 @@ contains
       real(c_double), value :: seconds
       type(handle_t), pointer :: handle
       type(error_t), allocatable :: error
+      logical :: is_wrong
 
       status = begin_call(model, "nhbm_set_verification_time", handle)
       if (status /= c_status%success) return
-      if (seconds >= 0.0_c_double) then
-         handle%session%verification_time = merge(real(seconds, wp), huge(1.0_wp), seconds > 0.0_c_double)
-      else
+      is_wrong = ieee_is_nan(seconds)
+      if (.not. is_wrong) is_wrong = seconds < 0.0_c_double
+      if (is_wrong) then
          call fail(error, "nhbm_set_verification_time: seconds must be positive, or 0 for no limit")
+      else
+         handle%session%verification_time = merge(real(seconds, wp), huge(1.0_wp), seconds > 0.0_c_double)
       end if
       status = end_call(model, error, c_status%invalid_argument)
    end function nhbm_set_verification_time
