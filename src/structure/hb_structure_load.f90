@@ -133,7 +133,7 @@ contains
       depends = .false.
    end function structure_load_depends_on_structure
 
-   !> The course of a load that has one (`timed_by`), and its amplitudes.
+   !> The course of a load that has one, and its amplitudes: every kind that sets `timed_by` overrides it.
    subroutine structure_load_find_course(self, structure, omega, course, amplitude)
       class(structure_load_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
