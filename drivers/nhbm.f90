@@ -13,7 +13,7 @@ program nhbm
    use hb_hdf5, only: can_end_library
    use hb_kinds, only: wp
    use hb_memory, only: retain_freed_memory
-   use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, start_workers, stop_mpi, world
+   use hb_mpi, only: barrier, comm_t, rank_of, share_error, start_mpi, start_workers, stop_mpi, world
    use hb_printable, only: printable
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_similar_word, only: closest_word
@@ -84,6 +84,7 @@ program nhbm
    call report_error(merge(incomplete, bad_input, status == incomplete))
    call wait_for_points()                                             ! a signal to mpirun does not change the status any more
    flush (error_unit)
+   call barrier(comm)                                                 ! a launcher kills the others when one ends with an error
    if (.not. (can_end_library() .and. can_end_blas())) &              ! HDF5 would crash, OpenBLAS wait for its threads
       call hb_exit_at_once(int(merge(incomplete, bad_input, status == incomplete), c_int))
    call stop_mpi()
