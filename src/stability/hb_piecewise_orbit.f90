@@ -90,7 +90,7 @@ contains
       real(wp), dimension(2*variation%n_dofs) :: after, begun, left, left_before, step, units, x
       complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
       real(wp), dimension(size(amplitudes, 1), size(amplitudes, 2)) :: lengths, sines
-      real(wp) :: frequencies(size(amplitudes, 2)), sense, sense_before, start
+      real(wp) :: frequencies(size(amplitudes, 2)), sense, sense_now, start
       integer :: n, n_events, n_events_given, shot
       logical :: is_done
 
@@ -113,7 +113,7 @@ contains
       x = begun
       step = 0.0_wp
       left_before = huge(1.0_wp)
-      sense_before = 0.0_wp
+      sense = 0.0_wp
       do shot = 1, nearby_steps
          call integrate_round(flow, variation, x, after, self%matrix, n_events, is_done)
          if (.not. is_done) return
@@ -124,9 +124,9 @@ contains
             x = x - step
             cycle
          end if
-         call solve_step(self%matrix, free, after - x, step, sense)
-         if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: the motion is ambiguous
-         sense_before = sense
+         call solve_step(self%matrix, free, after - x, step, sense_now)
+         if (.not. sense_now*sense > 0.0_wp .and. shot > 1) return     ! a fold lies between: the motion is ambiguous
+         sense = sense_now
          if (max(maxval(abs(left)), maxval(abs(step/units))) <= rounding) exit
          left_before = left
          x = x + step
