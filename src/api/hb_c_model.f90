@@ -1,6 +1,6 @@
-!> A model of C, struct nhbm_model: its session, the texts that are returned to C, and what all functions of nhbm.h with a
-!> model have in common. Each of them begins with `begin_call`, which fails for an invalid model or one in use, and ends with
-!> `end_call`.
+!> A model of C, struct nhbm_model: its session, the columns and texts that are returned to C, and what all functions of
+!> nhbm.h with a model have in common. Each of them begins with `begin_call`, which fails for an invalid model or one in use,
+!> and ends with `end_call`.
 module hb_c_model
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_loc, c_null_char, c_null_ptr, &
       c_ptr
@@ -8,6 +8,7 @@ module hb_c_model
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_session, only: session_t
+   use hb_session_columns, only: session_columns_t
    implicit none
    private
    public :: address_of_integers, address_of_reals, address_of_text, any_null, begin_call, empty_text, end_call, &
@@ -15,9 +16,10 @@ module hb_c_model
 
    character(1), target, save :: empty_text = c_null_char
 
-   !> struct nhbm_model: a session with the texts passed to C.
+   !> struct nhbm_model: a session with the columns and texts passed to C.
    type :: handle_t
       type(session_t) :: session
+      type(session_columns_t) :: columns
       character(c_char), allocatable :: text(:), unit(:), axes(:), long_name(:), dof_units(:), flags(:), attributes(:)
       real(wp), allocatable :: frequencies(:)
    end type handle_t
@@ -60,7 +62,7 @@ contains
       else if (present(needs_model) .and. .not. handle%session%model%is_read) then
          call fail(error, "the present values of the input are invalid; set others and compute again")
       else if (present(needs_time)) then
-         if (.not. handle%session%has_time_columns()) call fail(error, "there are no results of a time integration; call "// &
+         if (.not. handle%session%has_time_results()) call fail(error, "there are no results of a time integration; call "// &
                                                                 "nhbm_integrate or nhbm_verify before")
       end if
       if (allocated(error)) then

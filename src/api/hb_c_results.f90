@@ -7,6 +7,7 @@ module hb_c_results
    use hb_c_text, only: c_text
    use hb_column_view, only: column_kind
    use hb_error, only: error_t, fail
+   use hb_session_columns, only: labels_along
    implicit none
    private
 
@@ -43,7 +44,7 @@ contains
       call clear_column(column)
       status = begin_call(model, "nhbm_get_column", handle, texts=[name, column], needs_model=.true.)
       if (status /= c_status%success) return
-      call handle%session%find_column(c_text(name), error)
+      call handle%columns%find_of_motion(handle%session, c_text(name), error)
       if (.not. allocated(error) .and. len(c_text(name)) == 0) call fail(error, "nhbm_get_column: the name is empty")
       if (.not. allocated(error)) status = shown_column(handle, column)
       if (status == c_status%success) status = status_of(error, c_status%invalid_argument)
@@ -58,7 +59,7 @@ contains
       call clear_description(description)
       status = begin_call(model, "nhbm_describe_column", handle, texts=[name, description], needs_model=.true.)
       if (status /= c_status%success) return
-      call handle%session%find_column(c_text(name), error)
+      call handle%columns%find_of_motion(handle%session, c_text(name), error)
       if (.not. allocated(error) .and. len(c_text(name)) == 0) call fail(error, "nhbm_describe_column: the name is empty")
       if (.not. allocated(error)) status = shown_description(handle, description)
       if (status == c_status%success) status = status_of(error, c_status%invalid_argument)
@@ -75,7 +76,7 @@ contains
       status = begin_call(model, "nhbm_describe_time_column", handle, texts=[name, description], needs_input=.true., &
                           needs_time=.true.)
       if (status /= c_status%success) return
-      call handle%session%find_time_column(c_text(name), error)
+      call handle%columns%find_in_time(handle%session, c_text(name), error)
       if (.not. allocated(error) .and. len(c_text(name)) == 0) call fail(error, "nhbm_describe_time_column: the name is empty")
       if (.not. allocated(error)) status = shown_description(handle, description)
       if (status == c_status%success) status = status_of(error, c_status%invalid_argument)
@@ -89,8 +90,8 @@ contains
 
       status = begin_call(model, "nhbm_get_column_names", handle, text=names, needs_model=.true.)
       if (status /= c_status%success) return
-      call handle%session%find_column("", error)
-      status = end_call_with_text(model, "nhbm_get_column_names", handle%session%column%names, handle%text, names)
+      call handle%columns%find_of_motion(handle%session, "", error)
+      status = end_call_with_text(model, "nhbm_get_column_names", handle%columns%names, handle%text, names)
    end function nhbm_get_column_names
 
    integer(c_int) function nhbm_get_time_column(model, name, column) bind(c, name="nhbm_get_time_column") result(status)
@@ -101,7 +102,7 @@ contains
       call clear_column(column)
       status = begin_call(model, "nhbm_get_time_column", handle, texts=[name, column], needs_input=.true., needs_time=.true.)
       if (status /= c_status%success) return
-      call handle%session%find_time_column(c_text(name), error)
+      call handle%columns%find_in_time(handle%session, c_text(name), error)
       if (.not. allocated(error) .and. len(c_text(name)) == 0) call fail(error, "nhbm_get_time_column: the name is empty")
       if (.not. allocated(error)) status = shown_column(handle, column)
       if (status == c_status%success) status = status_of(error, c_status%invalid_argument)
@@ -115,8 +116,8 @@ contains
 
       status = begin_call(model, "nhbm_get_time_column_names", handle, text=names, needs_input=.true., needs_time=.true.)
       if (status /= c_status%success) return
-      call handle%session%find_time_column("", error)
-      status = end_call_with_text(model, "nhbm_get_time_column_names", handle%session%column%names, handle%text, names)
+      call handle%columns%find_in_time(handle%session, "", error)
+      status = end_call_with_text(model, "nhbm_get_time_column_names", handle%columns%names, handle%text, names)
    end function nhbm_get_time_column_names
 
    integer(c_int) function nhbm_get_labels(model, axis, labels) bind(c, name="nhbm_get_labels") result(status)
@@ -128,7 +129,7 @@ contains
 
       status = begin_call(model, "nhbm_get_labels", handle, text=labels, texts=[axis], needs_model=.true.)
       if (status /= c_status%success) return
-      words = handle%session%labels_along(c_text(axis))
+      words = labels_along(handle%session, c_text(axis))
       joined = ""
       do i = 1, size(words)
          joined = joined//new_line("a")//trim(words(i))
@@ -193,7 +194,7 @@ contains
       type(c_column_t), pointer :: column
 
       call c_f_pointer(address, column)
-      associate (found => handle%session%column)
+      associate (found => handle%columns)
          column%unit = address_of_text(found%units, handle%unit)
          column%axes = address_of_text(found%axes, handle%axes)
          if (.not. (c_associated(column%unit) .and. c_associated(column%axes))) then
@@ -236,7 +237,7 @@ contains
       type(c_description_t), pointer :: description
 
       call c_f_pointer(address, description)
-      associate (found => handle%session%column)
+      associate (found => handle%columns)
          description%long_name = address_of_text(found%long_name, handle%long_name)
          description%dof_units = address_of_text(found%dof_units, handle%dof_units)
          description%flag_meanings = address_of_text(found%flags, handle%flags)

@@ -14,7 +14,7 @@ module hb_column_view
       integer :: real = 0
       integer :: integer = 1
       integer :: unknown = 2                                          !! no value is known
-      integer :: text = 3                                             !! hb_session provides the only one, the message
+      integer :: text = 3                                             !! hb_session has the only one, the message
    end type column_kind_t
    type(column_kind_t), parameter :: column_kind = column_kind_t()
 

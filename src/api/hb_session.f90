@@ -9,7 +9,6 @@ module hb_session
    use hb_census, only: census_config_t, census_t, take_census
    use hb_claim, only: claim_t, new_claim
    use hb_clock, only: wall_clock
-   use hb_column_view, only: column_view_t
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
    use hb_curve_request, only: usual_points
    use hb_curve_runner, only: curve_runner_t
@@ -35,9 +34,7 @@ module hb_session
    use hb_neighbour, only: neighbour_t
    use hb_options, only: callbacks_t, purpose_t
    use hb_outcome, only: is_solved, outcome, reason
-   use hb_parameter_path, only: identifier
    use hb_point_runner, only: run_model
-   use hb_record_columns, only: record_columns, verdict_columns
    use hb_session_cancellation, only: session_cancellation_t
    use hb_session_input, only: session_input_t
    use hb_system, only: system_t
@@ -60,7 +57,7 @@ module hb_session
       real(wp) :: verification_time = huge(1.0_wp)                    !! processor time of a verification [s]: then undecided
       type(census_t), allocatable :: census                           !! of the present values
       type(session_cancellation_t) :: cancellation
-      type(column_view_t) :: column                                   !! found last
+      integer :: structure_number = 0                                 !! counts the structures that were read
       type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
       type(purpose_t), private :: purpose                             ! of its motion
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
@@ -69,7 +66,7 @@ module hb_session
       logical, private :: has_law_doubt = .false.                     ! the last motion is that one
       type(neighbour_t), private :: neighbour
       type(cached_linear_parts_t), private :: cached
-      type(curve_plan_t), private :: plan
+      type(curve_plan_t) :: plan                                      !! of the curve
       type(curve_runner_t), private :: runner                         ! of the curve
       logical, private :: has_verdict = .false.
       logical, private :: is_present = .false.                        ! the motion was computed with the present values
@@ -84,6 +81,7 @@ module hb_session
       procedure :: find_parameter => session_find_parameter
       procedure :: set_parameter => session_set_parameter
       procedure :: update => session_update
+      procedure :: check_model => session_check_model
       procedure :: complete_input => session_complete_input
       procedure :: libraries => session_libraries
       procedure :: warnings => session_warnings
@@ -101,11 +99,8 @@ module hb_session
       procedure :: verify_motion => session_verify_motion
       procedure :: has_begun_curve => session_has_begun_curve
       procedure :: is_cut => session_is_cut
-      procedure :: has_time_columns => session_has_time_columns
+      procedure :: has_time_results => session_has_time_results
       procedure :: may_verify => session_may_verify
-      procedure :: find_column => session_find_column
-      procedure :: find_time_column => session_find_time_column
-      procedure :: labels_along => session_labels_along
       procedure :: destroy => session_destroy
    end type session_t
 
@@ -194,7 +189,7 @@ contains
       self%has_law_doubt = .false.
       call self%neighbour%forget()
       call forget_integration(self)
-      if (allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
+      self%structure_number = self%structure_number + 1
    end subroutine forget_model
 
    !> Reads a model from the present document.
@@ -221,7 +216,7 @@ contains
       call self%input%check(error)
       if (allocated(error)) return
       call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks, purpose=self%purpose)
-      if (is_new .and. allocated(self%column%units_of_dof)) deallocate (self%column%units_of_dof)
+      if (is_new) self%structure_number = self%structure_number + 1
       if (present(has_balance) .and. .not. allocated(error)) call self%model%system%check_balance(error)
    end subroutine session_update
 
@@ -545,89 +540,11 @@ contains
    end function session_has_begun_curve
 
    !> Whether there are results of `integrate` or `verify`.
-   logical function session_has_time_columns(self) result(has)
+   logical function session_has_time_results(self) result(has)
       class(session_t), intent(in) :: self
 
       has = allocated(self%record) .or. self%has_verdict
-   end function session_has_time_columns
-
-   !> Finds a column of the record, or of the verdict if `verify` was called last, in `column`.
-   subroutine session_find_time_column(self, name, error)
-      class(session_t), intent(inout) :: self
-      character(*), intent(in) :: name                                !! empty: `column%names` are listed
-      type(error_t), allocatable, intent(out) :: error
-
-      if (.not. self%has_time_columns()) then
-         call fail(error, "there are no results of a time integration; integrate or verify before")
-         return
-      end if
-      call find_units(self)
-      call self%column%begin(name)
-      if (allocated(self%record)) then
-         call record_columns(self%column, self%record, self%model%discretisation%harmonics%tuples)
-      else
-         call verdict_columns(self%column, self%verdict)
-      end if
-      call self%column%refuse_unknown(error)
-   end subroutine session_find_time_column
-
-   !> Finds a column of the result in `column`. Fails for an unknown name.
-   subroutine session_find_column(self, name, error)
-      class(session_t), intent(inout) :: self
-      character(*), intent(in) :: name                                !! empty: `column%names` are listed
-      type(error_t), allocatable, intent(out) :: error
-
-      call check_model(self, error)
-      if (allocated(error)) return
-      call find_units(self)
-      self%column%has_accuracy = self%model%options%accuracy%is_on
-      self%column%has_own_tuples = .true.
-      self%column%has_improved = self%model%options%error_estimate%improvement_steps > 0
-      self%column%has_surfaces = size(self%model%options%output%samples) > 0
-      self%column%has_gradient = size(self%model%options%gradient%by) > 0
-      self%column%has_response_gradient = allocated(self%model%options%gradient%of)
-      if (allocated(self%result%curve)) then
-         self%column%curve_path = self%plan%path
-         self%column%curve_column = identifier(self%plan%path)
-         self%column%curve_units = self%plan%units
-      end if
-      call self%column%find(name, self%result, size(self%model%options%accuracy%outputs), error)
-   end subroutine session_find_column
-
-   !> Stores the units of degrees of freedom for columns, once for a structure.
-   subroutine find_units(self)
-      class(session_t), intent(inout) :: self
-
-      if (allocated(self%column%units_of_dof) .or. .not. self%model%is_read) return
-      associate (structure => self%model%system%structure)
-         self%column%units_of_dof = [character(16) :: structure%units(self%model%options%output%dofs)]
-         self%column%units_of_law_dof = [character(16) :: structure%units(self%model%system%dofs_of_unknowns())]
-         self%column%units_of_state_dof = [character(16) :: structure%units]
-      end associate
-   end subroutine find_units
-
-   !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and
-   !> of their coordinates in a record; none for other axes.
-   function session_labels_along(self, axis) result(labels)
-      class(session_t), intent(in) :: self
-      character(*), intent(in) :: axis
-      character(64), allocatable :: labels(:)
-      integer :: i
-
-      labels = [character(64) ::]
-      if (.not. self%model%is_read) return
-      if (axis == "law_coordinate" .and. allocated(self%record)) then
-         labels = self%record%system%laws%coordinate_labels()
-         return
-      end if
-      select case (axis)
-      case ("dof"); labels = [character(64) :: self%model%system%structure%labels(self%model%options%output%dofs)]
-      case ("law_dof"); labels = [character(64) :: self%model%system%structure%labels(self%model%system%dofs_of_unknowns())]
-      case ("gradient_value"); labels = self%model%options%gradient%names
-      case ("law"); labels = [(adjustl([character(64) :: self%model%system%laws(i)%law%label]), i=1, size(self%model%system%laws))]
-      case ("state_dof"); labels = [character(64) :: self%model%system%structure%labels]
-      end select
-   end function session_labels_along
+   end function session_has_time_results
 
    !> Sets the number of points that share the time of a run for stability; the model is read again if it changes.
    subroutine share_time(self, n_points)
@@ -642,14 +559,14 @@ contains
    end subroutine share_time
 
    !> Fails if there is no input, or if its present values are invalid.
-   subroutine check_model(self, error)
+   subroutine session_check_model(self, error)
       class(session_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
 
       call self%input%check(error)
       if (.not. (allocated(error) .or. self%model%is_read)) &
          call fail(error, "the present values of the input are invalid; set others and compute again")
-   end subroutine check_model
+   end subroutine session_check_model
 
    !> Notes that a value of the input changes: a curve ends, and the last motion is not one of the present values.
    subroutine note_change(self)

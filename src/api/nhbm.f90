@@ -11,10 +11,10 @@
 !>     end do
 !>     call model%destroy()
 !>
-!> `model%result` contains all results of the last motion; `model%find_column` also returns them by the names of the
-!> result file. For structures given as matrices: extend `structure_source_t` and pass it to `model%set_structure_source`.
-!> For laws of the program: `register_law` registers a `law_info_t` and a function of `law_samples_t`, as
-!> nhbm_user_law.h describes them.
+!> `model%result` contains all results of the last motion; a `columns_t` also finds them by the names of the result file,
+!> `call columns%find_of_motion(model, "power_in", error)`, with `labels_along` their axes. For structures given as matrices:
+!> extend `structure_source_t` and pass it to `model%set_structure_source`. For laws of the program: `register_law` registers a
+!> `law_info_t` and a function of `law_samples_t`, as nhbm_user_law.h describes them.
 module nhbm
    use hb_error, only: error_t
    use hb_fe_model, only: structure_data_t => fe_model_t, structure_source_t => fe_model_source_t
@@ -22,11 +22,13 @@ module nhbm
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome, outcome_names
    use hb_session, only: model_t => session_t
+   use hb_session_columns, only: columns_t => session_columns_t, labels_along
    use hb_sparse, only: new_sparse, sparse_t
    use hb_user_library, only: law_api => api_version, law_info_t, law_samples_t, law_step_t, register_law, unregister_law
    use hb_version, only: program_version
    implicit none
    private
-   public :: error_t, law_api, law_info_t, law_samples_t, law_step_t, model_t, motion_result_t, new_sparse, outcome, &
-      outcome_names, program_version, register_law, sparse_t, structure_data_t, structure_source_t, unregister_law, wp
+   public :: columns_t, error_t, labels_along, law_api, law_info_t, law_samples_t, law_step_t, model_t, motion_result_t, &
+      new_sparse, outcome, outcome_names, program_version, register_law, sparse_t, structure_data_t, structure_source_t, &
+      unregister_law, wp
 end module nhbm

@@ -1,0 +1,109 @@
+!> Columns of the last result of a session by their names, as in a result file, and the labels along their axes.
+module hb_session_columns
+   use hb_column_view, only: column_view_t
+   use hb_error, only: error_t, fail
+   use hb_parameter_path, only: identifier
+   use hb_record_columns, only: record_columns, verdict_columns
+   use hb_session, only: session_t
+   implicit none
+   private
+   public :: labels_along, session_columns_t
+
+   !> The column that was found last.
+   type, extends(column_view_t) :: session_columns_t
+      integer, private :: structure_number = -1                       ! of the session, to which the units belong
+   contains
+      procedure :: find_of_motion => session_columns_find_of_motion
+      procedure :: find_in_time => session_columns_find_in_time
+      procedure, private :: find_units => session_columns_find_units
+   end type session_columns_t
+
+contains
+
+   !> Finds a column of the last motion. Fails for an unknown name.
+   subroutine session_columns_find_of_motion(self, session, name, error)
+      class(session_columns_t), intent(inout) :: self
+      type(session_t), intent(in) :: session
+      character(*), intent(in) :: name                                !! empty: `names` are listed
+      type(error_t), allocatable, intent(out) :: error
+
+      call session%check_model(error)
+      if (allocated(error)) return
+      call self%find_units(session)
+      associate (options => session%model%options)
+         self%has_accuracy = options%accuracy%is_on
+         self%has_own_tuples = .true.
+         self%has_improved = options%error_estimate%improvement_steps > 0
+         self%has_surfaces = size(options%output%samples) > 0
+         self%has_gradient = size(options%gradient%by) > 0
+         self%has_response_gradient = allocated(options%gradient%of)
+         if (allocated(session%result%curve)) then
+            self%curve_path = session%plan%path
+            self%curve_column = identifier(session%plan%path)
+            self%curve_units = session%plan%units
+         end if
+         call self%find(name, session%result, size(options%accuracy%outputs), error)
+      end associate
+   end subroutine session_columns_find_of_motion
+
+   !> Finds a column of the record, or of the verdict if `verify` was called last. Fails for an unknown name.
+   subroutine session_columns_find_in_time(self, session, name, error)
+      class(session_columns_t), intent(inout) :: self
+      type(session_t), intent(in) :: session
+      character(*), intent(in) :: name                                !! empty: `names` are listed
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. session%has_time_results()) then
+         call fail(error, "there are no results of a time integration; integrate or verify before")
+         return
+      end if
+      call self%find_units(session)
+      call self%begin(name)
+      if (allocated(session%record)) then
+         call record_columns(self, session%record, session%model%discretisation%harmonics%tuples)
+      else
+         call verdict_columns(self, session%verdict)
+      end if
+      call self%refuse_unknown(error)
+   end subroutine session_columns_find_in_time
+
+   !> Finds the units of degrees of freedom, once for a structure.
+   subroutine session_columns_find_units(self, session)
+      class(session_columns_t), intent(inout) :: self
+      type(session_t), intent(in) :: session
+
+      if (self%structure_number /= session%structure_number .and. allocated(self%units_of_dof)) deallocate (self%units_of_dof)
+      self%structure_number = session%structure_number
+      if (allocated(self%units_of_dof) .or. .not. session%model%is_read) return
+      associate (structure => session%model%system%structure)
+         self%units_of_dof = [character(16) :: structure%units(session%model%options%output%dofs)]
+         self%units_of_law_dof = [character(16) :: structure%units(session%model%system%dofs_of_unknowns())]
+         self%units_of_state_dof = [character(16) :: structure%units]
+      end associate
+   end subroutine session_columns_find_units
+
+   !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and
+   !> of their coordinates in a record; none for other axes.
+   function labels_along(session, axis) result(labels)
+      type(session_t), intent(in) :: session
+      character(*), intent(in) :: axis
+      character(64), allocatable :: labels(:)
+      integer :: i
+
+      labels = [character(64) ::]
+      if (.not. session%model%is_read) return
+      if (axis == "law_coordinate" .and. allocated(session%record)) then
+         labels = session%record%system%laws%coordinate_labels()
+         return
+      end if
+      associate (system => session%model%system, options => session%model%options)
+         select case (axis)
+         case ("dof"); labels = [character(64) :: system%structure%labels(options%output%dofs)]
+         case ("law_dof"); labels = [character(64) :: system%structure%labels(session%model%system%dofs_of_unknowns())]
+         case ("gradient_value"); labels = options%gradient%names
+         case ("law"); labels = [(adjustl([character(64) :: system%laws(i)%law%label]), i=1, size(system%laws))]
+         case ("state_dof"); labels = [character(64) :: system%structure%labels]
+         end select
+      end associate
+   end function labels_along
+end module hb_session_columns
