@@ -23,8 +23,8 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.laws import law as law
     from nhbm.model import Gradient as Gradient
     from nhbm.model import Model as Model
-    from nhbm.model import Peak as Peak
-    from nhbm.model import PeakGradient as PeakGradient
+    from nhbm.peaks import Peak as Peak
+    from nhbm.peaks import PeakGradient as PeakGradient
     from nhbm.rotors import Rotor as Rotor
     from nhbm.session import Session as Session
     from nhbm.structure import Structure as Structure
@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use
     "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors",
-    "Peak": "model", "PeakGradient": "model",
+    "Peak": "peaks", "PeakGradient": "peaks",
     "open_dataset": "dataset",
     "Step": "laws", "law": "laws",
     "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",

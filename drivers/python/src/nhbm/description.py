@@ -554,6 +554,13 @@ class Description(Laws):
         """The one spelling of a path."""
         return str(self._groups.resolved(path))
 
+    def _paths(self, by: Iterable[str]) -> list[str]:
+        """The spellings of paths, of which there is at least one."""
+        paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
+        if not paths:
+            raise ModelError("by must name at least one value, such as ['wall.gap']")
+        return paths
+
     def _live(self, settings: Settings) -> _Live:
         """The session with these settings, made once, with the present values."""
         live = self._sessions.get(settings)

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nhbm.errors import ModelError
-from nhbm.keys import keys_of, labelled_groups, repeated_groups
+from nhbm.keys import check_keys, keys_of, labelled_groups, repeated_groups
 from nhbm.paths import InputPath, path_of
-from nhbm.values import as_input, plain
+from nhbm.values import as_input, numbers_of, plain
 
 OPERATIONS = "sweep", "curve"  # groups of an input that are operations of a model
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them
@@ -266,6 +266,16 @@ def request(tolerance: float | None = None, order: Any = None, **groups: Mapping
     elif tolerance is not None:
         given.update(accuracy={"tolerance": tolerance}, harmonics=dict.fromkeys(SETS))
     return Settings.of(given)
+
+
+def curve_range(start: Any, stop: Any, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of &curve for the range of its parameter, and the given further ones."""
+    for key in ("parameter", "from", "to"):
+        if key in keys:
+            raise ModelError(f"&curve: '{key}' follows from the arguments path, start and stop; leave it out")
+    keys = {"start" if key == "first" else key: value for key, value in keys.items()}
+    check_keys("curve", keys)
+    return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0], **keys}
 
 
 def value_at(path: InputPath, groups: Groups) -> Any:

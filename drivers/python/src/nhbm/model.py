@@ -12,14 +12,15 @@ import xarray as xr
 
 from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
-from nhbm.description import CutCurve, Description, answering, exclusive
+from nhbm.description import CutCurve, answering, exclusive
 from nhbm.docstrings import documented
-from nhbm.errors import Implausible, ModelError
-from nhbm.groups import SETS, Group, Settings, changed_values, described, request
+from nhbm.errors import ModelError
+from nhbm.groups import SETS, Group, Settings, changed_values, curve_range, described, request
 from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.paths import identifier, path_of
-from nhbm.responses import gradient_of, refuse_largest, required_response_of, response_of
+from nhbm.peaks import Peaks
+from nhbm.responses import gradient_of, refuse_largest, required_response_of
 from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
@@ -29,23 +30,6 @@ from nhbm.values import numbers_of, plain
 _CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation", "continuation"
 
 
-class Peak(NamedTuple):
-    """The largest response of a curve, and the value of the parameter there."""
-
-    value: float
-    at: float
-
-
-class PeakGradient(NamedTuple):
-    """The largest response of a curve, its position, and the derivatives of both with respect to the given values, in their
-    order."""
-
-    value: float
-    at: float
-    slopes: Any  # np.ndarray
-    at_slopes: Any  # np.ndarray
-
-
 class Gradient(NamedTuple):
     """A response, and its derivatives with respect to the given values, in their order."""
 
@@ -53,7 +37,7 @@ class Gradient(NamedTuple):
     slopes: Any  # np.ndarray
 
 
-class Model(Description):
+class Model(Peaks):
     """A structure with tones, loads and laws.
 
     Keys, units and defaults are those of the input (docs/user/input.md). A model executes one operation at a time: further
@@ -197,128 +181,6 @@ class Model(Description):
 
     @exclusive
     @documented
-    def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
-             **keys: Any) -> Peak:  # fmt: skip
-        """Traces a curve like `curve` and returns its largest response.
-
-        Stability and, for a given order, error estimates are not computed. Folds are passed.
-
-        Parameters
-        ----------
-        of : str
-            A response, as for `response`.
-        path : str
-            Path of the continuation parameter.
-        start, stop : float
-            Its range, in its unit.
-        {tolerance and order}
-        **keys
-            Of the group &curve.
-
-        Returns
-        -------
-        Peak
-            The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve stops
-            before the end of its range. The warning Implausible is issued if it is at an end of the range.
-        """
-        keys = _range(start, stop, keys)
-        return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
-
-    @exclusive
-    @documented
-    def peak_gradient(self, of: str, by: Iterable[str], path: str, start: float, stop: float, *, tolerance: float | None = None,
-                      order: int | None = None, **keys: Any) -> PeakGradient:  # fmt: skip
-        """Computes the largest response of a curve like `peak`, with its derivatives: for gradient-based optimisation.
-
-        Parameters
-        ----------
-        of : str
-            A response, as for `response`.
-        by : iterable of str
-            Paths of the values, "wall.gap".
-        path : str
-            Path of the continuation parameter.
-        start, stop : float
-            Its range, in its unit.
-        {tolerance and order}
-        **keys
-            Of the group &curve.
-
-        Returns
-        -------
-        PeakGradient
-            The response, the value of the parameter there, and the derivatives of both; those of the value are zero if the
-            maximum is at an end of the range. NaN, with the warning NotConverged, if the curve stops before the end of its range.
-            `at_slopes` alone is NaN with several tones, and for friction with memory or rigid contact where the peak of a value
-            3 % off is not found.
-
-        Examples
-        --------
-        >>> import nhbm
-        >>> model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
-        >>> model.load("x1", 1, cos=0.1)
-        >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
-        >>> found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.8, 1.6, order=7)
-        >>> model["spring.stiffness"] = 0.5 + 1e-5
-        >>> further = model.peak("x1 (1)", "tones[0]", 0.8, 1.6, order=7)
-        >>> bool(abs((further.at - found.at) / 1e-5 - found.at_slopes[0]) < 1e-3 * found.at_slopes[0])
-        True
-        """
-        paths = self._paths(by)
-        if self._resolved(path) in paths:
-            raise ModelError(f"'{path}' varies along the curve, so that the peak does not depend on it: leave it out of by")
-        none = np.full(len(paths), np.nan)
-
-        def here(session: Session, value: float, at: float) -> PeakGradient:
-            moves = session.column("position_gradient").values
-            return PeakGradient(value, at, gradient_of(session, of), none if moves is None else moves.copy())
-
-        groups, keys = {"gradient": {"by": paths}}, _range(start, stop, keys)
-        return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
-
-    def _paths(self, by: Iterable[str]) -> list[str]:
-        """The spellings of paths, of which there is at least one."""
-        paths = [self._resolved(path) for path in ([by] if isinstance(by, str) else by)]
-        if not paths:
-            raise ModelError("by must name at least one value, such as ['wall.gap']")
-        return paths
-
-    def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
-                 groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
-        """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
-        warning, if the curve stops before the end of its range."""
-        refuse_largest(of)
-        path = self._resolved(path)
-        curve = {"points": 10000, "parameter": path, "peak_of": of, **keys}  # none of which are stored
-        groups = {"curve": curve, "stability": {"method": "off"}, **groups}
-        if order is not None:
-            groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
-        session = self._begin(request(tolerance, order, **groups))
-        best, best_at, found, doubt, ends, values = -1.0, np.nan, None, "", [], []
-        session.begin_curve()
-        while session.next():
-            if dataset.status_of(session) not in dataset.SOLVED:
-                continue
-            value, at = response_of(session, of), float(session.column(identifier(path)).values)
-            values.append(at)
-            if int(dataset.number(session, "curve_kind")) == dataset.END:
-                ends.append(at)
-            if value > best:
-                best, best_at = value, at
-                found = evaluate(session, value, at)
-                doubt = doubts.doubt_of(session)
-        if doubts.warn_of_end(session, path, values, keys["to"] - keys["from"]):
-            return None
-        if doubt:
-            doubts.warn(doubt)
-        doubts.warn_of_return(ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
-        if any(abs(best_at - end) <= 1e-9 * abs(keys["to"] - keys["from"]) for end in (keys["from"], keys["to"])):
-            doubts.warn(f"the largest {of} is at an end of the range, {path} = {best_at:g}: no peak of the curve; widen the range",
-                        Implausible)  # fmt: skip
-        return found
-
-    @exclusive
-    @documented
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
               on_point: Callable[[xr.Dataset], bool] | None = None, progress: Any = False, **keys: Any) -> xr.Dataset:  # fmt: skip
         """Traces a response curve through folds, with stability and bifurcations.
@@ -365,7 +227,7 @@ class Model(Description):
         for key in keys_of("curve").values():
             if key.type == "list of texts":  # responses, of all kinds of located points
                 refuse_largest(*np.atleast_1d(keys.get(key.name, ())).tolist())
-        settings = request(tolerance, order, curve={"parameter": path, **_range(start, stop, keys)})
+        settings = request(tolerance, order, curve={"parameter": path, **curve_range(start, stop, keys)})
         cut = self._continue_cut(settings) if on_point is None else None
         points: list[xr.Dataset] = []
         doubtful: list[tuple[str, str]] = []
@@ -693,12 +555,3 @@ class Model(Description):
         if live is None or not live.session.has_motion:
             return "converged", "", ""
         return dataset.status_of(live.session), live.session.message, doubts.doubt_of(live.session)
-
-def _range(start: Any, stop: Any, keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys of &curve for the range of its parameter, and the given further ones."""
-    for key in ("parameter", "from", "to"):
-        if key in keys:
-            raise ModelError(f"&curve: '{key}' follows from the arguments path, start and stop; leave it out")
-    keys = {"start" if key == "first" else key: value for key, value in keys.items()}
-    check_keys("curve", keys)
-    return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0], **keys}
