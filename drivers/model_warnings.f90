@@ -201,8 +201,8 @@ contains
    function named_dofs(document) result(text)
       type(document_t), intent(inout) :: document
       character(:), allocatable :: text
-      character(17), parameter :: groups(*) = [character(17) :: "law", load_groups, "start", "output", "dynamic_stiffness", &
-                                               element_groups, "normal_mode", "phase"]
+      character(*), parameter :: groups(*) = [character(max_name) :: "law", load_groups, "start", "output", "dynamic_stiffness", &
+                                              element_groups, "normal_mode", "phase"]
       character(*), parameter :: keys(6) = [character(11) :: "dof", "dofs", "second_dofs", "normal_dofs", "force_dof", "force_dofs"]
       type(properties_t), pointer :: group
       type(string_t), allocatable :: names(:)

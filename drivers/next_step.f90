@@ -3,7 +3,7 @@ module next_step
    use hb_document, only: document_t, new_document
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
-   use hb_load_catalogue, only: load_groups
+   use hb_model_loads, only: groups_with_tuples
    use hb_model_tones, only: read_tones
    use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: outcome, reason, reason_names
@@ -433,16 +433,15 @@ contains
       type(string_t), allocatable :: sets(:)
       integer, allocatable :: values(:)
       integer :: i, k, n
-      character(*), parameter :: with_tuples(*) = [character(17) :: load_groups, "start"]
 
       command = ""
       n = run%kind%n_periods
       if (n < 2 .or. any(run%tones%is_unknown)) return
       allocate (sets(0))
-      do k = 1, size(with_tuples)
-         do i = 1, run%here%count(trim(with_tuples(k)))
-            values = numbers_of(run, trim(with_tuples(k)), "tuple", i)
-            if (size(values) > 0) call add_string(sets, trim(with_tuples(k))//"("//to_text(i)//")%tuple="//list_of(n*values))
+      do k = 1, size(groups_with_tuples)
+         do i = 1, run%here%count(trim(groups_with_tuples(k)))
+            values = numbers_of(run, trim(groups_with_tuples(k)), "tuple", i)
+            if (size(values) > 0) call add_string(sets, trim(groups_with_tuples(k))//"("//to_text(i)//")%tuple="//list_of(n*values))
          end do
       end do
       values = numbers_of(run, "harmonics", "order")

@@ -10,8 +10,8 @@ module switched_inputs
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
-   use hb_load_catalogue, only: load_groups
    use hb_model, only: model_t
+   use hb_model_loads, only: groups_with_tuples
    use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
    use hb_options, only: purpose_t
@@ -130,7 +130,6 @@ contains
       type(document_t), intent(inout), target :: document
       logical, intent(in) :: is_torus
       type(string_t), allocatable, intent(inout) :: overrides(:)
-      character(*), parameter :: with_tuples(*) = [character(17) :: load_groups, "start"]
       type(properties_t), pointer :: group
       integer, allocatable :: samples(:)
       integer :: i, k
@@ -143,13 +142,13 @@ contains
       else
          call add(overrides, "sampling%samples", list_of(2*samples))
       end if
-      do k = 1, size(with_tuples)
-         do i = 1, document%count(trim(with_tuples(k)))
-            group => document%group(trim(with_tuples(k)), i)
+      do k = 1, size(groups_with_tuples)
+         do i = 1, document%count(trim(groups_with_tuples(k)))
+            group => document%group(trim(groups_with_tuples(k)), i)
             if (.not. group%has_key("tuple")) cycle
             if (allocated(samples)) deallocate (samples)
             call group%get("tuple", samples)
-            call add(overrides, trim(with_tuples(k))//"("//to_text(i)//")%tuple", list_of(taken_over(samples, is_torus)))
+            call add(overrides, trim(groups_with_tuples(k))//"("//to_text(i)//")%tuple", list_of(taken_over(samples, is_torus)))
          end do
       end do
    end subroutine add_samples_and_tuples

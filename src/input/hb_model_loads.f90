@@ -18,10 +18,13 @@ module hb_model_loads
    use hb_structure, only: structure_t
    use hb_structure_load, only: is_only_in_time, structure_load_t
    use hb_system, only: only_in_time
-   use hb_text, only: to_text
+   use hb_text, only: max_name, to_text
    implicit none
    private
-   public :: loaded_tuples, read_initial, read_loads, read_starts
+   public :: groups_with_tuples, loaded_tuples, read_initial, read_loads, read_starts
+
+   !> Groups that may have the key `tuple`.
+   character(*), parameter :: groups_with_tuples(*) = [character(max_name) :: load_groups, "start"]
 
 contains
 
@@ -205,15 +208,14 @@ contains
       type(document_t), intent(inout), target :: document
       integer, intent(in) :: n_tones
       integer, allocatable :: tuples(:, :)
-      character(*), parameter :: groups(*) = [character(17) :: load_groups, "start"]
       type(properties_t), pointer :: group
       integer, allocatable :: entries(:), tuple(:)
       integer :: i, k
 
       allocate (entries(0))
-      do k = 1, size(groups)
-         do i = 1, document%count(trim(groups(k)))
-            group => document%group(trim(groups(k)), i)
+      do k = 1, size(groups_with_tuples)
+         do i = 1, document%count(trim(groups_with_tuples(k)))
+            group => document%group(trim(groups_with_tuples(k)), i)
             if (.not. group%given("tuple")) cycle
             if (allocated(tuple)) deallocate (tuple)
             call group%get("tuple", tuple)

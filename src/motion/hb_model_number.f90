@@ -6,7 +6,7 @@ module hb_model_number
    use hb_kinds, only: wp
    use hb_load_catalogue, only: load_groups
    use hb_numbers, only: number_t
-   use hb_text, only: to_text
+   use hb_text, only: max_name, to_text
    implicit none
    private
    public :: follower_t, followers_of, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
@@ -30,7 +30,7 @@ module hb_model_number
 
    !> The same objects by the groups of an input.
    type :: numbered_group_t
-      character(17) :: name
+      character(max_name) :: name
       logical :: is_of_structure = .false.                            !! the matrices of the structure depend on its numbers
       logical :: is_of_loads = .false.                                !! the loads depend on them
       logical :: may_move = .true.                                    !! they may move along curves: they change the motion
