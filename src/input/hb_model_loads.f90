@@ -16,7 +16,7 @@ module hb_model_loads
    use hb_properties, only: properties_t
    use hb_start_term, only: start_term_t
    use hb_structure, only: structure_t
-   use hb_structure_load, only: is_only_in_time, structure_load_t
+   use hb_structure_load, only: is_only_in_time, structure_load_t, time_key_of
    use hb_system, only: only_in_time
    use hb_text, only: max_name, to_text
    implicit none
@@ -48,7 +48,7 @@ contains
             call allocate_load(self%system%loads(n), trim(load_groups(k)))
             call read_load(self%system%loads(n)%load, self%system%structure, self%discretisation, group)
             if (is_only_in_time(self%system%loads(n)) .and. .not. self%options%purpose%may_only_integrate) &
-               call group%problem(trim(self%system%loads(n)%load%timed_by), only_in_time)
+               call group%problem(trim(time_key_of(self%system%loads(n)%load)), only_in_time)
             if (.not. allocated(self%system%loads(n)%load%weights)) cycle
             if (unknown_tone_of(self%system, n) > 0) call group%problem("tuple", "tone "// &
                to_text(unknown_tone_of(self%system, n))//" of &tones is unknown, and a load needs a given frequency; a first "// &
@@ -86,7 +86,7 @@ contains
       call read_numbers(load, group)
       if (group%has_key("tuple") .and. load%has_tuple()) then
          call read_tuple(discretisation, group, load%tuple)
-         if (allocated(load%tuple) .and. load%timed_by == "") call check_tuple(discretisation, group, load%tuple)
+         if (allocated(load%tuple) .and. time_key_of(load) == "") call check_tuple(discretisation, group, load%tuple)
       else
          load%tuple = spread(0, 1, discretisation%harmonics%n_tones)
       end if

@@ -11,7 +11,7 @@ module hb_load
    use hb_problems, only: problems_t
    use hb_sine_course, only: sine_course_t
    use hb_structure, only: structure_t
-   use hb_structure_load, only: add_amplitudes, structure_load_t
+   use hb_structure_load, only: add_amplitudes, structure_load_t, timed_structure_load_t
    use hb_text, only: to_text
    implicit none
    private
@@ -19,7 +19,7 @@ module hb_load
 
    character(*), parameter :: units_of_powers(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
 
-   type, extends(structure_load_t) :: load_t
+   type, extends(timed_structure_load_t) :: load_t
       logical :: is_acceleration = .false., is_displacement = .false. !! of the base; neither: a force
       integer :: power = 0                                            !! of |j.omega|, by which the amplitudes are multiplied
       type(harmonic_amplitude_t) :: amplitude                         !! [N], [m/s**2], [m], by the power of the frequency

@@ -12,27 +12,32 @@ module hb_structure_load
    use hb_text, only: max_name
    implicit none
    private
-   public :: add_amplitudes, find_timed_loads, is_only_in_time, load_box_t, structure_load_t
+   public :: add_amplitudes, find_timed_loads, is_only_in_time, load_box_t, structure_load_t, time_key_of, &
+      timed_structure_load_t
 
    type, extends(numbered_t), abstract :: structure_load_t
       integer, allocatable :: tuple(:)                                !! j, (n_tones); zeros if it has no key for it
       integer, allocatable :: dofs(:)                                 !! at which it acts; none if it has no key for them
       real(wp), allocatable :: weights(:)                             !! (size(dofs)); not allocated after a problem of the input
-      character(max_name) :: timed_by = ""                            !! key by which it is one of time integration alone, with a
-                                                                      !! course, and not of the balance; empty: of both
    contains
       procedure(add_load), deferred :: add_to
       procedure :: add_slope_to => structure_load_add_slope_to
       procedure :: check => structure_load_check
       procedure :: depends_on_frequency => structure_load_depends_on_frequency
       procedure :: depends_on_structure => structure_load_depends_on_structure
-      procedure :: find_course => structure_load_find_course
       procedure :: has_tuple => structure_load_has_tuple
       procedure :: is_zero => structure_load_is_zero
       procedure :: n_dofs => structure_load_n_dofs
       procedure :: repeats => structure_load_repeats
       procedure :: doubt => structure_load_doubt
    end type structure_load_t
+
+   !> A load that may have a course over time: it is then one of time integration alone, and not of the balance.
+   type, extends(structure_load_t), abstract :: timed_structure_load_t
+      character(max_name) :: timed_by = ""                            !! key by which it has a course; empty: it has none
+   contains
+      procedure(find_course_of), deferred :: find_course
+   end type timed_structure_load_t
 
    abstract interface
       !> Adds the load, with its present numbers, to the harmonics of all loads (`add_amplitudes`). It leaves out what the set of
@@ -46,6 +51,16 @@ module hb_structure_load
          type(amplitudes_t), intent(inout) :: loads                   !! [N]
          type(amplitudes_t), intent(inout), optional :: slopes        !! their derivatives by j.omega [N s]
       end subroutine add_load
+
+      !> The course of a load that has one, and its amplitudes.
+      subroutine find_course_of(self, structure, omega, course, amplitude)
+         import :: load_course_t, structure_t, timed_structure_load_t, wp
+         class(timed_structure_load_t), intent(in) :: self
+         type(structure_t), intent(in) :: structure
+         real(wp), intent(in) :: omega(:)                             !! base frequencies [rad/s], (n_tones)
+         class(load_course_t), allocatable, intent(out) :: course
+         complex(wp), intent(inout) :: amplitude(:)                   !! c [N], zero on entry, (n_dofs)
+      end subroutine find_course_of
    end interface
 
    !> Loads in an array.
@@ -85,10 +100,13 @@ contains
       allocate (timed(count(is_only_in_time(loads))))
       n = 0
       do i = 1, size(loads)
-         if (.not. is_only_in_time(loads(i))) cycle
-         n = n + 1
-         allocate (timed(n)%amplitude(structure%n_dofs), source=(0.0_wp, 0.0_wp))
-         call loads(i)%load%find_course(structure, omega, timed(n)%course, timed(n)%amplitude)
+         select type (load => loads(i)%load)
+         class is (timed_structure_load_t)
+            if (load%timed_by == "") cycle
+            n = n + 1
+            allocate (timed(n)%amplitude(structure%n_dofs), source=(0.0_wp, 0.0_wp))
+            call load%find_course(structure, omega, timed(n)%course, timed(n)%amplitude)
+         end select
       end do
    end subroutine find_timed_loads
 
@@ -96,8 +114,19 @@ contains
    elemental logical function is_only_in_time(box)
       type(load_box_t), intent(in) :: box
 
-      is_only_in_time = box%load%timed_by /= ""
+      is_only_in_time = time_key_of(box%load) /= ""
    end function is_only_in_time
+
+   !> Key by which a load has a course over time; empty: it has none.
+   pure character(max_name) function time_key_of(load) result(key)
+      class(structure_load_t), intent(in) :: load
+
+      key = ""
+      select type (load)
+      class is (timed_structure_load_t)
+         key = load%timed_by
+      end select
+   end function time_key_of
 
    !> Adds the derivative of the load by one of its numbers. `is_known` is false if it does not know it: differences then take
    !> its place, which are exact for numbers in which the load is affine (`is_affine_in`).
@@ -132,15 +161,6 @@ contains
 
       depends = .false.
    end function structure_load_depends_on_structure
-
-   !> The course of a load that has one, and its amplitudes: every kind that sets `timed_by` overrides it.
-   subroutine structure_load_find_course(self, structure, omega, course, amplitude)
-      class(structure_load_t), intent(in) :: self
-      type(structure_t), intent(in) :: structure
-      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
-      class(load_course_t), allocatable, intent(out) :: course
-      complex(wp), intent(inout) :: amplitude(:)                      !! c [N], zero on entry, (n_dofs)
-   end subroutine structure_load_find_course
 
    !> Whether an input must give the tuple, for a kind that has a key for it.
    pure logical function structure_load_has_tuple(self) result(has)
