@@ -24,17 +24,6 @@ module hb_variation_pieces
       real(wp) :: held = 0.0_wp                                       ! its position
    end type event_t
 
-   !> The sliders of a law between two detection times.
-   type :: slip_search_t
-      type(variation_t), pointer :: variation => null()
-      integer :: i = 0                                                ! law
-      integer :: s = 0, slider = 0                                    ! slider, among those of the law and among all
-      real(wp) :: times(2) = 0.0_wp                                   ! detection times
-      real(wp), dimension(:), allocatable :: lower, upper, lower_rate, upper_rate   ! bounds at the last evaluation
-      type(event_t), allocatable :: events(:)
-      integer :: n = 0                                                ! number of events
-   end type slip_search_t
-
    !> Zero of a function by false position (Illinois), to rounding.
    type :: bracket_t
       real(wp) :: low, high                                           !! arguments
@@ -45,6 +34,26 @@ module hb_variation_pieces
       procedure :: is_wide => bracket_is_wide
       procedure :: narrow => bracket_narrow
    end type bracket_t
+
+   !> The switches of a law, whose zeros are located together.
+   type :: switch_search_t
+      type(variation_t), pointer :: variation => null()
+      integer :: i = 0                                                ! law
+      type(bracket_t), allocatable :: brackets(:)                     ! of the zeros, the first `n` of them
+      integer, allocatable :: of_switch(:)                            ! switch of each bracket
+      integer :: n = 0
+   end type switch_search_t
+
+   !> The sliders of a law between two detection times.
+   type :: slip_search_t
+      type(variation_t), pointer :: variation => null()
+      integer :: i = 0                                                ! law
+      integer :: s = 0, slider = 0                                    ! slider, among those of the law and among all
+      real(wp) :: times(2) = 0.0_wp                                   ! detection times
+      real(wp), dimension(:), allocatable :: lower, upper, lower_rate, upper_rate   ! bounds at the last evaluation
+      type(event_t), allocatable :: events(:)
+      integer :: n = 0                                                ! number of events
+   end type slip_search_t
 
 contains
 
@@ -106,118 +115,138 @@ contains
    !> Sign changes of the switches of law i, all located together, because a motion is evaluated more cheaply at many
    !> times at once.
    subroutine find_switching(self, i, times, z, v, events)
-      type(variation_t), intent(inout) :: self
+      type(variation_t), intent(inout), target :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: times(:), z(:, :), v(:, :)
       type(event_t), allocatable, intent(out) :: events(:)
-      type(bracket_t) :: brackets(size(times)*self%laws(i)%law%n_switches)
-      integer :: of_switch(size(brackets))
+      type(switch_search_t) :: search
       real(wp) :: values(self%laws(i)%law%n_switches, size(times))
-      integer :: k, n
+      integer :: k
 
-      n = 0
+      search%variation => self
+      search%i = i
+      allocate (search%brackets(size(values)), search%of_switch(size(values)))
       call switches_at(self, i, times, z, v, values)
-      call find_sign_changes()
-      call find_touches()
-      call narrow_all()
-      events = [(event_t(time=brackets(k)%middle), k=1, n)]
-
-   contains
-
-      !> Sign changes of the values at the instants.
-      subroutine find_sign_changes()
-         integer :: k, s
-
-         do k = 2, size(times)
-            do s = 1, size(values, 1)
-               if (values(s, k - 1) > 0.0_wp .neqv. values(s, k) > 0.0_wp) call add(s, times(k - 1:k), values(s, k - 1:k))
-            end do
-         end do
-      end subroutine find_sign_changes
-
-      !> Pairs of sign changes between instants.
-      subroutine find_touches()
-         integer :: k, s
-
-         do k = 2, size(times) - 1
-            do s = 1, size(values, 1)
-               if (is_passed_between(values(s, k - 1:k + 1))) call find_touch(s, times(k - 1:k + 1), values(s, k - 1:k + 1))
-            end do
-         end do
-      end subroutine find_touches
-
-      !> Adds a sign change of a switch between two times.
-      subroutine add(s, t, values_there)
-         integer, intent(in) :: s
-         real(wp), intent(in) :: t(2), values_there(2)
-
-         n = n + 1
-         brackets(n) = bracket_t(low=t(1), high=t(2), value_low=values_there(1), value_high=values_there(2))
-         of_switch(n) = s
-      end subroutine add
-
-      !> Two sign changes between instants: where the extreme of the parabola through three values has the other sign, as the motion
-      !> may have, this extreme is improved.
-      subroutine find_touch(s, t, values_there)
-         integer, intent(in) :: s                                     !! switch
-         real(wp), intent(in) :: t(3), values_there(3)
-         real(wp) :: at(3), now(3), value(size(values, 1), 1), v_now(1, self%n_coordinates), z_now(1, self%n_coordinates)
-         real(wp) :: extreme
-         integer :: pass
-
-         at = t
-         now = values_there
-         do pass = 1, max_passes_to_extreme
-            extreme = extreme_of_parabola(at, now)
-            if (.not. (extreme > at(1) .and. extreme < at(3)) .or. abs(extreme - at(2)) <= rounding*(t(3) - t(1))) return
-            call self%find_motion([extreme], z_now, v_now)
-            call switches_at(self, i, [extreme], z_now, v_now, value)
-            if (value(s, 1) > 0.0_wp .neqv. now(2) > 0.0_wp) then
-               call add(s, [t(1), extreme], [values_there(1), value(s, 1)])
-               call add(s, [extreme, t(3)], [value(s, 1), values_there(3)])
-               return
-            end if
-            if (abs(value(s, 1)) >= abs(now(2))) return
-            if (extreme < at(2)) then
-               at = [at(1), extreme, at(2)]
-               now = [now(1), value(s, 1), now(2)]
-            else
-               at = [at(2), extreme, at(3)]
-               now = [now(2), value(s, 1), now(3)]
-            end if
-         end do
-      end subroutine find_touch
-
-      !> Narrows the brackets until all are at their zeros.
-      subroutine narrow_all()
-         logical :: is_wide(n)
-         integer :: k
-
-         do
-            do k = 1, n
-               is_wide(k) = brackets(k)%is_wide()
-            end do
-            if (.not. any(is_wide)) exit
-            call narrow_together(pack([(k, k=1, n)], is_wide))
-         end do
-      end subroutine narrow_all
-
-      !> Narrows some brackets once, by one evaluation of the motion.
-      subroutine narrow_together(wide)
-         integer, intent(in) :: wide(:)                               !! their numbers
-         real(wp), dimension(size(wide), self%n_coordinates) :: v_there, z_there
-         real(wp) :: there(size(values, 1), size(wide))
-         integer :: k
-
-         associate (middles => brackets(wide)%middle)
-            call self%find_motion(middles, z_there, v_there)
-            call switches_at(self, i, middles, z_there, v_there, there)
-         end associate
-         do k = 1, size(wide)
-            call brackets(wide(k))%narrow(there(of_switch(wide(k)), k))
-         end do
-      end subroutine narrow_together
+      call find_sign_changes(search, times, values)
+      call find_touches(search, times, values)
+      call narrow_all(search)
+      events = [(event_t(time=search%brackets(k)%middle), k=1, search%n)]
    end subroutine find_switching
+
+   !> Adds the sign changes of the values at the instants.
+   subroutine find_sign_changes(search, times, values)
+      type(switch_search_t), intent(inout) :: search
+      real(wp), intent(in) :: times(:), values(:, :)                  !! (n_times), (n_switches, n_times)
+      integer :: k, s
+
+      do k = 2, size(times)
+         do s = 1, size(values, 1)
+            if (values(s, k - 1) > 0.0_wp .neqv. values(s, k) > 0.0_wp) &
+               call add_sign_change(search, s, times(k - 1:k), values(s, k - 1:k))
+         end do
+      end do
+   end subroutine find_sign_changes
+
+   !> Adds pairs of sign changes between instants.
+   subroutine find_touches(search, times, values)
+      type(switch_search_t), intent(inout) :: search
+      real(wp), intent(in) :: times(:), values(:, :)                  !! (n_times), (n_switches, n_times)
+      integer :: k, s
+
+      do k = 2, size(times) - 1
+         do s = 1, size(values, 1)
+            if (is_passed_between(values(s, k - 1:k + 1))) &
+               call find_touch(search, s, times(k - 1:k + 1), values(s, k - 1:k + 1))
+         end do
+      end do
+   end subroutine find_touches
+
+   !> Adds a sign change of a switch between two times.
+   subroutine add_sign_change(search, s, times, values)
+      type(switch_search_t), intent(inout) :: search
+      integer, intent(in) :: s                                        !! switch
+      real(wp), intent(in) :: times(2), values(2)
+
+      search%n = search%n + 1
+      search%brackets(search%n) = bracket_t(low=times(1), high=times(2), value_low=values(1), value_high=values(2))
+      search%of_switch(search%n) = s
+   end subroutine add_sign_change
+
+   !> Two sign changes between instants: where the extreme of the parabola through three values has the other sign, as the motion
+   !> may have, this extreme is improved.
+   subroutine find_touch(search, s, times, values)
+      type(switch_search_t), intent(inout) :: search
+      integer, intent(in) :: s                                        !! switch
+      real(wp), intent(in) :: times(3), values(3)
+      real(wp) :: at(3), now(3), extreme, value
+      integer :: pass
+
+      at = times
+      now = values
+      do pass = 1, max_passes_to_extreme
+         extreme = extreme_of_parabola(at, now)
+         if (.not. (extreme > at(1) .and. extreme < at(3)) .or. abs(extreme - at(2)) <= rounding*(times(3) - times(1))) return
+         value = switch_at(search, s, extreme)
+         if (value > 0.0_wp .neqv. now(2) > 0.0_wp) then
+            call add_sign_change(search, s, [times(1), extreme], [values(1), value])
+            call add_sign_change(search, s, [extreme, times(3)], [value, values(3)])
+            return
+         end if
+         if (abs(value) >= abs(now(2))) return
+         if (extreme < at(2)) then
+            at = [at(1), extreme, at(2)]
+            now = [now(1), value, now(2)]
+         else
+            at = [at(2), extreme, at(3)]
+            now = [now(2), value, now(3)]
+         end if
+      end do
+   end subroutine find_touch
+
+   !> Value of a switch at a time.
+   real(wp) function switch_at(search, s, time)
+      type(switch_search_t), intent(inout) :: search
+      integer, intent(in) :: s
+      real(wp), intent(in) :: time
+      real(wp), dimension(1, search%variation%n_coordinates) :: v, z
+      real(wp) :: values(search%variation%laws(search%i)%law%n_switches, 1)
+
+      call search%variation%find_motion([time], z, v)
+      call switches_at(search%variation, search%i, [time], z, v, values)
+      switch_at = values(s, 1)
+   end function switch_at
+
+   !> Narrows the brackets until all are at their zeros.
+   subroutine narrow_all(search)
+      type(switch_search_t), intent(inout) :: search
+      logical :: is_wide(search%n)
+      integer :: k
+
+      do
+         do k = 1, search%n
+            is_wide(k) = search%brackets(k)%is_wide()
+         end do
+         if (.not. any(is_wide)) exit
+         call narrow_together(search, pack([(k, k=1, search%n)], is_wide))
+      end do
+   end subroutine narrow_all
+
+   !> Narrows some brackets once, by one evaluation of the motion.
+   subroutine narrow_together(search, wide)
+      type(switch_search_t), intent(inout) :: search
+      integer, intent(in) :: wide(:)                                  !! their numbers
+      real(wp), dimension(size(wide), search%variation%n_coordinates) :: v, z
+      real(wp) :: values(search%variation%laws(search%i)%law%n_switches, size(wide))
+      integer :: k
+
+      associate (middles => search%brackets(wide)%middle)
+         call search%variation%find_motion(middles, z, v)
+         call switches_at(search%variation, search%i, middles, z, v, values)
+      end associate
+      do k = 1, size(wide)
+         call search%brackets(wide(k))%narrow(values(search%of_switch(wide(k)), k))
+      end do
+   end subroutine narrow_together
 
    !> Whether the parabola through three values of one sign at equal distances, the middle one nearest to zero, nearly reaches zero.
    pure logical function is_passed_between(values)
