@@ -34,6 +34,7 @@ module hb_wide_problem
       procedure :: find_residual => wide_problem_find_residual
       procedure :: find_step => wide_problem_find_step
       procedure, private :: find_whole_step => wide_problem_find_whole_step
+      procedure, private :: length_of => wide_problem_length_of
       procedure :: apply_tangent => wide_problem_apply_tangent
       procedure :: precondition => wide_problem_precondition
       procedure :: step_in_blocks => wide_problem_step_in_blocks
@@ -167,11 +168,10 @@ contains
       logical, intent(in) :: acts_rigidly                             !! or almost: its impacts are too short for the set
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step was found
-      real(wp) :: r_there(size(r))
       logical :: is_found
 
       if (allocated(self%krylov) .and. .not. acts_rigidly) then
-         call find_whole_steps()
+         call find_whole_steps(self, motion, r, first, second, is_found, is_lost)
          if (is_found .or. is_lost) return
          deallocate (self%krylov)                                     ! the preconditioner is too weak
       end if
@@ -179,94 +179,126 @@ contains
       is_lost = self%is_lost
       if (is_lost) return
       if (size(self%wide%omega) > 1) then
-         call find_second_in_blocks()
+         call find_second_in_blocks(self, motion, is_rigid, first, second, is_found, is_lost)
          if (is_found .or. is_lost) return
       end if
-      call find_coupled_steps(merge(of_one_tone, of_several, size(self%wide%omega) == 1))
-
-   contains
-
-      !> Length of a step in the units of the equations.
-      real(wp) function length_of(step)
-         real(wp), intent(in) :: step(:)                              ! (n_unknowns)
-
-         length_of = norm2(step/self%r_scale)
-      end function length_of
-
-      !> Finds both steps with the preconditioner of the wide balance, as far as the products go: the components that need
-      !> more, along which the tangent is almost singular, would be far too large in a linear step. What a first step leaves
-      !> of the residual after all of its products is what a second one would be spent on, in vain: it counts in proportion.
-      subroutine find_whole_steps()
-         logical :: is_complete
-
-         is_lost = .false.
-         call self%find_whole_step(motion, r, residual_of_first, first, is_found)
-         if (.not. is_found) return
-         if (self%krylov%residual > largest_of_first) then
-            second = self%krylov%residual*first
-         else
-            call self%find_residual(moved(), first, r_there, is_lost)
-            if (.not. is_lost) call self%find_whole_step(moved(), r_there, residual_of_second, second, is_complete)
-         end if
-      end subroutine find_whole_steps
-
-      !> Finds the second step in blocks, and adds a third one to it, if each is clearly smaller than the one before: retained and
-      !> added harmonics are then so weakly coupled that a few block steps add up to the full step; otherwise `is_found` is false.
-      !> Two may decrease by chance: the first one is in the added harmonics, and what comes back to these shows only in the third.
-      !>
-      !> With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first step contact begins and ends
-      !> within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products
-      !> .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against order 45 .0031 at order 20), and
-      !> only the first one is used unless the second is clearly smaller.
-      subroutine find_second_in_blocks()
-         is_found = .false.
-         call self%find_residual(moved(), first, r_there, is_lost)
-         if (is_lost) return
-         call self%step_in_blocks(r_there, second)
-         if (.not. self%is_lost) then
-            is_found = length_of(second) < clearly_smaller*length_of(first)
-            if (is_rigid) then
-               if (.not. is_found) second = 0.0_wp
-               is_found = .true.
-            else if (is_found) then
-               call add_third()
-            end if
-         end if
-         self%is_lost = .false.
-      end subroutine find_second_in_blocks
-
-      !> Finds both steps with the coupling of retained and added harmonics.
-      subroutine find_coupled_steps(most)
-         integer, intent(in) :: most                                  ! products for one step
-
-         call self%find_step(motion, r, most, 0.0_wp, first, is_found)
-         is_lost = .not. is_found
-         if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
-         if (is_lost) return
-         call self%step_in_blocks(r_there, second)
-         call self%find_step(moved(), r_there, most, accuracy*norm2(first(:size(motion))), second, is_found)
-         is_lost = .not. is_found
-      end subroutine find_coupled_steps
-
-      !> Adds a third block step to the second; `is_found` becomes false if it is no smaller.
-      subroutine add_third()
-         real(wp) :: third(size(r))
-
-         call self%find_residual(moved() - reshape(second(:size(motion)), shape(motion)), first + second, r_there, is_lost)
-         if (is_lost) return
-         call self%step_in_blocks(r_there, third)
-         is_found = .not. self%is_lost
-         if (is_found) is_found = length_of(third) < clearly_smaller*length_of(second)
-         if (is_found) second = second + third
-      end subroutine add_third
-
-      !> The motion after the first step.
-      function moved()
-         real(wp) :: moved(size(motion, 1), size(motion, 2))
-
-         moved = motion - reshape(first(:size(motion)), shape(motion))
-      end function moved
+      call find_coupled_steps(self, motion, r, merge(of_one_tone, of_several, size(self%wide%omega) == 1), first, second, is_lost)
    end subroutine wide_problem_find_two_steps
+
+   !> Finds both steps with the preconditioner of the wide balance, as far as the products go: the components that need
+   !> more, along which the tangent is almost singular, would be far too large in a linear step. What a first step leaves
+   !> of the residual after all of its products is what a second one would be spent on, in vain: it counts in proportion.
+   subroutine find_whole_steps(self, motion, r, first, second, is_found, is_lost)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: r(:)                                    !! residual of the motion (n_unknowns)
+      real(wp), intent(inout) :: first(:), second(:)                  !! (n_unknowns)
+      logical, intent(out) :: is_found                                !! the first one, at least
+      logical, intent(out) :: is_lost                                 !! a law is outside its domain after the first one
+      real(wp) :: r_there(size(r))
+      logical :: is_complete
+
+      is_lost = .false.
+      call self%find_whole_step(motion, r, residual_of_first, first, is_found)
+      if (.not. is_found) return
+      if (self%krylov%residual > largest_of_first) then
+         second = self%krylov%residual*first
+      else
+         call self%find_residual(moved(motion, first), first, r_there, is_lost)
+         if (.not. is_lost) call self%find_whole_step(moved(motion, first), r_there, residual_of_second, second, is_complete)
+      end if
+   end subroutine find_whole_steps
+
+   !> Finds the second step in blocks, and adds a third one to it, if each is clearly smaller than the one before: retained and
+   !> added harmonics are then so weakly coupled that a few block steps add up to the full step; otherwise `is_found` is false.
+   !> Two may decrease by chance: the first one is in the added harmonics, and what comes back to these shows only in the third.
+   !>
+   !> With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first step contact begins and ends
+   !> within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products
+   !> .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against order 45 .0031 at order 20), and
+   !> only the first one is used unless the second is clearly smaller.
+   subroutine find_second_in_blocks(self, motion, is_rigid, first, second, is_found, is_lost)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      logical, intent(in) :: is_rigid
+      real(wp), intent(in) :: first(:)                                !! in blocks (n_unknowns)
+      real(wp), intent(inout) :: second(:)                            !! (n_unknowns)
+      logical, intent(out) :: is_found
+      logical, intent(out) :: is_lost                                 !! a law is outside its domain after the first step
+      real(wp) :: r_there(size(first))
+
+      is_found = .false.
+      call self%find_residual(moved(motion, first), first, r_there, is_lost)
+      if (is_lost) return
+      call self%step_in_blocks(r_there, second)
+      if (.not. self%is_lost) then
+         is_found = self%length_of(second) < clearly_smaller*self%length_of(first)
+         if (is_rigid) then
+            if (.not. is_found) second = 0.0_wp
+            is_found = .true.
+         else if (is_found) then
+            call add_third(self, motion, first, second, is_found, is_lost)
+         end if
+      end if
+      self%is_lost = .false.
+   end subroutine find_second_in_blocks
+
+   !> Adds a third block step to the second; `is_found` is false if it is no smaller.
+   subroutine add_third(self, motion, first, second, is_found, is_lost)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: first(:)                                !! (n_unknowns)
+      real(wp), intent(inout) :: second(:)                            !! (n_unknowns)
+      logical, intent(out) :: is_found
+      logical, intent(out) :: is_lost                                 !! a law is outside its domain after both steps
+      real(wp), dimension(size(first)) :: r_there, third
+
+      is_found = .true.
+      call self%find_residual(moved(moved(motion, first), second), first + second, r_there, is_lost)
+      if (is_lost) return
+      call self%step_in_blocks(r_there, third)
+      is_found = .not. self%is_lost
+      if (is_found) is_found = self%length_of(third) < clearly_smaller*self%length_of(second)
+      if (is_found) second = second + third
+   end subroutine add_third
+
+   !> Finds both steps with the coupling of retained and added harmonics.
+   subroutine find_coupled_steps(self, motion, r, most, first, second, is_lost)
+      class(wide_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: r(:)                                    !! residual of the motion (n_unknowns)
+      integer, intent(in) :: most                                     !! products for one step
+      real(wp), intent(inout) :: first(:)                             !! in blocks on entry (n_unknowns)
+      real(wp), intent(inout) :: second(:)                            !! (n_unknowns)
+      logical, intent(out) :: is_lost
+      real(wp) :: r_there(size(r))
+      logical :: is_found
+
+      call self%find_step(motion, r, most, 0.0_wp, first, is_found)
+      is_lost = .not. is_found
+      if (.not. is_lost) call self%find_residual(moved(motion, first), first, r_there, is_lost)
+      if (is_lost) return
+      call self%step_in_blocks(r_there, second)
+      call self%find_step(moved(motion, first), r_there, most, accuracy*norm2(first(:size(motion))), second, is_found)
+      is_lost = .not. is_found
+   end subroutine find_coupled_steps
+
+   !> The motion after a step.
+   pure function moved(motion, step)
+      real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: step(:)                                 !! (n_unknowns)
+      real(wp) :: moved(size(motion, 1), size(motion, 2))
+
+      moved = motion - reshape(step(:size(motion)), shape(motion))
+   end function moved
+
+   !> Length of a step in the units of the equations.
+   pure real(wp) function wide_problem_length_of(self, step) result(length)
+      class(wide_problem_t), intent(in) :: self
+      real(wp), intent(in) :: step(:)                                 !! (n_unknowns)
+
+      length = norm2(step/self%r_scale)
+   end function wide_problem_length_of
 
    !> Continues Newton's method towards the motion of the wide balance. A step is halved unless it reduces the step in
    !> blocks, by which motions are compared.
@@ -297,7 +329,7 @@ contains
          else
             step = 0.5_wp*step
          end if
-         now = motion - reshape(step(:size(now)), shape(now))
+         now = moved(motion, step)
       end do
    end subroutine wide_problem_improve
 
@@ -338,13 +370,13 @@ contains
 
       is_found = .false.
       if (self%is_lost .or. .not. all(ieee_is_finite(step))) return
-      is_found = norm2(step/self%r_scale) <= least
+      is_found = self%length_of(step) <= least
       if (is_found) return
       call self%wide%linearise([slightly_later(self%wide, motion)], is_found)
       if (.not. is_found) return
       call new_gmres(gmres, self%n_unknowns, most)
       blocks = step
-      call gmres%solve(self, blocks, max(accuracy, least/norm2(blocks/self%r_scale)), most, step)
+      call gmres%solve(self, blocks, max(accuracy, least/self%length_of(blocks)), most, step)
       self%n_products = self%n_products + gmres%n_products
       is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
    end subroutine wide_problem_find_step
