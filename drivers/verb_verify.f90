@@ -4,13 +4,13 @@ module verb_verify
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
    use hb_error, only: error_t
-   use hb_integration_verdict, only: verdict, verdict_names, verdict_text
+   use hb_integration_verdict, only: verdict, verdict_names, verdict_t, verdict_text
    use hb_kinds, only: wp
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, sum_over
    use hb_outcome, only: outcome, outcome_text
    use hb_progress, only: log_level
    use hb_text, only: add_string, join, number_of, string_t, to_text
-   use hb_verify, only: unverified_t, verdict_t, verification_options_t, verify_points
+   use hb_verify, only: unverified_t, verification_options_t, verify_points
    use next_step, only: shell_word
    use run_texts, only: ending_text
    implicit none

@@ -18,7 +18,7 @@ module hb_session
    use hb_idle_laws, only: idle_laws_t
    use hb_input_keys, only: input_groups
    use hb_integration, only: integrate_model, integration_t
-   use hb_integration_verdict, only: kind_of_verdict => verdict
+   use hb_integration_verdict, only: kind_of_verdict => verdict, verdict_t
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
@@ -41,7 +41,7 @@ module hb_session
    use hb_text, only: to_text
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
-   use hb_verification, only: verdict_t, verify_motion
+   use hb_verification, only: verify_motion
    implicit none
    private
    public :: session_t

@@ -3,8 +3,9 @@ module hb_session_columns
    use hb_column_view, only: column_view_t
    use hb_error, only: error_t, fail
    use hb_parameter_path, only: identifier
-   use hb_record_columns, only: record_columns, verdict_columns
+   use hb_record_columns, only: record_columns
    use hb_session, only: session_t
+   use hb_verdict_columns, only: verdict_columns
    implicit none
    private
    public :: labels_along, session_columns_t

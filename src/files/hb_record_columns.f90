@@ -1,13 +1,11 @@
-!> The tables of what time integration gives: a record, as its file has it (docs/user/schema.md), and the verdict on a motion.
+!> The table of the columns of a record of time integration, as its file has it (docs/user/schema.md).
 module hb_record_columns
    use hb_integration, only: integration_t
-   use hb_integration_verdict, only: verdict_names
    use hb_kinds, only: wp
    use hb_motion_columns, only: columns_t, of_dof, of_rate
-   use hb_verification, only: verdict_t
    implicit none
    private
-   public :: record_columns, verdict_columns
+   public :: record_columns
 
 contains
 
@@ -55,24 +53,6 @@ contains
             call t%real("state_slider", "m", "slider", "states of the laws with memory in the last state", state%s)
       end associate
    end subroutine record_columns
-
-   !> Hands over all columns of a verdict.
-   subroutine verdict_columns(t, verdict)
-      class(columns_t), intent(inout) :: t
-      type(verdict_t), intent(in) :: verdict
-
-      call t%integer("integration_verdict", "1", "", "verdict of nhbm verify", verdict%kind, verdict_names)
-      call t%real("integration_first_difference", "1", "", &
-         "largest difference from time integration in the first period of the slowest tone, "// &
-         "relative to the motion of its coordinate", verdict%first_difference)
-      call t%real("integration_difference", "1", "", "difference from time integration in the last periods, "// &
-         "for the coordinate with the largest ratio to its limit, relative to its motion", verdict%difference)
-      call t%real("integration_limit", "1", "", "limit of that difference", verdict%limit)
-      call t%real("integration_growth", "1/s", "", "rate at which a nearby trajectory diverges from the motion", verdict%growth)
-      call t%real("integration_duration", "s", "", "integrated time", verdict%duration)
-      call t%real_array("integration_drift", "rad/s", "tone", &
-         "integrated frequency minus that of the motion, 0 for given tones", verdict%drift)
-   end subroutine verdict_columns
 
    !> Cosine and sine of amplitudes c - i s.
    pure function pairs_of(amplitudes) result(pairs)

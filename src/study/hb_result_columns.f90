@@ -7,15 +7,15 @@ module hb_result_columns
    use hb_error, only: annotate, error_t, fail
    use hb_file_columns, only: file_columns_t
    use hb_hdf5, only: bytes_of_kind, h5_dataset_t, is_characters, is_integer, is_real
+   use hb_integration_verdict, only: verdict_t
    use hb_kinds, only: int64, two_pi, wp
    use hb_motion_columns, only: max_attempts
    use hb_motion_result, only: motion_result_t
    use hb_parameter_path, only: identifier
-   use hb_record_columns, only: verdict_columns
    use hb_results_layout, only: results_layout_t
    use hb_row_buffer, only: row_buffer_t
    use hb_text, only: join, shortened, to_text
-   use hb_verification, only: verdict_t
+   use hb_verdict_columns, only: verdict_columns
    implicit none
    private
    public :: bytes_of_row, column_t, measure_row, message_length, new_plan, plan_t, tuple_entry_name

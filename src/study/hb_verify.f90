@@ -6,7 +6,7 @@ module hb_verify
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
-   use hb_integration_verdict, only: verdict
+   use hb_integration_verdict, only: verdict, verdict_t
    use hb_interruption, only: interruption, new_interruption
    use hb_kinds, only: wp
    use hb_model, only: model_t
@@ -22,11 +22,11 @@ module hb_verify
    use hb_stored_rows, only: stored_file_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
-   use hb_verification, only: verdict_t, verify_motion
+   use hb_verification, only: verify_motion
    use hb_watched_interruption, only: watched_t
    implicit none
    private
-   public :: unverified_t, verdict_t, verification_options_t, verify_points
+   public :: unverified_t, verification_options_t, verify_points
 
    !> How to verify points.
    type :: verification_options_t

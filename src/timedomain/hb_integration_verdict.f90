@@ -9,7 +9,8 @@ module hb_integration_verdict
    use hb_kinds, only: wp
    implicit none
    private
-   public :: decide, growing, grown, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_text
+   public :: decide, growing, grown, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_t, &
+      verdict_text
 
    real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the error estimate
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
@@ -38,6 +39,24 @@ module hb_integration_verdict
    end type verdict_kind_t
    type(verdict_kind_t), parameter :: verdict = verdict_kind_t()
    character(9), parameter :: verdict_names(0:4) = [character(9) :: "not_done", "agrees", "unstable", "differs", "undecided"]
+
+   !> Result of the verification of a motion.
+   type :: verdict_t
+      integer :: kind = verdict%not_done
+      integer :: skipped_status = 0                                   !! outcome of a point without a motion to start from
+      real(wp) :: first_difference = 0.0_wp                           !! in the first period, relative: the worst coordinate
+      real(wp) :: difference = 0.0_wp !! in the last ones, of the coordinate with the largest ratio to its limit
+      real(wp) :: limit = 0.0_wp                                      !! of that difference
+      character(:), allocatable :: coordinate                         !! its name
+      real(wp) :: growth = 0.0_wp                                     !! of neighbouring trajectories [1/s]
+      real(wp), allocatable :: drift(:)                               !! of the unknown frequencies [rad/s], (n_tones)
+      real(wp) :: duration = 0.0_wp                                   !! of the time integration [s]
+      integer :: n_periods = 0                                        !! of the slowest tone, likewise
+      character(:), allocatable :: ended_by                           !! error that ended the time integration
+      logical :: is_of_coefficients = .false.                         !! both differences are that of the coefficients, those of
+                                                                      !! a second time integration to its end; no `growth`
+      logical :: starts_beside = .false. !! on the periodic motion next to the series, from which time integration diverges
+   end type verdict_t
 
 contains
 

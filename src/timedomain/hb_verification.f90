@@ -22,7 +22,7 @@ module hb_verification
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
-   use hb_integration_verdict, only: decide, growing, grown, growth_of, limit_of, n_steady, verdict
+   use hb_integration_verdict, only: decide, growing, grown, growth_of, limit_of, n_steady, verdict, verdict_t
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
    use hb_modes, only: has_free_motion, slowest_decay
@@ -37,7 +37,7 @@ module hb_verification
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: verdict_t, verify_motion
+   public :: verify_motion
 
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, until sliders are periodic
    integer, parameter :: min_periods = 20 ! of the slowest tone; with several tones twice that, and two beats
@@ -62,24 +62,6 @@ module hb_verification
    integer, parameter :: max_matrices = 20                           ! work of shooting, in that of one matrix
    integer, parameter :: max_shooting_dofs = 50
    real(wp), parameter :: implicit_steps = 4000.0_wp                  ! in a period of the fastest tone: errors of 1e-6
-
-   !> Result of the verification of a motion.
-   type :: verdict_t
-      integer :: kind = verdict%not_done
-      integer :: skipped_status = 0                                   !! outcome of a point without a motion to start from
-      real(wp) :: first_difference = 0.0_wp                           !! in the first period, relative: the worst coordinate
-      real(wp) :: difference = 0.0_wp !! in the last ones, of the coordinate with the largest ratio to its limit
-      real(wp) :: limit = 0.0_wp                                      !! of that difference
-      character(:), allocatable :: coordinate                         !! its name
-      real(wp) :: growth = 0.0_wp                                     !! of neighbouring trajectories [1/s]
-      real(wp), allocatable :: drift(:)                               !! of the unknown frequencies [rad/s], (n_tones)
-      real(wp) :: duration = 0.0_wp                                   !! of the time integration [s]
-      integer :: n_periods = 0                                        !! of the slowest tone, likewise
-      character(:), allocatable :: ended_by                           !! error that ended the time integration
-      logical :: is_of_coefficients = .false.                         !! both differences are that of the coefficients, those of
-                                                                      !! a second time integration to its end; no `growth`
-      logical :: starts_beside = .false. !! on the periodic motion next to the series, from which time integration diverges
-   end type verdict_t
 
    !> Length of a time integration, in periods of the slowest tone.
    type :: length_t
