@@ -1,10 +1,5 @@
-!> The request for a curve of motions, and the point at which a curve of other motions leaves the one on which it was found: at a
-!> period doubling or a torus bifurcation.
-!>
-!> The motion at this point is also one of the wider set, in which its additional harmonics are zero; the tangent of
-!> the balance with respect to these has a null vector, the direction of the other motions, which is computed by
-!> inverse iteration. The multipliers determine the frequency of an additional tone only up to a multiple of the given
-!> tone: the frequency with the largest fundamental is chosen. Source: docs/why/theory.md, section 6.7.
+!> The request for a curve of motions: the value that moves, its range, what is located, and the point of another curve at which
+!> it may begin.
 module hb_curve_request
    use hb_basis, only: transfer_coefficients
    use hb_discretisation, only: discretisation_t
@@ -13,21 +8,19 @@ module hb_curve_request
    use hb_kinds, only: two_pi, wp
    use hb_level, only: degree_of, join, level_of, level_t, needed_samples
    use hb_located_response, only: located_response_t
-   use hb_model_problem, only: model_problem_t, moving_value_t
+   use hb_model_number, only: moving_value_t
    use hb_motion_result, only: curve_position_t
    use hb_options, only: options_t
    use hb_point_kinds, only: curve_kind
-   use hb_problem, only: problem_t
    use hb_system, only: system_t
-   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: rounding
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: curve_origin_t, curve_request_t, find_direction, find_null_vector, new_curve_origin, usual_points
+   public :: curve_origin_t, curve_request_t, new_curve_origin, usual_points
 
    integer, parameter :: usual_points = 500                           !! of a curve, at most
 
+   !> The point at which a curve of other motions leaves the one on which it was found (hb_curve_origin).
    type :: curve_origin_t
       logical :: is_torus = .false. !! there is an additional tone, the last one; otherwise the period doubles
       type(level_t) :: level                                          !! the wider set, and its grid
@@ -156,88 +149,4 @@ contains
          old = max(old, merge(1, 2, is_torus)*n_samples)
       end associate
    end subroutine choose_level
-
-   !> Direction of the other motions at the origin, where the problem is evaluated, and the frequency of an additional
-   !> tone, to which the problem is moved. The model from which the origin was created may have had another base
-   !> frequency.
-   subroutine find_direction(problem, origin, joined, direction, is_found)
-      type(model_problem_t), intent(inout) :: problem
-      type(curve_origin_t), intent(in) :: origin
-      real(wp), intent(out) :: joined                                 !! [rad/s]; 0 without one
-      real(wp), intent(out) :: direction(:)                           !! of length 1 in units of x_scale
-      logical, intent(out) :: is_found
-      integer :: h, i, largest
-      real(wp) :: amplitude, most, u(size(origin%u, 1), size(origin%u, 2))
-      logical :: is_possible
-
-      joined = 0.0_wp
-      if (origin%is_torus) then
-         joined = origin%angle/two_pi*problem%omega(1)
-         call problem%set_parameters([problem%model%discretisation%harmonics%n_tones], [joined], is_found)
-         if (.not. is_found) return
-      end if
-      call iterate(problem, origin, direction, is_found)
-      if (.not. (origin%is_torus .and. is_found)) return
-      associate (set => problem%model%discretisation%harmonics)
-         u = reshape(direction/problem%x_scale, shape(u))
-         most = -1.0_wp
-         largest = 0
-         do h = 1, set%n_harmonics
-            if (abs(set%tuples(set%n_tones, h)) /= 1) cycle
-            amplitude = sum([(abs(set%amplitude(u(:, i), h))**2, i=1, size(u, 2))])
-            if (amplitude <= most) cycle
-            most = amplitude
-            largest = h
-         end do
-         if (all(set%tuples(:set%n_tones - 1, largest) == 0)) return
-         joined = abs(dot_product(problem%omega, real(set%tuples(:, largest), wp)))
-         call problem%set_parameters([set%n_tones], [joined], is_possible)
-         is_found = is_possible
-      end associate
-      if (is_found) call iterate(problem, origin, direction, is_found)
-   end subroutine find_direction
-
-   !> Computes the null vector among the harmonics that the origin does not have.
-   subroutine iterate(problem, origin, direction, is_found)
-      type(model_problem_t), intent(inout) :: problem
-      type(curve_origin_t), intent(in) :: origin
-      real(wp), intent(out) :: direction(:)
-      logical, intent(out) :: is_found
-      logical :: is_further(size(origin%u, 1))
-      integer :: h
-
-      associate (set => problem%model%discretisation%harmonics, u => origin%u)
-         is_further = .false.
-         do h = 1, set%n_harmonics
-            if (origin%is_torus) then
-               if (set%tuples(set%n_tones, h) == 0) cycle
-            else if (all(modulo(set%tuples(:, h), 2) == 0)) then
-               cycle
-            end if
-            is_further([set%cos_at(h), set%sin_at(h)]) = .true.
-         end do
-         call find_null_vector(problem, reshape(u, [size(u)]), problem%x_scale, &
-                               reshape(spread(is_further, 2, size(u, 2)), [size(u)]), spread(0.0_wp, 1, size(u)), direction, &
-                               is_found)
-      end associate
-   end subroutine iterate
-
-   !> Computes a vector that the tangent of a problem maps to nearly zero if it is singular, see `find_null_vector` of
-   !> its solver.
-   subroutine find_null_vector(problem, x, scale, mask, along, vector, is_found)
-      class(problem_t), intent(inout) :: problem
-      real(wp), intent(in), contiguous :: x(:)
-      real(wp), intent(in) :: scale(:)                                !! of vectors
-      logical, intent(in) :: mask(:)
-      real(wp), intent(in) :: along(:)                                !! in these scales, of length 1 or 0
-      real(wp), intent(out) :: vector(:)                              !! of length 1 in these scales
-      logical, intent(out) :: is_found
-      type(tangent_solver_t) :: solver
-      logical :: is_singular
-
-      call new_tangent_solver(solver, problem, x, is_singular)
-      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + rounding)*x, is_singular)
-      is_found = .not. is_singular
-      if (is_found) call solver%find_null_vector(problem, scale, mask, along, vector, is_found)
-   end subroutine find_null_vector
 end module hb_curve_request

@@ -19,9 +19,9 @@ module hb_gradient
    use hb_level, only: degree_of, level_t, needed_samples, set_to_level, transferred
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
-   use hb_model_number, only: model_number_t
+   use hb_model_number, only: model_number_t, moving_value_t
    use hb_model_numbers, only: find_model_number
-   use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
+   use hb_model_problem, only: model_problem_t, new_model_problem
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_normal_mode, only: amplitude_functionals

@@ -9,8 +9,8 @@ module hb_model_number
    use hb_text, only: max_name, to_text
    implicit none
    private
-   public :: follower_t, followers_of, followers_of_changes, has_number, model_number_t, moving_groups, numbered_groups, &
-      relation_t, tie_t, values_at
+   public :: follower_t, followers_of, followers_of_changes, has_number, model_number_t, moving_groups, moving_value_t, &
+      numbered_groups, relation_t, tie_t, values_at
 
    integer, parameter :: n_elements = size(element_groups), n_loads = size(load_groups)
 
@@ -60,6 +60,13 @@ module hb_model_number
       procedure :: is_of_structure => model_number_is_of_structure
       procedure :: is_of_loads => model_number_is_of_loads
    end type model_number_t
+
+   !> A number of a model that moves.
+   type :: moving_value_t
+      type(model_number_t) :: number
+      real(wp) :: typical = 1.0_wp                                    !! > 0, such as the length of its range
+      logical :: is_tied = .false.                                    !! of a tone: all others keep their ratios to it
+   end type moving_value_t
 
    !> How a number follows another one: offset + factor times the other.
    type :: relation_t

@@ -19,7 +19,7 @@ module hb_model_problem
    use hb_law_coordinates, only: laws_at
    use hb_linear_slopes, only: beside_t, find_slopes_between, find_slopes_by, linear_slopes_t, reaction_slope
    use hb_model, only: model_t
-   use hb_model_number, only: has_number, model_number_t, values_at
+   use hb_model_number, only: has_number, model_number_t, moving_value_t, values_at
    use hb_movement, only: movement_t, movement_with_tone, new_movement, set_movement
    use hb_options, only: options_t
    use hb_refusal, only: refusal_t
@@ -27,14 +27,7 @@ module hb_model_problem
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: model_problem_t, moving_value_t, new_model_problem
-
-   !> A number of a model that moves.
-   type :: moving_value_t
-      type(model_number_t) :: number
-      real(wp) :: typical = 1.0_wp                                    !! > 0, such as the length of its range
-      logical :: is_tied = .false.                                    !! of a tone: all others keep their ratios to it
-   end type moving_value_t
+   public :: model_problem_t, new_model_problem
 
    !> Owns external resources: call `destroy`.
    type, extends(balance_t) :: model_problem_t

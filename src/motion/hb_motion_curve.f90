@@ -13,7 +13,7 @@ module hb_motion_curve
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_origin, only: find_first
    use hb_curve_points, only: add_origin, add_waiting, origin_t, reported_extreme_t, waiting_t
-   use hb_curve_request, only: curve_request_t, find_null_vector
+   use hb_curve_request, only: curve_request_t
    use hb_curve_return, only: note_course, restore_course
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
    use hb_curve_step, only: step
@@ -34,6 +34,7 @@ module hb_motion_curve
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solver_types, only: report_t
    use hb_system, only: system_t
+   use hb_tangent_solver, only: find_null_vector
    use hb_threads, only: use_threads
    use hb_thresholds, only: faint, nearby_steps, reliable
    implicit none

@@ -5,9 +5,10 @@ module hb_tangent_solver
    use hb_solver_types, only: solver_config_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
+   use hb_thresholds, only: rounding
    implicit none
    private
-   public :: new_tangent_solver, tangent_solver_t
+   public :: find_null_vector, new_tangent_solver, tangent_solver_t
 
    real(wp), parameter :: default_accuracy = 1.0e-8_wp
    integer, parameter :: largest_of_many = 1500 ! unknowns up to which factors cost less than tens of solutions from products
@@ -159,4 +160,23 @@ contains
          v = v - dot_product(v, along)*along
       end subroutine across
    end subroutine tangent_solver_find_null_vector
+
+   !> Computes a vector that the tangent of a problem maps to nearly zero if it is singular, see `find_null_vector` of
+   !> its solver.
+   subroutine find_null_vector(problem, x, scale, mask, along, vector, is_found)
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(in) :: scale(:)                                !! of vectors
+      logical, intent(in) :: mask(:)
+      real(wp), intent(in) :: along(:)                                !! in these scales, of length 1 or 0
+      real(wp), intent(out) :: vector(:)                              !! of length 1 in these scales
+      logical, intent(out) :: is_found
+      type(tangent_solver_t) :: solver
+      logical :: is_singular
+
+      call new_tangent_solver(solver, problem, x, is_singular)
+      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + rounding)*x, is_singular)
+      is_found = .not. is_singular
+      if (is_found) call solver%find_null_vector(problem, scale, mask, along, vector, is_found)
+   end subroutine find_null_vector
 end module hb_tangent_solver

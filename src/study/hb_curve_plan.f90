@@ -8,8 +8,7 @@ module hb_curve_plan
    use hb_law, only: hold_t
    use hb_located_response, only: located_response_t
    use hb_model, only: model_t
-   use hb_model_number, only: moving_groups, numbered_groups
-   use hb_model_problem, only: moving_value_t
+   use hb_model_number, only: moving_groups, moving_value_t, numbered_groups
    use hb_movement, only: movement_t, new_movement
    use hb_number_paths, only: not_in_set
    use hb_options, only: options_t

@@ -12,7 +12,7 @@ module hb_impact_curve
    use hb_curve, only: curve_config_t, new_curve
    use hb_curve_events, only: event_values_t
    use hb_curve_points, only: add_waiting, origin_t, waiting_t
-   use hb_curve_request, only: curve_request_t, find_null_vector
+   use hb_curve_request, only: curve_request_t
    use hb_curve_step, only: longest_chord, step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -38,6 +38,7 @@ module hb_impact_curve
    use hb_stability, only: stability_t
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: coordinates_of, system_t
+   use hb_tangent_solver, only: find_null_vector
    use hb_tuple_choice, only: new_lowest_set
    implicit none
    private

@@ -18,9 +18,8 @@ module hb_impact_orbit
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_model, only: model_t
-   use hb_model_number, only: model_number_t
+   use hb_model_number, only: model_number_t, moving_value_t
    use hb_model_numbers, only: find_model_number
-   use hb_model_problem, only: moving_value_t
    use hb_motion_series, only: motion_series_t
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
