@@ -35,7 +35,7 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint, minor, rounding
    implicit none
    private
-   public :: curve_state_t, followed_motion_t, max_tolerance_factor, n_further
+   public :: curve_state_t, followed_motion_t, max_tolerance_factor
 
    integer, parameter :: max_corrections = 10
    real(wp), parameter :: turn = 0.12_wp                              ! [rad] desired per step
@@ -100,14 +100,6 @@ module hb_followed_motion
    end type followed_motion_t
 
 contains
-
-   !> Number of unknowns in addition to those of the balance: frequencies, artificial damping, and the moving value.
-   pure integer function n_further(system)
-      type(system_t), intent(in) :: system
-
-      n_further = 1 + count(system%tones%is_unknown)
-      if (system%normal_mode%is_requested) n_further = n_further + 1
-   end function n_further
 
    !> Sets up the problem of the curve on a set and a grid, at its start.
    subroutine followed_motion_adopt_level(self, level, error)

@@ -20,7 +20,6 @@ module hb_motion_curve
    use hb_discretisation, only: discretisation_t
    use hb_doubtful_extremes, only: remove_doubtful_extremes
    use hb_error, only: error_t
-   use hb_followed_motion, only: n_further
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, join, level_of, level_t, margin
    use hb_level_stability, only: allow_for_departure
@@ -277,7 +276,7 @@ contains
    pure function further_of(position, system) result(further)
       type(curve_position_t), intent(in) :: position
       type(system_t), intent(in) :: system
-      real(wp) :: further(n_further(system))
+      real(wp) :: further(system%n_further())
 
       further = position%unknowns(size(position%unknowns) - size(further) + 1:)
    end function further_of

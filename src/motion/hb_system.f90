@@ -64,6 +64,7 @@ module hb_system
       procedure :: check_balance => system_check_balance
       procedure :: list_files => system_list_files
       procedure :: may_jump_within_period => system_may_jump_within_period
+      procedure :: n_further => system_n_further
    end type system_t
 
 contains
@@ -228,6 +229,14 @@ contains
       if (may_jump) may_jump = maxval(abs(self%tones%omega)) > far*minval(abs(self%tones%omega)) .and. &
                                any([(self%laws(i)%law%degree == 0, i=1, size(self%laws))])
    end function system_may_jump_within_period
+
+   !> Number of unknowns along a curve in addition to those of the balance: frequencies, artificial damping, and the moving value.
+   pure integer function system_n_further(self) result(n_further)
+      class(system_t), intent(in) :: self
+
+      n_further = 1 + count(self%tones%is_unknown)
+      if (self%normal_mode%is_requested) n_further = n_further + 1
+   end function system_n_further
 
    !> Lists the files besides the input on which the system depends, with their checksums, one per line: libraries of user laws, the
    !> model, its stored reduction.

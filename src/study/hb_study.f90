@@ -5,7 +5,6 @@ module hb_study
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: annotate, error_t, fail
-   use hb_followed_motion, only: n_further
    use hb_input_keys, only: input_groups
    use hb_kinds, only: wp
    use hb_model, only: model_t
@@ -322,7 +321,7 @@ contains
             layout%curve_parameter = plan%curve%path
             layout%curve_units = plan%curve%units
             coordinates = coordinates_of(model%system)
-            layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(model%system)
+            layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + model%system%n_further()
             if (model%options%lacks_impacts_of(model%system, outcome%impact)) & ! a state and its scales, its phase, and the value
                layout%n_curve_unknowns = 2 + 2*(2*model%system%structure%n_dofs + &
                                              sum([(model%system%laws(i)%law%n_states, i=1, size(model%system%laws))]))
