@@ -97,26 +97,17 @@ contains
       logical, intent(in) :: is_last                                  !! no more periods
       logical, intent(in), optional :: may_recover                    !! default: growth is certain
       logical, intent(in), optional :: is_free                        !! nothing linear holds some body; default: false
-      integer :: retained, n, stretch, tail
-      logical :: has_forgotten, has_left, is_falling
-      real(wp) :: certain, gain, rise, start
+      logical :: has_forgotten, has_left
+      real(wp) :: certain, gain, rise
+      integer :: n, tail
 
       kind = verdict%not_done
       n = size(ratio)
       if (n < fewest .and. .not. is_last) return
       tail = n_steady(n, fewest)
       has_left = maxval(ratio(n - tail + 1:)) > 1.0_wp
-      retained = n
-      if (has_left) retained = findloc(ratio > 1.0_wp, .true., dim=1) - 1
-      start = max(distance(1), 0.0_wp)                                ! the fall in the first period counts
-      gain = 0.0_wp
-      rise = 0.0_wp
-      if (has_left) retained = min(n, max(retained, min_fitted)) ! left at once: two periods tell growth from a jump
-      if (retained >= min_fitted) then
-         gain = distance(retained) - start
-         rise = rise_of(distance(:retained))
-      end if
-      has_forgotten = distance(n) <= start - log(forgotten)
+      has_forgotten = distance(n) <= start_of(distance) - log(forgotten)
+      call find_growth(ratio, distance, has_left, gain, rise)
       certain = grown
       if (present(may_recover)) then
          if (may_recover .and. .not. has_left .and. .not. is_last) certain = beyond_transients
@@ -124,13 +115,7 @@ contains
       if (gain >= log(certain) .and. rise >= log(growing)) then
          kind = verdict%unstable
       else if (has_left) then
-         stretch = tail
-         if (is_last) stretch = max(tail, n/4)                        ! fluctuations fall from time to time
-         is_falling = n >= 2*stretch
-         if (is_falling) is_falling = mean_of(n - stretch + 1, n) < mean_of(n - 2*stretch + 1, n - stretch) &
-                                      - min(log(falling), half_decay*stretch/max(1, decay))
-         if (is_last .and. n >= 2*decay .and. decay > 0) is_falling = .false.
-         if (is_falling) then
+         if (is_falling(ratio, tail, decay, is_last)) then
             if (is_last) kind = verdict%undecided
          else if (has_forgotten .or. is_last .or. n >= max(decay, 2*fewest)) then
             kind = merge(verdict%unstable, verdict%differs, gain >= log(growing) .and. rise > 0.0_wp)
@@ -147,15 +132,63 @@ contains
       if (.not. present(may_recover)) return
       if (may_recover .and. is_last .and. kind == verdict%unstable .and. n < decay .and. rise <= log(sheared)) &
          kind = verdict%undecided                                     ! like a power of time, over less than a decay
-
-   contains
-
-      pure real(wp) function mean_of(first, last)
-         integer, intent(in) :: first, last
-
-         mean_of = sum(log(max(ratio(first:last), tiny(1.0_wp))))/(last - first + 1)
-      end function mean_of
    end function decide
+
+   !> Distance at the start, as a logarithm: the fall in the first period counts.
+   pure real(wp) function start_of(distance) result(start)
+      real(wp), intent(in) :: distance(:)                             !! (n_periods)
+
+      start = max(distance(1), 0.0_wp)
+   end function start_of
+
+   !> Growth of the distance as long as the difference is within its limit: over all of these periods, and in the later ones.
+   pure subroutine find_growth(ratio, distance, has_left, gain, rise)
+      real(wp), intent(in) :: ratio(:), distance(:)                   !! (n_periods), as those of `decide`
+      logical, intent(in) :: has_left                                 !! the difference exceeds its limit in the last periods
+      real(wp), intent(out) :: gain, rise                             !! logarithms
+      integer :: n
+
+      n = size(ratio)
+      if (has_left) n = n_within_limit(ratio)
+      gain = 0.0_wp
+      rise = 0.0_wp
+      if (n < min_fitted) return
+      gain = distance(n) - start_of(distance)
+      rise = rise_of(distance(:n))
+   end subroutine find_growth
+
+   !> Number of periods before the difference exceeds its limit; at least two, which tell growth from a jump.
+   pure integer function n_within_limit(ratio) result(n)
+      real(wp), intent(in) :: ratio(:)                                !! (n_periods), as that of `decide`
+
+      n = findloc(ratio > 1.0_wp, .true., dim=1) - 1
+      if (n < 0) n = size(ratio)
+      n = min(size(ratio), max(n, min_fitted))
+   end function n_within_limit
+
+   !> Whether the difference decreases in the last periods, or may still do so.
+   pure logical function is_falling(ratio, tail, decay, is_last)
+      real(wp), intent(in) :: ratio(:)                                !! (n_periods)
+      integer, intent(in) :: tail                                     !! number of the last periods
+      integer, intent(in) :: decay                                    !! as that of `decide`
+      logical, intent(in) :: is_last
+      integer :: n, stretch
+
+      n = size(ratio)
+      stretch = tail
+      if (is_last) stretch = max(tail, n/4)                           ! fluctuations fall from time to time
+      is_falling = n >= 2*stretch
+      if (is_falling) is_falling = mean_of(ratio(n - stretch + 1:)) < mean_of(ratio(n - 2*stretch + 1:n - stretch)) &
+                                   - min(log(falling), half_decay*stretch/max(1, decay))
+      if (is_last .and. n >= 2*decay .and. decay > 0) is_falling = .false.
+   end function is_falling
+
+   !> Mean of ratios, as a logarithm.
+   pure real(wp) function mean_of(ratio)
+      real(wp), intent(in) :: ratio(:)
+
+      mean_of = sum(log(max(ratio, tiny(1.0_wp))))/size(ratio)
+   end function mean_of
 
    !> The last periods, in which a time integration counts as steady.
    pure integer function n_steady(n, fewest)
@@ -168,13 +201,11 @@ contains
    !> exceeds its limit.
    pure real(wp) function growth_of(ratio, distance) result(growth)
       real(wp), intent(in) :: ratio(:), distance(:)                   !! as in `decide`
-      integer :: retained
+      integer :: n
 
-      retained = findloc(ratio > 1.0_wp, .true., dim=1) - 1
-      if (retained < 0) retained = size(ratio)
-      retained = min(size(ratio), max(retained, min_fitted))
+      n = n_within_limit(ratio)
       growth = 0.0_wp
-      if (retained > 1) growth = rise_of(distance(:retained))/(retained - retained/2)
+      if (n > 1) growth = rise_of(distance(:n))/(n - n/2)
    end function growth_of
 
    !> Rise of a straight line through the second half of some values, from the last one of the first half on.
