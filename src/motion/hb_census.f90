@@ -85,8 +85,13 @@ module hb_census
       integer :: subharmonic = 1
       real(wp), allocatable :: linear(:)                              ! the motion without laws
       type(census_motion_t), allocatable :: motions(:)
+      real(wp) :: started = 0.0_wp                                    ! by the clock [s]
+      real(wp) :: time_of_motion = 0.0_wp                             ! that the description of one takes [s]
+      real(wp) :: time_limit = huge(1.0_wp)                           ! of the starts and the descriptions [s]
+      procedure(is_requested), pointer, nopass :: ends_starts => null()
    contains
       procedure :: index_of => search_index_of
+      procedure :: is_over => search_is_over
       procedure :: try => search_try
       procedure :: add => search_add
       procedure :: add_others_from => search_add_others_from
@@ -107,11 +112,8 @@ contains
       type(level_t) :: level
       type(motion_result_t) :: first
       type(model_t) :: own
-      real(wp), allocatable :: given(:), x(:)
-      real(wp) :: of_motion, started
-      integer :: i, kind, n_steps
 
-      started = wall_clock()
+      search%started = wall_clock()
       allocate (census%motions(0))
       if (any(model%system%tones%is_unknown) .or. model%system%normal_mode%is_requested) then
          call fail(error, "a census needs given tones; follow self-excited motions and normal modes along a curve")
@@ -120,7 +122,7 @@ contains
       own = model
       own%options%chain%is_on = .false.
       call solve_point(own, first, error, level)
-      of_motion = wall_clock() - started
+      search%time_of_motion = wall_clock() - search%started
       if (allocated(error) .and. size(model%system%laws) == 0) return
       if (size(model%system%laws) == 0) then
          call add_linear(first, model%discretisation%harmonics%has_zero, census)
@@ -129,52 +131,80 @@ contains
       if (allocated(error)) deallocate (error)                        ! of this motion; that of the model is found again
       call begin(search, model, level, config, error)
       if (allocated(error)) return
-      census%n_directed = 1
-      n_steps = 1 + search%starts%n_directed + config%n_starts
-      allocate (x(search%balance%n_unknowns))
-      if (allocated(level%unknowns)) then
-         allocate (given, source=transferred(level%set, search%here%harmonics, level%unknowns, size(model%system%tones%omega)))
-         x = given(:search%balance%n_unknowns)
-         call search%try(x, start_kind%given, census%n_directed_lost)
-      else
-         census%n_directed_lost = 1
-      end if
-      do i = 1, search%starts%n_directed
-         if (is_over()) exit
-         call note_progress(i, n_steps)
-         call search%starts%directed(i, x, kind)
-         call search%try(x, kind, census%n_directed_lost)
-         census%n_directed = census%n_directed + 1
-      end do
-      do while (census%n_random < config%n_starts)
-         if (is_over()) exit
-         call note_progress(1 + search%starts%n_directed + census%n_random, n_steps)
-         call search%starts%draw(search%balance, census%n_random + 1, x)
-         call search%try(x, start_kind%random, census%n_random_lost)
-         census%n_random = census%n_random + 1
-      end do
-      census%n_left = config%n_starts - census%n_random
-      i = 1
-      do while (i <= size(search%motions))                            ! those found from it follow
-         if (is_over()) exit
-         call add_branch_of(search, i)
-         i = i + 1
-      end do
-      census%n_unfollowed = size(search%motions) - i + 1
+      call try_given(search, level, census)
+      call try_starts(search, config%n_starts, census)
+      call follow_branches(search, census)
       call describe(search, model, census)
       call search%balance%destroy()
       census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed + &
                                                   merge(1, 0, census%motions%first_kind >= start_kind%mirror))
-
-   contains
-
-      !> Whether no further start may be made: the motions found so far are still to be described.
-      logical function is_over()
-         is_over = work_is_over()
-         if (.not. is_over .and. associated(config%ends_starts)) is_over = config%ends_starts()
-         if (.not. is_over) is_over = wall_clock() - started + size(search%motions)*of_motion >= config%time_limit
-      end function is_over
    end subroutine take_census
+
+   !> Starts at the motion that the model has from its first guess, if it has one.
+   subroutine try_given(self, level, census)
+      type(search_t), intent(inout), target :: self
+      type(level_t), intent(in) :: level
+      type(census_t), intent(inout) :: census
+      real(wp), allocatable :: given(:)
+
+      census%n_directed = 1
+      if (.not. allocated(level%unknowns)) then
+         census%n_directed_lost = 1
+         return
+      end if
+      allocate (given, source=transferred(level%set, self%here%harmonics, level%unknowns, level%set%n_tones))
+      call self%try(given(:self%balance%n_unknowns), start_kind%given, census%n_directed_lost)
+   end subroutine try_given
+
+   !> Makes the directed starts, then the random ones, as far as time permits.
+   subroutine try_starts(self, n_random, census)
+      type(search_t), intent(inout), target :: self
+      integer, intent(in) :: n_random
+      type(census_t), intent(inout) :: census
+      real(wp) :: x(self%balance%n_unknowns)
+      integer :: i, kind, n_steps
+
+      n_steps = 1 + self%starts%n_directed + n_random
+      do i = 1, self%starts%n_directed
+         if (self%is_over()) exit
+         call note_progress(i, n_steps)
+         call self%starts%directed(i, x, kind)
+         call self%try(x, kind, census%n_directed_lost)
+         census%n_directed = census%n_directed + 1
+      end do
+      do while (census%n_random < n_random)
+         if (self%is_over()) exit
+         call note_progress(1 + self%starts%n_directed + census%n_random, n_steps)
+         call self%starts%draw(self%balance, census%n_random + 1, x)
+         call self%try(x, start_kind%random, census%n_random_lost)
+         census%n_random = census%n_random + 1
+      end do
+      census%n_left = n_random - census%n_random
+   end subroutine try_starts
+
+   !> Follows the branches of all motions, and of those that are found on them.
+   subroutine follow_branches(self, census)
+      type(search_t), intent(inout), target :: self
+      type(census_t), intent(inout) :: census
+      integer :: i
+
+      i = 1
+      do while (i <= size(self%motions))
+         if (self%is_over()) exit
+         call add_branch_of(self, i)
+         i = i + 1
+      end do
+      census%n_unfollowed = size(self%motions) - i + 1
+   end subroutine follow_branches
+
+   !> Whether no further start may be made: the motions found so far are still to be described.
+   logical function search_is_over(self) result(is_over)
+      class(search_t), intent(in) :: self
+
+      is_over = work_is_over()
+      if (.not. is_over .and. associated(self%ends_starts)) is_over = self%ends_starts()
+      if (.not. is_over) is_over = wall_clock() - self%started + size(self%motions)*self%time_of_motion >= self%time_limit
+   end function search_is_over
 
    !> The only motion of a model without laws.
    subroutine add_linear(result, has_zero, census)
@@ -227,6 +257,8 @@ contains
          call new_starts(self%starts, self%balance, here%harmonics, 0.0_wp*self%linear, config%seed)
       end associate
       self%n_deflated = config%n_deflated
+      self%time_limit = config%time_limit
+      self%ends_starts => config%ends_starts
       self%config = model%options%solver
       self%config%fallback = .false.
       self%config%max_iterations = min(self%config%max_iterations, max_iterations)
