@@ -98,67 +98,80 @@ contains
       type(known_t) :: known
       type(coordinates_t) :: coordinates
       type(level_t) :: own
-      integer :: k, m
 
+      coordinates = coordinates_of(system)
+      if (size(options%gradient%by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
+      if (is_integrated(result%status)) return ! not a motion of a balance
+      if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
       own = level_t(level%set, level%n_samples)
-      associate (by => options%gradient%by, gradient => result%gradient)
-         coordinates = coordinates_of(system)
-         if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
-         if (is_integrated(result%status)) return ! not a motion of a balance
-         if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
-         known%model%system = system
-         known%model%discretisation = discretisation
-         known%model%options = options
-         call set_to_level(known%model%discretisation, system, discretisation, options, own, error)
-         call give_up()
-         if (allocated(error)) return
+      known%model%system = system
+      known%model%discretisation = discretisation
+      known%model%options = options
+      call set_to_level(known%model%discretisation, system, discretisation, options, own, error)
+      if (.not. allocated(error)) then
          if (coordinates%n == 0) then
-            gradient = zero_gradient(known%model%system, known%model%options, known%model%discretisation%harmonics)
-            do k = 1, size(by)
-               call differentiate_linear(known, k, gradient, error)
-               if (allocated(error)) exit
-            end do
-            call give_up()
-            call note_no_response()
-            return
+            call differentiate_without_laws(known, result%gradient, error)
+         else
+            call set_motion(known, unknowns, result%artificial_damping)
+            call differentiate(known, result%gradient, error)
          end if
-         associate (accuracy => options%accuracy)
-            if (accuracy%is_on .and. (accuracy%grows_set .or. accuracy%refines_grid)) &
-               known%accuracy = max(sharp, well_solved*accuracy%tolerance)
-         end associate
+      end if
+      if (allocated(error)) then                                      ! the motion itself remains a result
+         result%gradient = gradient_t()
+         if (.not. (work_is_over() .or. allocated(result%message))) result%message = "no derivatives: "//error%message
+         return
+      end if
+      if (coordinates%n > 0 .and. allocated(result%gradient%coefficients)) &
+         call differentiate_to_tolerance(known, known%model%system, known%model%options, own, result%gradient)
+      call note_no_response(options, result)
+   end subroutine find_gradient
+
+   !> Reports that the requested response is zero: its amplitude has no derivative there.
+   subroutine note_no_response(options, result)
+      type(options_t), intent(in) :: options
+      type(motion_result_t), intent(inout) :: result
+
+      if (.not. allocated(options%gradient%of) .or. allocated(result%message)) return
+      if (allocated(result%gradient%weights) .or. .not. allocated(result%gradient%response)) return
+      result%message = "no derivatives: '"//options%gradient%of%name//"' is zero, or not in the set of harmonics"
+   end subroutine note_no_response
+
+   !> Sets the motion that is differentiated, and the accuracy of its derivatives.
+   subroutine set_motion(known, unknowns, artificial_damping)
+      type(known_t), intent(inout) :: known                           !! with its model
+      real(wp), intent(in) :: unknowns(:)                             !! ordered as those of hb_level%level_t
+      real(wp), allocatable, intent(in) :: artificial_damping(:)      !! of a normal mode, (n_tones)
+      integer :: m
+
+      associate (accuracy => known%model%options%accuracy)
+         if (accuracy%is_on .and. (accuracy%grows_set .or. accuracy%refines_grid)) &
+            known%accuracy = max(sharp, well_solved*accuracy%tolerance)
+      end associate
+      associate (system => known%model%system)
          known%n = size(unknowns) - system%tones%n_tones
-         known%model%system%tones%omega = unknowns(known%n + 1:)
+         system%tones%omega = unknowns(known%n + 1:)
          known%tones = pack([(m, m=1, system%tones%n_tones)], system%tones%is_unknown)
          known%which = known%tones
-         known%x = [unknowns(:known%n), known%model%system%tones%omega(known%tones)]
-         if (system%normal_mode%is_requested) then
-            known%which = [known%which, system%tones%n_tones + known%tones]
-            known%x = [known%x, result%artificial_damping(known%tones)]
-         end if
+         known%x = [unknowns(:known%n), system%tones%omega(known%tones)]
+         if (.not. system%normal_mode%is_requested) return
+         known%which = [known%which, system%tones%n_tones + known%tones]
+         known%x = [known%x, artificial_damping(known%tones)]
       end associate
-      call differentiate(known, result%gradient, error)
-      call give_up()
-      if (allocated(result%gradient%coefficients)) &
-         call differentiate_to_tolerance(known, known%model%system, known%model%options, own, result%gradient)
-      call note_no_response()
+   end subroutine set_motion
 
-   contains
+   !> Differentiates a motion without laws by all values.
+   subroutine differentiate_without_laws(known, gradient, error)
+      type(known_t), intent(inout) :: known                           !! unchanged
+      type(gradient_t), intent(out) :: gradient
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
 
-      !> Reports why the motion has no derivatives; the motion itself remains a result.
-      subroutine give_up()
-         if (.not. allocated(error)) return
-         result%gradient = gradient_t()
-         if (work_is_over()) return
-         if (.not. allocated(result%message)) result%message = "no derivatives: "//error%message
-      end subroutine give_up
-
-      !> Reports that the requested response is zero: its amplitude has no derivative there.
-      subroutine note_no_response()
-         if (.not. allocated(options%gradient%of) .or. allocated(result%message)) return
-         if (allocated(result%gradient%weights) .or. .not. allocated(result%gradient%response)) return
-         result%message = "no derivatives: '"//options%gradient%of%name//"' is zero, or not in the set of harmonics"
-      end subroutine note_no_response
-   end subroutine find_gradient
+      gradient = zero_gradient(known%model%system, known%model%options, known%model%discretisation%harmonics)
+      do k = 1, size(known%model%options%gradient%by)
+         call differentiate_linear(known, k, gradient, error)
+         if (allocated(error)) return
+      end do
+   end subroutine differentiate_without_laws
 
    !> Differentiates a motion without laws: it is computed on both sides of the value.
    subroutine differentiate_linear(known, k, gradient, error)
