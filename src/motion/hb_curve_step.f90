@@ -29,6 +29,16 @@ module hb_curve_step
       procedure :: value => coefficient_event_value
    end type coefficient_event_t
 
+   !> A coefficient of the motion, which a step passes.
+   type :: passed_t
+      integer :: cos = 0, sin = 0                                     ! positions among the unknowns
+      complex(wp) :: before = 0.0_wp, behind = 0.0_wp                 ! at both ends of the step, in units of the weights
+   contains
+      procedure :: of => passed_of
+      procedure :: largest => passed_largest
+      procedure :: nearest_to_zero => passed_nearest_to_zero
+   end type passed_t
+
 contains
 
    !> Performs one step, and appends the events on it and its end to the waiting points.
@@ -123,7 +133,7 @@ contains
    logical function has_switched_branch(self)
       class(observed_motion_t), intent(inout), target :: self
       type(coefficient_event_t) :: event
-      complex(wp) :: before, behind
+      type(passed_t) :: passed
       real(wp), allocatable :: middles(:)
       real(wp) :: position, share, size_of_motion, x(size(self%curve%x))
       integer :: d, h
@@ -138,18 +148,19 @@ contains
       associate (curve => self%curve, set => self%problem%model%discretisation%harmonics, n => self%problem%n_unknowns)
          size_of_motion = maxval(abs(curve%x(:n)/self%weights))
          do h = 1, set%n_harmonics
+            if (set%sin_at(h) == 0) cycle
             do d = 0, self%problem%n_dofs - 1
-               if (set%sin_at(h) == 0) cycle
-               before = coefficient_of(curve%last_x)
-               behind = coefficient_of(curve%x)
-               if (max(abs(before), abs(behind)) < faint*size_of_motion) cycle
-               if (abs(before - behind) <= max(abs(before), abs(behind))) cycle
-               share = real(conjg(before)*(before - behind))/abs(before - behind)**2
+               passed = passed_t(cos=d*set%n_coefficients + set%cos_at(h), sin=d*set%n_coefficients + set%sin_at(h))
+               passed%before = passed%of(curve%last_x, self%weights)
+               passed%behind = passed%of(curve%x, self%weights)
+               if (passed%largest() < faint*size_of_motion) cycle
+               if (abs(passed%before - passed%behind) <= passed%largest()) cycle
+               share = passed%nearest_to_zero()
                if (share <= 0.0_wp .or. share >= 1.0_wp .or. any(abs(middles - share) < 0.1_wp)) cycle
                middles = [middles, share]
-               has_switched_branch = leaves_line(share)
+               has_switched_branch = leaves_line(self, passed, share)
                if (has_switched_branch .or. curve%status /= outcome%pending) return
-               event = zero_of_coefficient()
+               event = zero_of(passed, self%weights)
                call curve%find_zero(event, [0.0_wp, curve%last_step], [event%value(curve, curve%last_x), &
                                                                        event%value(curve, curve%x)], x, position, is_on_curve)
                has_switched_branch = .not. is_on_curve
@@ -157,44 +168,58 @@ contains
             end do
          end do
       end associate
-
-   contains
-
-      !> Whether the curve, or the coefficient on it, is far from the line between both ends of the step at a share of it.
-      logical function leaves_line(share)
-         real(wp), intent(in) :: share
-         real(wp) :: x(size(self%curve%x))
-         logical :: is_on_curve
-
-         associate (curve => self%curve)
-            call curve%point_at(share*curve%last_step, x, is_on_curve)
-            leaves_line = .not. is_on_curve
-            if (.not. leaves_line) leaves_line = off_the_line*curve%last_step < &
-               norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units)
-            if (.not. leaves_line) leaves_line = abs(coefficient_of(x) - (before + share*(behind - before))) > &
-               largest_change*max(abs(before), abs(behind))
-         end associate
-      end function leaves_line
-
-      pure type(coefficient_event_t) function zero_of_coefficient() result(event)
-         associate (set => self%problem%model%discretisation%harmonics)
-            event%cos = d*set%n_coefficients + set%cos_at(h)
-            event%sin = d*set%n_coefficients + set%sin_at(h)
-         end associate
-         event%weight = conjg(behind - before)/(abs(behind - before)*max(abs(before), abs(behind))*self%weights(event%cos))
-         event%tolerance = agreement
-      end function zero_of_coefficient
-
-      pure complex(wp) function coefficient_of(x)
-         real(wp), intent(in) :: x(:)
-
-         associate (set => self%problem%model%discretisation%harmonics)
-            associate (c => d*set%n_coefficients + set%cos_at(h), s => d*set%n_coefficients + set%sin_at(h))
-               coefficient_of = cmplx(x(c)/self%weights(c), x(s)/self%weights(s), wp)
-            end associate
-         end associate
-      end function coefficient_of
    end function has_switched_branch
+
+   !> Whether the curve, or a coefficient on it, is far from the line between both ends of the step at a share of it.
+   logical function leaves_line(self, passed, share)
+      class(observed_motion_t), intent(inout), target :: self
+      type(passed_t), intent(in) :: passed
+      real(wp), intent(in) :: share
+      real(wp) :: x(size(self%curve%x))
+      logical :: is_on_curve
+
+      associate (curve => self%curve)
+         call curve%point_at(share*curve%last_step, x, is_on_curve)
+         leaves_line = .not. is_on_curve
+         if (.not. leaves_line) leaves_line = off_the_line*curve%last_step < &
+            norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units)
+         if (.not. leaves_line) leaves_line = largest_change*passed%largest() < &
+            abs(passed%of(x, self%weights) - (passed%before + share*(passed%behind - passed%before)))
+      end associate
+   end function leaves_line
+
+   !> The event that a coefficient is zero along the chord of the step.
+   pure type(coefficient_event_t) function zero_of(passed, weights) result(event)
+      type(passed_t), intent(in) :: passed
+      real(wp), intent(in) :: weights(:)
+
+      event%cos = passed%cos
+      event%sin = passed%sin
+      event%weight = conjg(passed%behind - passed%before)/(abs(passed%behind - passed%before)*passed%largest()*weights(passed%cos))
+      event%tolerance = agreement
+   end function zero_of
+
+   !> The coefficient at a point of the curve.
+   pure complex(wp) function passed_of(self, x, weights) result(coefficient)
+      class(passed_t), intent(in) :: self
+      real(wp), intent(in) :: x(:), weights(:)
+
+      coefficient = cmplx(x(self%cos)/weights(self%cos), x(self%sin)/weights(self%sin), wp)
+   end function passed_of
+
+   !> The larger amplitude of both ends.
+   pure real(wp) function passed_largest(self) result(largest)
+      class(passed_t), intent(in) :: self
+
+      largest = max(abs(self%before), abs(self%behind))
+   end function passed_largest
+
+   !> Share of the step at which the chord of the coefficient is nearest to zero.
+   pure real(wp) function passed_nearest_to_zero(self) result(share)
+      class(passed_t), intent(in) :: self
+
+      share = real(conjg(self%before)*(self%before - self%behind))/abs(self%before - self%behind)**2
+   end function passed_nearest_to_zero
 
    real(wp) function coefficient_event_value(self, curve, x) result(value)
       class(coefficient_event_t), intent(inout) :: self
