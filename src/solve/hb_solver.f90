@@ -306,7 +306,7 @@ contains
 
    !> Solves the problem with artificial damping, which is reduced step by step from each solution: without resonances
    !> the structure moves little, and the state of the laws is easy to determine. The easier a step was, the larger
-   !> the next reduction.
+   !> the next reduction. A solution with damping is none of the problem: it is neither `converged`, nor is its residual reported.
    subroutine solve_by_damping(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -319,7 +319,7 @@ contains
       integer, parameter :: few = 3
       type(report_t) :: step
       type(solver_config_t) :: limited
-      real(wp) :: loss, ratio, reached, trial(size(x))
+      real(wp) :: loss, ratio, reached, residual(size(x)), trial(size(x))
 
       limited = config
       reached = 0.0_wp
@@ -332,6 +332,7 @@ contains
          trial = x
          call problem%deform(deformation%damping, 1.0_wp - loss)
          call solve_directly(problem, limited, chosen, trial, step)
+         if (loss > 0.0_wp) step%best = huge(1.0_wp)
          call report%adopt(step)
          if (step%status == outcome%converged) then
             x = trial
@@ -347,6 +348,13 @@ contains
          if (loss < min_loss) loss = 0.0_wp
       end do
       call problem%deform(deformation%damping, 1.0_wp)
+      if (loss <= 0.0_wp) return
+      if (report%status == outcome%converged) then
+         report%status = outcome%out_of_budget
+         report%is_out_of_work = .true.
+      end if
+      call problem%residual(x, residual)
+      report%residual = problem%norm(residual)
    end subroutine solve_by_damping
 
    subroutine solve_directly(problem, config, chosen, x, report)
