@@ -1,11 +1,13 @@
-"""Case tests: the program as users run it. NHBM=/path/to/nhbm python3 -m pytest tests/cases"""
+"""Case tests: the program as users run it, NHBM=/path/to/nhbm python3 -m pytest tests/cases; by default that of build/release."""
 
+import os
 import signal
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "postproc" / "src"), str(ROOT / "drivers" / "python" / "src"), str(ROOT / "tests")]
+os.environ.setdefault("NHBM", str(ROOT / "build" / "release" / "bin" / "nhbm"))
 
 
 def pytest_configure(config):
