@@ -7,7 +7,7 @@ module hb_observed_motion
    use hb_kinds, only: wp
    use hb_located_response, only: located_response_t, response_series_t
    use hb_point_kinds, only: curve_kinds
-   use hb_response_slope, only: find_series_slope
+   use hb_response_slope, only: find_series_slope, omega_slopes_along
    use hb_stability, only: stability_t
    implicit none
    private
@@ -94,8 +94,8 @@ contains
       if (allocated(slopes%c)) slope = response%slope(series, slopes)
    end function observed_motion_slope_at
 
-   !> Derivatives of the motion of a degree of freedom along a direction, of the harmonics of its response; the others are zero.
-   !> None if the structure is singular there.
+   !> Derivatives of the motion of a degree of freedom along a direction, of the harmonics of its response, the others are zero, and
+   !> of the base frequencies. None if the structure is singular there.
    subroutine find_series_slopes(self, response, x, direction, slopes)
       class(observed_motion_t), intent(inout) :: self                 !! its problem has moved to x
       type(located_response_t), intent(in) :: response
@@ -116,6 +116,7 @@ contains
          end if
          allocate (slopes%c(set%n_harmonics), source=(0.0_wp, 0.0_wp))
          slopes%c(numbers) = of_numbers
+         slopes%omega = omega_slopes_along(self%problem, direction)
       end associate
    end subroutine find_series_slopes
 

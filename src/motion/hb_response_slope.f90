@@ -10,7 +10,7 @@ module hb_response_slope
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: find_motion_slopes, find_series_slope
+   public :: find_motion_slopes, find_series_slope, omega_slopes_along
 
 contains
 
