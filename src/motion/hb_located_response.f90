@@ -1,6 +1,6 @@
 !> A response at which points of a curve are located, and the function of its motion whose zeros they are.
 !>
-!> A new kind of these points is a row of hb_point_kinds and its formula here: `departure`, of an extreme `square` and `slope`, and
+!> A new kind of these points is a row of hb_point_kinds and its formula here: `square` or `departure`, of an extreme `slope`, and
 !> its unit if that is not the square. `find_series` of a curve supplies the motion with all harmonics, of balances
 !> (hb_followed_motion) and of impacts (hb_impact_curve) alike; `slope` gets those of the response alone.
 module hb_located_response
