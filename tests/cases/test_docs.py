@@ -240,6 +240,15 @@ def test_marks_of_located_points_can_be_drawn():
     assert marks <= set(MARKERS), "nhbm/located.py draws no other marks"
 
 
+def test_kinds_of_points_are_on_the_page_of_curves():
+    source = (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8")
+    kinds = re.findall(r'point_kind_t\("(\w+)"', source)
+    page = (ROOT / "docs" / "user" / "curves.md").read_text(encoding="utf-8")
+    table = page.partition("| kind | meaning |\n")[2].partition("\n\n")[0]
+    listed = [name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split(" | ")[0])]
+    assert len(kinds) > 10 and kinds[0] == "none" and sorted(listed) == sorted(kinds[1:])
+
+
 def test_nothing_is_described_twice():
     """Choices stand in no list of the source, units at no reader; limits and defaults, a reader has no argument for."""
     of_columns = {"stability_method_names"}  # what a column of results shows, in the same words
