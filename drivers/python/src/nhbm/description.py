@@ -19,6 +19,7 @@ from nhbm.groups import OPERATIONS, Group, Groups, Settings, call_of, value_at
 from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups, subject_of
 from nhbm.laws import Law
 from nhbm.paths import InputPath, check_label, path_of
+from nhbm.responses import responses_in
 from nhbm.session import Session
 from nhbm.signatures import Laws
 from nhbm.structure import Structure
@@ -216,6 +217,8 @@ class Description(Laws):
         own = self._groups.first(group)
         kind = own.keys["type"] if own is not None and "type" in own.keys and "type" not in keys else None
         check_keys(group, {**keys, "type": kind} if kind else keys)
+        if group in ("accuracy", "gradient"):
+            responses_in(keys.get("of"), "of")
         keys = {key: plain(value) for key, value in keys.items()}
         both = {**(own.keys if own is not None else {}), **keys}
         if group == "tones" and both.get("frequency") is not None and both.get("hertz") is not None:

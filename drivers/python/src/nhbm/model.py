@@ -20,7 +20,7 @@ from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.paths import identifier, path_of
 from nhbm.peaks import Peaks
-from nhbm.responses import gradient_of, refuse_largest, required_response_of
+from nhbm.responses import gradient_of, refuse_largest, required_response_of, responses_in
 from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
@@ -226,7 +226,7 @@ class Model(Peaks):
             keys["over"] = self._resolved(keys["over"])
         for key in keys_of("curve").values():
             if key.type == "list of texts":  # responses, of all kinds of located points
-                refuse_largest(*np.atleast_1d(keys.get(key.name, ())).tolist())
+                refuse_largest(*responses_in(keys.get(key.name), key.name))
         settings = request(tolerance, order, curve={"parameter": path, **curve_range(start, stop, keys)})
         cut = self._continue_cut(settings) if on_point is None else None
         points: list[xr.Dataset] = []

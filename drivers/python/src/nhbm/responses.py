@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,9 +79,7 @@ def _index(session: Session, of: str, dof: str) -> int:
 
 def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
     """Degree of freedom and tuple of a response: "x1", "x1 (1)", "v3 (1,0)"."""
-    if not isinstance(of, str):
-        raise ModelError(f"a response is a text such as 'x1', 'x1 (1)' or 'x1 (1,0)', not {of!r}")
-    parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", of)
+    parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", _text_of(of))
     if parts is None:
         raise ModelError(f"'{of}' is no response; 'x1', 'x1 (1)' and 'x1 (1,0)' are")
     return parts[1], tuple(map(int, parts[2].split(","))) if parts[2] else None
@@ -89,7 +87,20 @@ def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
 
 def largest_of(of: str) -> str | None:
     """The degree of freedom of "max x1", its largest displacement, which is not a response of the input; None for others."""
-    return of.strip()[len(_LARGEST) :].strip() if of.strip().startswith(_LARGEST) else None
+    text = _text_of(of).strip()
+    return text[len(_LARGEST) :].strip() if text.startswith(_LARGEST) else None
+
+
+def responses_in(given: Any, key: str) -> list[str]:
+    """The responses of a key of an input; ModelError for what is no text, which the input would take for a degree of freedom."""
+    several = [given] if isinstance(given, str) or not isinstance(given, Iterable) else list(given)
+    return [_text_of(one, f"{key}: ") for one in several if given is not None]
+
+
+def _text_of(of: Any, place: str = "") -> str:
+    if not isinstance(of, str):
+        raise ModelError(f"{place}a response is a text such as 'x1', 'x1 (1)' or 'x1 (1,0)', not {of!r}")
+    return of
 
 
 def refuse_largest(*responses: Any) -> None:
