@@ -31,6 +31,19 @@ import nhbm
 from nhbm import Model, ModelError
 
 
+def test_a_value_that_follows_is_read_as_it_follows():
+    rotor = nhbm.Jeffcott(mass=1.0, stiffness=100.0, damping=0.5, speed=5.0, rotating_damping=0.2)
+    model = nhbm.Model(rotor, tones=[5.0])
+    model.law("cubic_spring", "x", stiffness=1.0, label="spring")
+    model.add("tie", parameter="structure.speed", to="tones[0]", factor=2.0, offset=1.0)
+    model.tie("spring.stiffness", "structure.speed")
+    model["tones[0]"] = 7.0
+    read = nhbm.Model.from_namelist(model.to_namelist())
+    assert [one[path] for one in (model, read) for path in ("structure.speed", "law(spring)%stiffness")] == [15.0] * 4
+    with pytest.raises(nhbm.ModelError, match="&tie: missing key 'to', which needs a path"):
+        model.add("tie", parameter="structure.speed")
+
+
 def test_values_are_set_by_path_and_by_handle():
     other = Model.from_namelist(DUFFING.replace("stiffness = 0.5", "stiffness = 0.7").replace("= 0.9 /", "= 1.1 /"))
     for spring, tone in (

@@ -241,9 +241,15 @@ class Description(Laws):
         **keys
             Its keys, as in an input.
         """
-        known = [name for name in repeated_groups() if name != "tie"]
-        if group not in known:
-            raise ModelError(f"'{group}' is no group of which there may be several{among(group, known)}")
+        if group not in repeated_groups():
+            raise ModelError(f"'{group}' is no group of which there may be several{among(group, list(repeated_groups()))}")
+        if group == "tie":
+            check_keys(group, keys)
+            for key in ("parameter", "to"):
+                if keys.get(key) is None:
+                    raise ModelError(f"&tie: missing key '{key}', which needs a path such as 'structure.speed'")
+            self.tie(keys["parameter"], keys["to"], keys.get("factor", 1.0), keys.get("offset", 0.0))
+            return
         self._add(group, keys)
 
     @exclusive
@@ -440,7 +446,8 @@ class Description(Laws):
         Returns
         -------
         object
-            Number, text, truth or list of them, in the unit of the input; defaults are included.
+            Number, text, truth or list of them, in the unit of the input; defaults are included. A value that follows another
+            by `tie` is returned as it follows, from the first guess of an unknown tone.
 
         Examples
         --------
@@ -450,6 +457,10 @@ class Description(Laws):
         (0.9, 2, 'auto')
         """
         at = self._groups.resolved(path)
+        for tie in self._groups.named("tie"):
+            if self._groups.resolved(str(tie.keys["parameter"])) == at:
+                factor, offset = (float(tie.keys.get(*key)) for key in (("factor", 1.0), ("offset", 0.0)))
+                return offset + factor * self[str(tie.keys["to"])]
         group = self._groups.find(at)
         value = None if group is None else group.get(at.key, at.indices)
         if isinstance(value, (bool, int, float, str)):
