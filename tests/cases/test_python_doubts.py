@@ -15,6 +15,16 @@ import nhbm
 from nhbm import Implausible, Model, NotConverged
 
 
+def test_bifurcating_motions_that_are_not_followed_are_named():
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.2, stiffness=1.0), tones=[1.0])
+    model.load("x1", 1, cos=3.0)
+    model.law("cubic_spring", "x1", stiffness=1.0)
+    model.law("elastic_stop", "x1", stiffness=10.0, gap=0.5)
+    with pytest.warns(nhbm.NotConverged, match=r"not the motions that bifurcate at the point \d+ \(period_doubling\)"):
+        curve = model.curve("load[0].cos", 5.5, 6.5, switch=True, tolerance=1e-3)
+    assert "switch = .true." in curve.nhbm.input
+
+
 def test_operations_of_an_input_are_left_out_with_their_calls():
     text = duffing().to_namelist()
     path = "tones%frequency"

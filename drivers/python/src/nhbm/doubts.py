@@ -75,6 +75,17 @@ def warn_of_return(ends: list[float], start: float, stop: float, first: float) -
         warn(f"the curve returned to {first:g} without reaching {other:g}: trace another one from there, with first={other:g}")
 
 
+def warn_of_bifurcations(kinds: Iterable[str], path: str) -> None:
+    """Warns of motions that bifurcate from a curve, of which &curve switch = .true. has the command make files of their own."""
+    points = [f"{number} ({kind})" for number, kind in enumerate(kinds) if kind in ("period_doubling", "neimark_sacker")]
+    if points:
+        where = f"point{'s' * (len(points) > 1)} {', '.join(points)} over {path}"
+        warn(
+            f"switch=True follows branch points alone here, not the motions that bifurcate at the {where}: the command does; "
+            "write the input curve.nhbm.input into a file and use nhbm solve"
+        )
+
+
 def warn_of_end(session: Session, path: str, values: list[float], extent: float) -> bool:
     """Whether a curve has ended before its range of an extent does, with a warning if so; `values` at its points."""
     reason = int(dataset.number(session, "reason"))

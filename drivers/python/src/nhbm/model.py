@@ -199,7 +199,8 @@ class Model(Peaks):
         **keys
             Keys of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``; its `start`, a value between
             the ends from which both directions are traced, is called `first` here. A curve that has reached its number of
-            `points` is continued by the same call with more of them, if no value of the model has changed.
+            `points` is continued by the same call with more of them, if no value of the model has changed. `switch` follows branch
+            points alone: motions that bifurcate with another period or tone are followed by the command, into files of their own.
 
         Returns
         -------
@@ -267,6 +268,8 @@ class Model(Peaks):
         if not (is_stopped or has_warned or "over" in keys):
             ends = found[identifier(path)].values[found["curve_kind"].values == "end"].tolist()
             doubts.warn_of_return(ends, start, stop, keys.get("first", start))
+        if keys.get("switch"):
+            doubts.warn_of_bifurcations(found["curve_kind"].values.tolist(), path)
         return found
 
     @exclusive
