@@ -35,6 +35,15 @@ OMEGA = np.linspace(0.7, 1.4, 15)
 Z = FORCE / (1.21 - OMEGA**2 + 0.2j * OMEGA)  # cos - i sin, as of x = Re(Z exp(i omega t))
 
 
+def test_data_in_millimetres_are_named():
+    """Their size is named: misfits alone say nothing of it."""
+    data = {"frequency": OMEGA, "amplitude": abs(Z)}
+    assert "times" not in nhbm.fit(linear(), data, LINEAR, "x1 (1)", order=1).message
+    data["amplitude"] = 1e3 * abs(Z)
+    with pytest.warns(NotConverged, match=r"the measured amplitudes are \S+ times those of the fit: check their unit \[m\]"):
+        nhbm.fit(linear(), data, LINEAR[:1], "x1 (1)", order=1, bounds={LINEAR[0]: (0.5, 2.0)})
+
+
 def test_a_closed_form_is_found_from_amplitudes_and_phases():
     for data in ({"frequency": OMEGA, "amplitude": abs(Z)}, {"frequency": OMEGA, "amplitude": abs(Z), "phase": np.angle(Z)},
                  {"hertz": OMEGA / (2 * np.pi), "amplitude": abs(Z), "phase": np.angle(Z)}):  # fmt: skip

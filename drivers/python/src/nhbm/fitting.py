@@ -38,6 +38,7 @@ _FACTORS = 0.25, 0.5, 2.0, 4.0  # of one parameter, for them
 _FAR = 1e3  # residual of a point where the model has no motion
 _WEAK = 1e-6  # singular value, relative to the largest, of a combination of parameters that the data do not determine
 _FIRST, _HELD_STEP = 0.05, 0.25  # first force of a curve on which an amplitude is sought, over the measured one; longest step
+_OTHER_UNIT = 30.0  # ratio of measured and fitted amplitudes that suggests millimetres for metres
 _UNLIKELY, _SIGNIFICANT, _MANY = 1e-3, 3.3, 8  # chance of a warning about noise alone; the same in deviations; fewest pairs
 
 
@@ -307,7 +308,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
         doubtful.append(f"at an end of its range: {', '.join(np.array(paths)[at_end])}")
     if not is_known.all():
         doubtful.append(f"the data do not determine {', '.join(np.array(paths)[~is_known])}")
-    fitted.message = "; ".join([*doubtful, *_systematic(fitted)])
+    fitted.message = "; ".join([*doubtful, *_scale_of(fitted), *_systematic(fitted)])
     if fitted.message:
         doubts.warn(fitted.message)
     return fitted
@@ -355,6 +356,16 @@ def _covariance(jacobian: Array) -> tuple[Array, Array]:
     covariance[~is_known] = covariance[:, ~is_known] = np.nan
     np.fill_diagonal(covariance, np.where(is_known, np.diag(covariance), np.inf))
     return covariance, is_known
+
+
+def _scale_of(fit: Fit) -> list[str]:
+    """What the sizes of the data and of the fit tell about the units of the data."""
+    measured = float(np.median(np.concatenate([one.measured for one in fit.sets])))
+    predicted = float(np.median(np.abs(np.concatenate(fit.predictions))))
+    if not (measured > 0.0 and predicted > 0.0 and np.isfinite(predicted)) or 1 / _OTHER_UNIT < measured / predicted < _OTHER_UNIT:
+        return []
+    name, unit = ("forces", "") if fit.force else ("amplitudes", f" [{fit._unit()}]")
+    return [f"the measured {name} are {measured / predicted:.2g} times those of the fit: check their unit{unit}"]
 
 
 def _systematic(fit: Fit) -> list[str]:
