@@ -198,6 +198,7 @@ def npz(**change):
 
 MATRIX_MARKET = ["--mass=sound.mtx", "--stiffness=bad.mtx"]
 NPZ = ["--mass=sound.npz", "--stiffness=bad.npz"]
+NPY = ["--mass=sound.npz", "--stiffness=bad.npy"]
 CALCULIX = ["--calculix=job"]
 ABAQUS = ["--abaqus", "--mass=abaqus.mtx", "--stiffness=bad.mtx"]
 LABELS = ["--mass=sound.mtx", "--stiffness=sound.mtx", "--labels=labels"]
@@ -228,6 +229,7 @@ ALWAYS = {
         (MATRIX_MARKET, "bad.mtx", HEAD.replace("real", "complex") + "2 2 1\n1 1 1.0 2.0\n", "the matrix is complex, not real"),
         (NPZ, "bad.npz", "", "holds no sparse matrix"),
         (NPZ, "bad.npz", "hello", "holds no sparse matrix"),
+        (NPY, "bad.npy", npz(), "it is a dense array of NumPy; scipy.sparse.save_npz writes one that is read here"),
         (NPZ, "bad.npz", npz()[:-30], "File is not a zip file"),
         (NPZ, "bad.npz", npz(data=[1.0, np.inf]), "the entry in row 2, column 2 is not a finite number"),
         (NPZ, "bad.npz", npz(indices=[0, 7]), "must be < 2"),

@@ -42,6 +42,8 @@ def read_matrix(path: Any) -> sp.csr_matrix:
     path = _existing(path)
     try:
         _check_size(path)
+        if path.suffix == ".npy":
+            raise ValueError("it is a dense array of NumPy; scipy.sparse.save_npz writes one that is read here, as .npz")
         if path.suffix != ".npz" and not _has_sizes(path):
             raise ValueError("it ends before the line with the sizes")
         matrix = sp.load_npz(path) if path.suffix == ".npz" else scipy.io.mmread(path)
