@@ -31,6 +31,21 @@ import nhbm
 from nhbm import Model, ModelError
 
 
+@pytest.mark.parametrize("warm", [False, True])
+def test_functions_of_a_sweep_give_the_same_numbers_in_any_process(warm):
+    """A response starts from the last motion of its model, which depends on who has computed the points before."""
+
+    def response(model):
+        return model.response("x1 (1)", tolerance=1e-3)
+
+    values = {"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.1, 0.3, 1.0, 2.0]}
+    alone = duffing().sweep(values, of=response, warm=warm)["response"].values
+    with ThreadPoolExecutor(2) as executor:
+        np.testing.assert_array_equal(duffing().sweep(values, of=response, warm=warm, executor=executor)["response"].values, alone)
+    one = {path: line[1:2] for path, line in values.items()}
+    assert warm or duffing().sweep(one, of=response)["response"].values == alone[5]
+
+
 def test_a_value_that_follows_is_read_as_it_follows():
     rotor = nhbm.Jeffcott(mass=1.0, stiffness=100.0, damping=0.5, speed=5.0, rotating_damping=0.2)
     model = nhbm.Model(rotor, tones=[5.0])

@@ -45,7 +45,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         The first values of all paths form a point, the second values the next, as for random samples.
     of : str or function, optional
         Stores numbers instead of motions: a response ("x1 (1)"), or a function of the model that returns a number or a
-        mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``.
+        mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``. If not `warm`, it gets a model without
+        a last motion, so that the numbers of a point do not depend on other points.
     {tolerance and order}
     warm : bool
         Start each point from the previous one along the last path.
@@ -161,7 +162,12 @@ class _Line:
     def __call__(self, points: list[Any]) -> list[Any]:
         """The results of the points, each with its status and what is doubtful about it, or None, and its laws without force."""
         model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
-        return [self._point(model, point, k) for k, point in enumerate(points)]
+        results = []
+        for k, point in enumerate(points):
+            if callable(self.of) and not (self.warm and k > 0):  # it may start from the last motion, of whichever point
+                model = copy.copy(self.model)
+            results.append(self._point(model, point, k))
+        return results
 
     def _point(self, model: Model, point: Any, k: int) -> Any:
         for path, value in zip(self.paths, point):
