@@ -7,16 +7,18 @@
 module hb_modes
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_lapack, only: dggev, dsygv
+   use hb_lapack, only: dgeev, dgemm, dggev, dpotrf, dpotrs, dsygv
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: find_natural_frequencies, has_free_motion, max_dofs, modes_t, natural_frequencies, new_modes, slowest_decay
+   public :: fastest_frequency, find_natural_frequencies, has_free_motion, max_dofs, modes_t, natural_frequencies, new_modes
+   public :: slowest_decay
 
    integer, parameter :: largest_structure = 500                      ! degrees of freedom: all modes are computed
    integer, parameter :: max_dofs = 1500               !! for natural frequencies alone, computed at once in some seconds
    integer, parameter :: max_gyroscopic_dofs = 200     ! likewise, with gyroscopic terms
+   integer, parameter :: max_of_all = 100              ! degrees of freedom up to which all modes cost next to nothing
 
    type :: modes_t
       integer :: n_modes = 0
@@ -114,15 +116,165 @@ contains
    !> Decay rate [1/s] of the slowest decaying mode; 0 if none decays or if it is unknown.
    real(wp) function slowest_decay(mass, damping, stiffness) result(rate)
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
-      type(error_t), allocatable :: error
-      type(modes_t) :: modes
+      real(wp), allocatable :: frequency(:), growth(:)
 
       rate = 0.0_wp
-      call new_modes(modes, mass, damping, stiffness, error)
-      if (allocated(error)) return
-      if (any(modes%growth < 0.0_wp)) rate = minval(-modes%growth, mask=modes%growth < -1.0e-9_wp*modes%frequency)
+      if (size(mass, 1) > largest_structure) return
+      call find_growth(mass, damping, stiffness, growth, frequency)
+      if (any(growth < 0.0_wp)) rate = minval(-growth, mask=growth < -1.0e-9_wp*frequency)
       if (rate >= huge(1.0_wp)) rate = 0.0_wp
    end function slowest_decay
+
+   !> Growth rates and frequencies of the oscillatory modes, in any order; none if they are not found.
+   subroutine find_growth(mass, damping, stiffness, growth, frequency)
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      real(wp), allocatable, intent(out) :: growth(:), frequency(:)        !! [1/s], [rad/s]
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+      logical :: is_found
+
+      is_found = .false.
+      if (size(mass, 1) > max_of_all) then
+         call find_decoupled_growth(mass, damping, stiffness, growth, frequency, is_found)
+         if (.not. is_found) call find_explicit_growth(mass, damping, stiffness, growth, frequency, is_found)
+      end if
+      if (is_found) return
+      call new_modes(modes, mass, damping, stiffness, error)
+      if (allocated(error)) then
+         allocate (growth(0), frequency(0))
+      else
+         call move_alloc(modes%growth, growth)
+         call move_alloc(modes%frequency, frequency)
+      end if
+   end subroutine find_growth
+
+   !> The same if the modes without damping decouple the equations, as with damping proportional to mass and stiffness.
+   subroutine find_decoupled_growth(mass, damping, stiffness, growth, frequency, is_found)
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      real(wp), allocatable, intent(out) :: growth(:), frequency(:)        !! [1/s], [rad/s]
+      logical, intent(out) :: is_found
+      real(wp), parameter :: rest = 1.0e-10_wp                        ! of a damping between modes, relative to the largest
+      real(wp), allocatable :: b(:, :), damped(:, :), modal(:, :), shapes(:, :), squares(:), values(:), work(:)
+      integer :: i, info, n
+
+      n = size(mass, 1)
+      is_found = .not. (is_unsymmetric(damping) .or. is_unsymmetric(stiffness))
+      if (.not. is_found) return
+      allocate (shapes, source=stiffness)
+      allocate (b, source=mass)
+      allocate (values(n), work(35*n), damped(n, n), modal(n, n))
+      call dsygv(1, "V", "U", n, shapes, n, b, n, values, work, size(work), info)
+      is_found = info == 0
+      if (.not. is_found) return
+      call dgemm("N", "N", n, n, n, 1.0_wp, damping, n, shapes, n, 0.0_wp, damped, n)
+      call dgemm("T", "N", n, n, n, 1.0_wp, shapes, n, damped, n, 0.0_wp, modal, n)
+      allocate (growth, source=[(-0.5_wp*modal(i, i), i=1, n)])
+      do i = 1, n
+         modal(i, i) = 0.0_wp
+      end do
+      is_found = maxval(abs(modal)) <= rest*2.0_wp*maxval(abs(growth))
+      if (.not. is_found) return
+      squares = values - growth**2
+      growth = pack(growth, squares > 0.0_wp)
+      frequency = sqrt(pack(squares, squares > 0.0_wp))
+   end subroutine find_decoupled_growth
+
+   !> The same by the eigenvalues of the equations solved for the accelerations.
+   subroutine find_explicit_growth(mass, damping, stiffness, growth, frequency, is_found)
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      real(wp), allocatable, intent(out) :: growth(:), frequency(:)        !! [1/s], [rad/s]
+      logical, intent(out) :: is_found
+      real(wp), allocatable :: a(:, :), factor(:, :), imaginary_part(:), real_part(:), right(:, :), work(:)
+      real(wp) :: left(1, 1), none(1, 1), rate
+      integer :: i, info, n
+
+      n = size(mass, 1)
+      allocate (factor, source=mass)
+      call dpotrf("L", n, factor, n, info)
+      is_found = info == 0 .and. any(abs(stiffness) > 0.0_wp)
+      if (.not. is_found) return
+      rate = sqrt(maxval(abs(stiffness))/maxval(abs(mass)))
+      allocate (a(2*n, 2*n), source=0.0_wp)
+      do i = 1, n
+         a(i, n + i) = 1.0_wp
+      end do
+      allocate (right, source=-stiffness/rate**2)
+      call dpotrs("L", n, n, factor, n, right, n, info)
+      a(n + 1:, :n) = right
+      right = -damping/rate
+      call dpotrs("L", n, n, factor, n, right, n, info)
+      a(n + 1:, n + 1:) = right
+      allocate (real_part(2*n), imaginary_part(2*n), work(70*n))
+      call dgeev("N", "N", 2*n, a, 2*n, real_part, imaginary_part, left, 1, none, 1, work, size(work), info)
+      is_found = info == 0
+      if (.not. is_found) return
+      growth = rate*pack(real_part, imaginary_part > 0.0_wp)
+      frequency = rate*pack(imaginary_part, imaginary_part > 0.0_wp)
+   end subroutine find_explicit_growth
+
+   pure logical function is_unsymmetric(matrix)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp), parameter :: rounding = 1.0e-14_wp
+
+      is_unsymmetric = any(abs(matrix - transpose(matrix)) > rounding*maxval(abs(matrix)))
+   end function is_unsymmetric
+
+   !> Frequency of the fastest mode without damping [rad/s], within a percent and rather too high than too low for large structures,
+   !> where what is unsymmetric in the stiffness is left out; 0 if none is found.
+   !>
+   !> Lanczos' method for M^-1 K, orthogonal with respect to M, whose largest eigenvalues converge first. The residual of the
+   !> largest one is added to it. Source: Zhou and Li, Linear Algebra and its Applications 435 (2011) 480-493.
+   real(wp) function fastest_frequency(mass, stiffness) result(fastest)
+      real(wp), intent(in) :: mass(:, :), stiffness(:, :)             !! (n_dofs, n_dofs)
+      integer, parameter :: n_steps = 60
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+      real(wp) :: alpha(n_steps), beta(n_steps), ritz(n_steps, n_steps), unit(n_steps, n_steps), values(n_steps), work(35*n_steps)
+      real(wp), allocatable :: all_of_them(:), basis(:, :), factor(:, :), heavy(:, :), w(:)
+      integer :: i, info, k, n
+
+      fastest = 0.0_wp
+      n = size(mass, 1)
+      if (n <= max_of_all) then
+         call new_modes(modes, mass, 0.0_wp*mass, stiffness, error)
+         if (.not. allocated(error) .and. modes%n_modes > 0) fastest = maxval(modes%frequency)
+         return
+      end if
+      allocate (factor, source=mass)
+      call dpotrf("L", n, factor, n, info)
+      if (info /= 0) then                                             ! no mass somewhere
+         if (n <= max_dofs) all_of_them = natural_frequencies(mass, stiffness)
+         if (allocated(all_of_them)) fastest = max(0.0_wp, maxval(all_of_them))
+         if (fastest >= huge(1.0_wp)) fastest = 0.0_wp
+         return
+      end if
+      allocate (basis(n, n_steps), heavy(n, n_steps), source=0.0_wp)
+      w = [(1.0_wp + 0.5_wp*sin(real(i, wp)**2), i=1, n)]
+      w = w*merge(1.0_wp, -1.0_wp, mod([(i, i=1, n)], 2) == 0)        ! fast modes alternate
+      do k = 1, n_steps
+         heavy(:, k) = matmul(mass, w)
+         basis(:, k) = w/sqrt(dot_product(w, heavy(:, k)))
+         heavy(:, k) = heavy(:, k)/sqrt(dot_product(w, heavy(:, k)))
+         w = 0.5_wp*(matmul(stiffness, basis(:, k)) + matmul(basis(:, k), stiffness))
+         call dpotrs("L", n, 1, factor, n, w, n, info)
+         alpha(k) = dot_product(w, heavy(:, k))
+         do i = 1, 2                                                  ! twice is enough
+            w = w - matmul(basis(:, :k), matmul(w, heavy(:, :k)))
+         end do
+         beta(k) = sqrt(max(0.0_wp, dot_product(w, matmul(mass, w))))
+         if (beta(k) <= epsilon(1.0_wp)*maxval(abs(alpha(:k)))) exit
+      end do
+      k = min(k, n_steps)
+      ritz = 0.0_wp
+      unit = 0.0_wp
+      do i = 1, k
+         ritz(i, i) = alpha(i)
+         unit(i, i) = 1.0_wp
+         if (i < k) ritz(i, i + 1) = beta(i)
+      end do
+      call dsygv(1, "V", "U", k, ritz, n_steps, unit, n_steps, values, work, size(work), info)
+      if (info == 0) fastest = sqrt(max(0.0_wp, values(k) + beta(k)*abs(ritz(k, k))))
+   end function fastest_frequency
 
    !> Whether some part can move without stiffness; false for large structures.
    logical function has_free_motion(mass, stiffness)

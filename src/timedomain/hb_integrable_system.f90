@@ -1,11 +1,10 @@
 !> What decides by which methods a system can be integrated in time, and in which steps: its mass, its laws, its fastest mode.
 module hb_integrable_system
-   use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_config, only: integration_method
    use hb_kinds, only: wp
-   use hb_modes, only: modes_t, new_modes
-   use hb_structure, only: max_dense, structure_t
+   use hb_modes, only: fastest_frequency
+   use hb_structure, only: max_dense, max_dofs, structure_t
    use hb_sundials, only: has_cvode
    use hb_system, only: system_t
    implicit none
@@ -55,14 +54,12 @@ contains
    !> Frequency of the fastest mode of the structure without damping [rad/s], 0 if not known.
    real(wp) function fastest_of(system) result(fastest)
       type(system_t), intent(in) :: system
-      type(error_t), allocatable :: error
-      type(modes_t) :: modes
       type(structure_t) :: structure
 
+      fastest = 0.0_wp
+      if (system%structure%n_dofs > max_dofs) return                  ! refused before any step
       structure = system%structure
       call structure%unpack()
-      call new_modes(modes, structure%mass, 0.0_wp*structure%damping, structure%stiffness, error)
-      fastest = 0.0_wp
-      if (.not. allocated(error) .and. modes%n_modes > 0) fastest = maxval(modes%frequency)
+      fastest = fastest_frequency(structure%mass, structure%stiffness)
    end function fastest_of
 end module hb_integrable_system

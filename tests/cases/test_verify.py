@@ -51,6 +51,17 @@ def test_sliders_beside_rigid_friction_are_verified(slider, tmp_path):
     assert verified(result, status=NOT_ALL_CONVERGED)["integration_verdict"] == [DIFFERS]
 
 
+STIFF_CHAIN = (
+    "&structure type='chain', n_masses=510, mass=1.0, coupling_stiffness=1e8, damping_mass=40.0 /\n&tones frequency=40.0 /\n"
+    "&load dof='x10', tuple=1, cos=3e5 /\n&law type='bouc_wen', dof='x12', stiffness=1e3, yield_displacement=1e-3 /\n"
+)
+
+
+def test_verify_resolves_the_fastest_mode_of_a_large_structure(tmp_path):
+    """Steps of a hysteresis follow the fastest mode, 2e4 rad/s, of 510 masses."""
+    assert verified(solve(STIFF_CHAIN, tmp_path), "--periods", "3")["integration_verdict"] == [AGREES]
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_verify_counts_its_points(tmp_path, ranks):
     result = solve(CONVERGED_CUBIC + "&sweep parameter='load%cos', from=0.1, to=0.3, n=3 /\n", tmp_path)
