@@ -1,11 +1,14 @@
 !> The abstract integrator: steps of constant size from a given state.
 module hb_integrator
-   use hb_error, only: error_t
+   use hb_cancellation, only: work_is_over
+   use hb_error, only: error_t, fail
    use hb_integration_system, only: integration_state_t, integration_system_t, law_forces
    use hb_kinds, only: int64, wp
    implicit none
    private
    public :: integrator_t
+
+   integer, parameter :: steps_between_checks = 64                    ! of the cancellation, within one call
 
    !> Steps of one size from a state on.
    type, abstract :: integrator_t
@@ -73,6 +76,10 @@ contains
          call self%take_step(self%origin + self%n_steps*self%step, self%origin + (self%n_steps + 1_int64)*self%step, state, error)
          if (allocated(error)) return
          self%n_steps = self%n_steps + 1_int64
+         if (modulo(i, steps_between_checks) > 0) cycle
+         if (.not. work_is_over()) cycle
+         call fail(error, "the time integration was cancelled")
+         return
       end do
       state%time = self%origin + self%n_steps*self%step
       call self%read_state(state)

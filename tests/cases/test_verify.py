@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import h5py
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from integrations import FORCED, FREE, INPUTS, forced_blades
-from program import BAD_INPUT, NOT_ALL_CONVERGED, checksum_of_row, read, run, solve
+from program import BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, checksum_of_row, read, run, solve
 
 
 def verified(result: Path, *options, status=0) -> dict[str, np.ndarray]:
@@ -60,6 +61,14 @@ STIFF_CHAIN = (
 def test_verify_resolves_the_fastest_mode_of_a_large_structure(tmp_path):
     """Steps of a hysteresis follow the fastest mode, 2e4 rad/s, of 510 masses."""
     assert verified(solve(STIFF_CHAIN, tmp_path), "--periods", "3")["integration_verdict"] == [AGREES]
+
+
+def test_the_time_limit_of_verify_holds_within_one_sample(tmp_path):
+    """A sample of the motion is thousands of steps, of which a period takes minutes."""
+    result = solve(STIFF_CHAIN.replace("frequency=40.0", "frequency=3.0"), tmp_path)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    assert run("verify", result, "--time-limit", "1", cwd=tmp_path).status == INCOMPLETE
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 3.0
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
