@@ -80,8 +80,13 @@ contains
       if (.not. all([(is_solved(census%motions(i)%result%status), i=1, size(census%motions))])) status = not_all_right
       if (max(census%n_left, census%n_unfollowed) > 0) status = incomplete
       if (size(census%motions) == 0) then
-         status = not_all_right
-         call print_error("no start led to a motion")
+         if (status == incomplete) then
+            call print_error(ending_text(merge(interruption%signal, interruption%time_limit, signal_caught()))// &
+                             " before a motion was found")
+         else
+            status = not_all_right
+            call print_error("no start led to a motion")
+         end if
          return
       end if
       call write_census(alone, census, path, options%overwrite, comm, error)

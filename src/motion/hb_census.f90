@@ -8,7 +8,7 @@
 !> motion gives the estimate (hb_census_estimate); all other finds together are the other capture.
 module hb_census
    use hb_balance, only: balance_t, new_balance
-   use hb_cancellation, only: note_progress, work_is_over
+   use hb_cancellation, only: cancellation_t, note_progress, work_is_over
    use hb_census_estimate, only: completeness_t, estimate_completeness
    use hb_census_starts, only: new_starts, start_kind, starts_t
    use hb_clock, only: wall_clock
@@ -42,7 +42,7 @@ module hb_census
       integer :: n_starts = 200                                       !! random ones
       integer :: seed = 1                                             !! of the random numbers
       integer :: n_deflated = 40                                      !! starts near each motion found, with deflation
-      real(wp) :: time_limit = huge(1.0_wp)                           !! of the starts and the descriptions [s]
+      real(wp) :: time_limit = huge(1.0_wp)                           !! wall time [s] of the starts and the descriptions
       procedure(is_requested), pointer, nopass :: ends_starts => null() !! for what has been found so far
    end type census_config_t
 
@@ -99,6 +99,13 @@ module hb_census
       procedure :: scale => search_scale
    end type search_t
 
+   !> Ends all work in progress at a time.
+   type, extends(cancellation_t) :: time_limit_t
+      real(wp) :: end_of_time = huge(1.0_wp)                          ! wall time [s]
+   contains
+      procedure :: wants_end => time_limit_wants_end
+   end type time_limit_t
+
 contains
 
    !> Takes a census. An `error` is one of the model, such as a structure that cannot be condensed. Work that ends early
@@ -108,10 +115,9 @@ contains
       type(census_config_t), intent(in) :: config
       type(census_t), intent(out) :: census
       type(error_t), allocatable, intent(out) :: error
+      real(wp), parameter :: grace = 1.0_wp                           ! for what is begun when no start may be made any more [s]
       type(search_t), target :: search
-      type(level_t) :: level
-      type(motion_result_t) :: first
-      type(model_t) :: own
+      type(time_limit_t), target :: limit
 
       search%started = wall_clock()
       allocate (census%motions(0))
@@ -119,6 +125,23 @@ contains
          call fail(error, "a census needs given tones; follow self-excited motions and normal modes along a curve")
          return
       end if
+      if (config%time_limit < huge(1.0_wp)) limit%end_of_time = search%started + config%time_limit + grace
+      call limit%enter(huge(1.0_wp))
+      call search_all(search, model, config, census, error)
+      call limit%leave()
+   end subroutine take_census
+
+   !> The census itself.
+   subroutine search_all(search, model, config, census, error)
+      type(search_t), intent(inout), target :: search
+      type(model_t), intent(in) :: model
+      type(census_config_t), intent(in) :: config
+      type(census_t), intent(inout) :: census
+      type(error_t), allocatable, intent(out) :: error
+      type(level_t) :: level
+      type(motion_result_t) :: first
+      type(model_t) :: own
+
       own = model
       own%options%chain%is_on = .false.
       call solve_point(own, first, error, level)
@@ -138,7 +161,14 @@ contains
       call search%balance%destroy()
       census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed + &
                                                   merge(1, 0, census%motions%first_kind >= start_kind%mirror))
-   end subroutine take_census
+   end subroutine search_all
+
+   logical function time_limit_wants_end(self) result(wants_end)
+      class(time_limit_t), intent(inout) :: self
+
+      wants_end = .false.
+      if (self%end_of_time < huge(1.0_wp)) wants_end = wall_clock() >= self%end_of_time
+   end function time_limit_wants_end
 
    !> Starts at the motion that the model has from its first guess, if it has one.
    subroutine try_given(self, level, census)
