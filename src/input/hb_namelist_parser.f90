@@ -132,6 +132,9 @@ contains
             last = word_last(text, start)
             if (last < start) then
                call stop_at(scan, scan%line, "&"//name//": unexpected '"//text(start:start)//"'")
+            else if (body%in_key .and. body%n_found == 0 .and. .not. body%after_comma .and. is_call(text, last)) then
+               call stop_at(scan, scan%line, "&"//name//": "//body%key//" = "//shown(text(start:call_last(text, last)))// &
+                            " is neither a number nor a text in quotes, '"//shown(text(start:call_last(text, last)))//"'")
             else if (is_key(text, last)) then
                call end_key(scan, body)
                call begin_key(text, scan, body, content, last)
@@ -192,6 +195,35 @@ contains
          return
       end do
    end function is_key
+
+   !> Whether the word that ends at `last` is followed by something in parentheses that is no index of a key: a path without quotes,
+   !> such as law(stop)%gap, or an expression.
+   pure logical function is_call(text, last)
+      character(*), intent(in) :: text
+      integer, intent(in) :: last
+      integer :: i
+
+      is_call = .false.
+      if (last >= len(text)) return
+      if (text(last + 1:last + 1) /= "(") return
+      do i = last + 2, len(text)
+         if (text(i:i) == line_feed) return
+         if (text(i:i) == ")") exit
+      end do
+      if (i > len(text)) return
+      i = i + verify(text(i + 1:)//"x", " ")
+      is_call = i > len(text)
+      if (.not. is_call) is_call = text(i:i) /= "="
+   end function is_call
+
+   !> Position of the last character of such a text.
+   pure integer function call_last(text, last)
+      character(*), intent(in) :: text
+      integer, intent(in) :: last
+
+      call_last = last + index(text(last + 1:), ")")
+      call_last = max(call_last, word_last(text, call_last + 1))
+   end function call_last
 
    !> Checks that a key has a value before the next one begins or the group ends.
    pure subroutine end_key(scan, body)
