@@ -455,9 +455,14 @@ contains
             if (offset < 0) offset = dataset%get_offset(value_sizes(k))
             if (offset >= 0) exit
          end do
-         if (ok) ok = offset >= 0
-         if (ok) call add_wanted(row_bytes*value_sizes(k))
-         if (.not. ok) call fail(error, "dataset '"//words(i)%value//"' cannot be read row by row")
+         if (.not. ok) then
+            call fail(error, "dataset '"//words(i)%value//"' has not one row for each of the "//number_of(size(checksums), "point"))
+         else if (offset < 0) then
+            call fail(error, "dataset '"//words(i)%value//"' is stored in chunks, as another program does, perhaps compressed; "// &
+                      "h5repack -l CONTI -f NONE OLD NEW makes a file that can be checked and continued")
+         else
+            call add_wanted(row_bytes*value_sizes(k))
+         end if
          if (allocated(error)) return
       end do
 

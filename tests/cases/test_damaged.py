@@ -92,6 +92,22 @@ def test_resume_refuses_rows_without_axes(begun, tmp_path):
     assert done.status == BAD_INPUT and "'iterations'" in done.stderr
 
 
+def test_a_file_that_another_program_has_compressed_is_named(begun, tmp_path):
+    """Its rows cannot be written one by one; the message has the command that undoes it."""
+    path = tmp_path / "case.h5"
+    path.write_bytes(begun)
+    with h5py.File(path, "r+") as file:
+        content, axes = file["residual"][...], [[scale.name for scale in axis.values()] for axis in file["residual"].dims]
+        del file["residual"]
+        file.create_dataset("residual", data=content, chunks=True, compression="gzip")
+        for axis, names in zip(file["residual"].dims, axes):
+            for name in names:
+                axis.attach_scale(file[name])
+    done = run("resume", path, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "'residual' is stored in chunks" in done.stderr, done.stderr
+    assert "h5repack -l CONTI -f NONE" in done.stderr
+
+
 @pytest.mark.parametrize("column", ["attempts", "reason", "status"])
 def test_numbers_keep_their_meaning_on_resume(column, begun, tmp_path):
     """A file of a version that had other rows in its table of attempts, of reasons or of outcomes."""
