@@ -134,6 +134,17 @@ def test_wrong_names_of_arguments_are_answered_with_the_right_ones(call, message
         call(duffing())
 
 
+@pytest.mark.parametrize("law, message", [
+    (lambda q, p: p[0] * q[0], "law '<lambda>' gives one force for [0-9]+ samples: it must give one for each"),
+    (lambda q: max(q, 0.0), "law '<lambda>' takes its argument for one number, .* np.maximum"),
+])  # fmt: skip
+def test_a_law_for_one_number_is_named(law, message):
+    model = duffing()
+    model.law(law, "x1", parameters=[1.0])
+    with pytest.raises(ModelError, match=message):
+        model.solve()
+
+
 def test_a_law_that_gives_nan_is_named():
     model = duffing()
     model.law(lambda q: np.full_like(q, np.nan), "x1")

@@ -317,13 +317,24 @@ class _Force(_Caller):
             given = {"q": lambda: _narrow(z), "v": lambda: _narrow(v), "p": lambda: p}
             if self.n_states:
                 named["states"] = _narrow(s)
-            return self.function(*(given[role]() for role in self.roles), **named)
+            try:
+                return self.function(*(given[role]() for role in self.roles), **named)
+            except ValueError as fault:
+                if "truth value of an array" not in str(fault):
+                    raise
+                raise ModelError(
+                    f"law '{self.function.__name__}' takes its argument for one number, but it has all samples: "
+                    "write np.maximum, np.minimum or np.where instead of max, min or if"
+                ) from fault
 
         answer = call(z, v, s)
         given = answer if isinstance(answer, tuple) else (answer,)
         if len(given) > 3:
             raise ModelError(f"law '{self.function.__name__}' gives {len(given)} values, not (force, df_dq[, df_dv])")
-        _columns(block.f, n, block)[:] = _shaped(self.function, "forces", given[0], z.shape)
+        forces = _shaped(self.function, "forces", given[0], z.shape)
+        if np.shape(given[0]) == () and len(z) > 1 and forces.any():
+            raise ModelError(f"law '{self.function.__name__}' gives one force for {len(z)} samples: it must give one for each")
+        _columns(block.f, n, block)[:] = forces
         wanted = [(block.df_dz, z, lambda x: call(x, v, s)), (block.df_dv, v, lambda x: call(z, x, s)),
                   (block.df_ds, s, lambda x: call(z, v, x))]  # fmt: skip
         wanted = [(address, x, along) for address, x, along in wanted if address]
