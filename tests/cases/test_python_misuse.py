@@ -49,6 +49,8 @@ def test_a_verification_ends_at_its_time_limit():
     (lambda: nhbm.Chain(2, 1.0), r"Chain takes its keys by name, Chain\(key=value"),
     (lambda: nhbm.Beam(type="chain"), "leave 'type' out"),
     (lambda: Model(3.0), "expected a structure such as nhbm.Beam.*, not 3.0"),
+    (lambda: Model(np.eye(2), tones=[1.0]), r"^expected a structure .*, not an array; nhbm.Matrices\(mass="),
+    (lambda: duffing().load("x1", 1, cos=1 + 1j), "expected a real number, string, bool or list of them"),
     (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[1 + 1j]), "tones are frequencies .*, not .*1j"),
     (lambda: duffing().sweep({"spring.stiffness": [0.1, 0.2]}, workers=0), "workers must be a whole number, 1 or more, not 0"),
     (lambda: duffing().sweep("spring.stiffness"), "a dict of lists by path, .*, not 'spring.stiffness'"),
@@ -126,12 +128,18 @@ def test_wrong_arguments_are_named(made, message):
     (lambda model: model.tie("stop.gap", to="tones[0]", by=2.0), r"Model.tie\(\) .*'by'; its arguments: path, to, factor, offset"),
     (lambda model: model.law("elastic_stop", "x1", "x2"), r"a list, dofs=\['x1', 'x2'\]$"),
     (lambda model: model.solve(ordr=3), r"Model.solve\(\) .*'ordr'; its arguments: tolerance, order, warm"),
+    (lambda model: model.sweep("stop.gap", [0.1, 0.2]), r"sweep\(\) got too many .*; values are a dict by path, {'stop.gap': "),
     (lambda model: model.sweep("tones[0]", 0.5, 1.5), r"Model.sweep\(\) .*; its arguments: values, paired, of, "),
     (lambda model: model.curve("tones[0]", 1.0), r"Model.curve\(\) .*'stop'; its arguments: path, start, stop, "),
 ])  # fmt: skip
 def test_wrong_names_of_arguments_are_answered_with_the_right_ones(call, message):
     with pytest.raises(TypeError, match=message):
         call(duffing())
+
+
+def test_a_response_of_points_is_not_one_of_a_motion():
+    with pytest.raises(KeyError, match="'x1' is one, 'max x1' a response of curves and sweeps"):
+        duffing().solve(order=3).nhbm.plot("max x1")
 
 
 @pytest.mark.parametrize("law, message", [
@@ -143,6 +151,17 @@ def test_a_law_for_one_number_is_named(law, message):
     model.law(law, "x1", parameters=[1.0])
     with pytest.raises(ModelError, match=message):
         model.solve()
+
+
+def test_results_and_inputs_are_told_apart(tmp_path):
+    result, source = str(tmp_path / "s.h5"), tmp_path / "s.nml"
+    model = duffing()
+    model.solve(order=3).nhbm.save(result)
+    source.write_text(model.to_namelist())
+    with pytest.raises(ModelError, match="s.h5' is a result, not an input: nhbm.open_dataset"):
+        Model.from_file(result)
+    with pytest.raises(ModelError, match="s.nml' is an input, not a result: nhbm.Model.from_file"):
+        nhbm.open_dataset(source)
 
 
 def test_a_law_that_gives_nan_is_named():

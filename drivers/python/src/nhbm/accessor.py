@@ -476,7 +476,7 @@ class Accessor:
         if label not in known:
             sets = sum((str(names).split() for names in column["dof_of_set"].values), []) if "dof_of_set" in column.coords else []
             what = "degree of freedom" if axis == "dof" else "degree of freedom with a law" if axis == "law_dof" else axis
-            one = parts_of(name)[0]
+            one = largest_of(name) or parts_of(name)[0]
             hint = f"; '{one}' is one, '{name}' a response of curves and sweeps" if one != name and one in known else ""
             raise KeyError(f"there is no {what} '{name}'{hint}; known: {', '.join(known + sets)}")
         row: xr.DataArray = column.sel({axis: label})

@@ -46,9 +46,12 @@ def answering(method: _Method) -> _Method:
                 signature.bind(self, *arguments, **options)
             except TypeError as error:
                 names = ", ".join(list(signature.parameters)[1:]) or "none"
-                text = f"{type(self).__name__}.{method.__name__}() {error}; its arguments: {names}"
+                what = str(error).replace("too many", "got too many")
+                text = f"{type(self).__name__}.{method.__name__}() {what}; its arguments: {names}"
                 if "dof" in signature.parameters and len(arguments) > 2 and isinstance(arguments[2], str):
                     text += f"; several degrees of freedom are a list, dofs={list(arguments[1:])}"
+                if list(signature.parameters)[1:2] == ["values"] and len(arguments) > 1 and isinstance(arguments[0], str):
+                    text += f"; values are a dict by path, {{{arguments[0]!r}: [...]}}"
                 raise TypeError(text) from None
             raise
 
@@ -90,8 +93,10 @@ class Description(Laws):
                 raise ModelError(f"'{file}' is a result, not a model file: nhbm.open_dataset({file!r}) reads it")
             self._groups.add(Group("structure", {"type": "model", "file": file}))
         else:
+            is_array = isinstance(structure, np.ndarray)
+            given = "an array; nhbm.Matrices(mass=..., stiffness=...) takes matrices" if is_array else repr(structure)
             raise ModelError(
-                f"expected a structure such as nhbm.Beam(...), nhbm.Structure(...) or the path of a model file, not {structure!r}"
+                f"expected a structure such as nhbm.Beam(...), nhbm.Structure(...) or the path of a model file, not {given}"
             )
         if isinstance(tones, Mapping):
             self.set("tones", **tones)
@@ -181,6 +186,10 @@ class Description(Laws):
         except FileNotFoundError:
             raise ModelError(f"file '{path}' does not exist") from None
         except (OSError, UnicodeDecodeError) as error:
+            from nhbm.files import is_result  # with h5py
+
+            if is_result(path):
+                raise ModelError(f"'{path}' is a result, not an input: nhbm.open_dataset({str(path)!r}) reads it") from None
             why = getattr(error, "strerror", None) or "it is not a text"
             raise ModelError(f"file '{path}' cannot be read: {why}") from None
         return cls.from_namelist(text, Path(path).parent, Path(path).name)

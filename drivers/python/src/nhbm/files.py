@@ -69,6 +69,8 @@ def is_result(path: str | Path) -> bool:
 def opened(path: str | Path) -> xr.Dataset:
     """A result file as the dataset that `Model` returns for the same motions."""
     check_file(path)
+    if str(path).lower().endswith(".nml"):
+        raise ModelError(f"'{path}' is an input, not a result: nhbm.Model.from_file({str(path)!r})")
     try:
         with open_hdf5(path) as file:
             is_model, version = file.attrs.get("format") == FORMAT, int(file.attrs.get("schema_version", _SCHEMA))

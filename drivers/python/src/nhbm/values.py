@@ -10,7 +10,7 @@ import numpy as np
 
 from nhbm.errors import ModelError
 
-_EXPECTED = "expected a real number, text, bool or list of them, not"
+_EXPECTED = "expected a real number, string, bool or list of them, not"
 
 
 def plain(value: Any) -> Any:
