@@ -244,7 +244,7 @@ contains
       call tangent%solve(problem, alias, is_lost)
       if (is_lost .or. is_interrupted()) return
       self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
-      call whole%find_two_steps(big, r, has_multipliers(balance), acts_rigidly(balance, wide, is_free), first, second, is_lost)
+      call whole%find_two_steps(big, r, has_walls(balance), acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
       self%truncation = self%truncation/size_of_motion
@@ -429,12 +429,18 @@ contains
    pure logical function needs_fine_grid(balance, is_free)
       type(balance_t), intent(in) :: balance
       logical, intent(in) :: is_free                                  !! the motion has unknown tones
+
+      needs_fine_grid = is_free .or. size(balance%omega) == 1 .or. has_walls(balance)
+   end function needs_fine_grid
+
+   !> Whether a law is rigid in displacements: what it exerts when it is struck has all harmonics alike.
+   pure logical function has_walls(balance)
+      type(balance_t), intent(in) :: balance
       integer :: i
 
-      needs_fine_grid = is_free .or. size(balance%omega) == 1 .or. &
-         any([(balance%law_set%laws(i)%law%is_multiplier .and. .not. balance%law_set%laws(i)%law%is_rigid_friction(), &
-               i=1, size(balance%law_set%laws))])
-   end function needs_fine_grid
+      has_walls = any([(balance%law_set%laws(i)%law%is_multiplier .and. .not. balance%law_set%laws(i)%law%is_rigid_friction(), &
+                        i=1, size(balance%law_set%laws))])
+   end function has_walls
 
    !> For rigid laws and those that act as rigid ones, and for any self-excited motion that one linear step cannot
    !> check: the change from the solution of half the order raises the estimates, or replaces them if they are too
