@@ -16,6 +16,7 @@ module hb_gradient
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
+   use hb_law, only: has_memory
    use hb_level, only: degree_of, level_t, needed_samples, set_to_level, transferred
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
@@ -381,7 +382,8 @@ contains
          allocate (c(known%model%system%structure%n_dofs, known%model%discretisation%harmonics%n_harmonics))
          call here%all_dofs(known%x(:n), c)
          call weigh_response(known%model%options, known%model%discretisation%harmonics, c, gradient)
-         call new_tangent_solver(tangent, problem, known%x, is_lost, known%accuracy)
+         call new_tangent_solver(tangent, problem, known%x, is_lost, known%accuracy, &
+                                 are_many=suits_factors(known%model%system, size(by)))
          if (.not. allocated(known%slopes)) allocate (known%slopes(size(known%x), size(by)), source=0.0_wp)
          is_done = .false.
          strongest = 0
@@ -400,6 +402,15 @@ contains
       call here%destroy()
       call moved%destroy()
    end subroutine differentiate
+
+   !> Whether factors of the tangent cost less than a solution from products for each value: under friction with memory, whose
+   !> products integrate the states of its sliders, from the second value on, at stops from the fourth.
+   pure logical function suits_factors(system, n_values)
+      type(system_t), intent(in) :: system
+      integer, intent(in) :: n_values
+
+      suits_factors = degree_of(system) == 0 .and. n_values >= merge(2, 4, has_memory(system%laws))
+   end function suits_factors
 
    !> Differentiates by one value, with a solution of its own.
    subroutine differentiate_by(known, moved, problem, tangent, k, gradient, is_lost, error)

@@ -101,6 +101,27 @@ def test_files_have_derivatives(tmp_path):
     assert along((slope * motion).sum(axis=1) / amplitude, limit) == pytest.approx(amplitude[-1] - amplitude[0], rel=0.05)
 
 
+def test_derivatives_by_many_values_are_those_by_each():
+    """Under two tones, with memory: several values share the factors of the tangent, one is solved from products."""
+    chain = nhbm.Chain(n_masses=3, mass=1.0, coupling_stiffness=1.0, damping_mass=0.1, ends="fixed")
+    model = nhbm.Model(chain, tones=[0.7, 0.4321])
+    model.load("x1", (1, 0), cos=0.5)
+    model.load("x3", (0, 1), cos=0.4)
+    for k in (1, 2, 3):
+        model.law("jenkins", f"x{k}", label=f"joint{k}", stiffness=1.0, limit=0.1)
+    names = ["law(joint1)%limit", "law(joint2)%limit", "law(joint3)%stiffness"]
+    model.set("stability", method="off")
+
+    def slopes(by):
+        model.set("gradient", by=by)
+        return model.solve(order=5).gradient.values
+
+    together = slopes(names)
+    for k, name in enumerate(names):
+        (alone,) = slopes([name])
+        assert together[k] == pytest.approx(alone, abs=1e-5 * np.abs(alone).max())
+
+
 def test_values_without_derivatives_are_refused():
     for path, reason in (
         ("damper.gap", "unknown key 'gap'"),
