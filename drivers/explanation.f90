@@ -300,6 +300,10 @@ contains
          sign = " The estimated error is "
          call add(record%truncation(point), " by truncation", "truncation")
          call add(record%aliasing(point), " by aliasing", "aliasing")
+         if (allocated(record%of_frequency)) then
+            if (record%of_frequency(point) > 0.0_wp) &
+               call add(record%of_frequency(point), " of an unknown frequency", "truncation")
+         end if
          if (sign /= " The estimated error is ") text = text//"."
          if (record%penetration(point) > 0.0_wp) &
             text = text//" The penetration of a wall is "//rounded(record%penetration(point))//" m."

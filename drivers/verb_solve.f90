@@ -353,6 +353,10 @@ contains
          write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
+         if (summary%of_frequency > max(summary%truncation, summary%aliasing)) then
+            write (estimates, "(a, es7.1)") "of the frequency of an unknown tone: ", summary%of_frequency
+            call say(trim(estimates))
+         end if
          if (summary%by_levels > 0.0_wp) then
             write (estimates, "(a, es7.1)") "by comparison of refinement levels, where larger: ", summary%by_levels
             call say(trim(estimates))

@@ -103,6 +103,11 @@ contains
          if (self%is_done) &
             result%message = "no harmonic set within the limits represents this motion: it may have other tones, or none"
       end if
+      if (.not. self%is_done .and. may_be_locked(model%system%tones%is_unknown, result)) then
+         self%is_done = .true.
+         result%message = "a combination of the tones is slower than the error of the unknown ones: they may lock, and the "// &
+                          "motion may have fewer tones"
+      end if
       if (self%is_done) return
       further = [pack(result%frequency, model%system%tones%is_unknown)]
       if (model%system%normal_mode%is_requested) further = [further, pack(result%artificial_damping, model%system%tones%is_unknown)]
@@ -116,6 +121,21 @@ contains
       self%n_reported = 1
       self%is_done = allocated(error) .or. self%n_reported >= request%n_points
    end subroutine motion_curve_begin
+
+   !> Whether the tones are next to a strong resonance, closer than the errors of the unknown ones: a series of few beats of a
+   !> motion with fewer tones looks the same.
+   pure logical function may_be_locked(is_unknown, result)
+      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      type(motion_result_t), intent(in) :: result
+      integer, parameter :: largest_sum = 5                           ! of a strong resonance, 1:4 at most
+
+      may_be_locked = .false.
+      associate (found => result%error_estimate)
+         if (.not. (result%is_near_commensurate .and. allocated(found%frequency_error))) return
+         may_be_locked = sum(abs(found%combination)) <= largest_sum .and. &
+            sum(abs(pack(found%combination*found%frequency_error, is_unknown))) > found%combination_frequency
+      end associate
+   end function may_be_locked
 
    !> Begins where the curve leaves another one, a short distance along it: at the intersection itself the tangent is
    !> singular.

@@ -43,6 +43,7 @@ module hb_results_record
       real(wp), allocatable :: residual(:)
       real(wp), allocatable :: solve_seconds(:)         !! [s]; NaN for a point not solved, as the next
       real(wp), allocatable :: truncation(:), aliasing(:)
+      real(wp), allocatable :: of_frequency(:)          !! largest error of an unknown tone, relative; not allocated: not stored
       real(wp), allocatable :: by_levels(:)             !! from the difference of levels; not allocated: none were refined
       real(wp), allocatable :: penetration(:)           !! [m]
       logical, allocatable :: is_damaged(:)             !! according to checksums; not allocated before `check_rows`
@@ -256,7 +257,7 @@ contains
       type(record_t), intent(inout) :: self
       type(stored_file_t), intent(in) :: stored
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: frequency(:)
+      real(wp), allocatable :: errors(:), frequency(:)
 
       call stored%fetch("status", self%status, error)
       if (allocated(error)) return
@@ -283,8 +284,21 @@ contains
          if (.not. self%has_own_tuples) call stored%get_tuples(1, self%tuples, error)
          if (self%has_own_tuples) allocate (self%tuples(n_tones, stored%plan%length_of("harmonic")), source=0)
          if (.not. allocated(error)) self%frequency = reshape(frequency, [n_tones, self%n_points])
+         if (.not. allocated(error) .and. stored%file%has("frequency_estimate")) then
+            call stored%fetch("frequency_estimate", errors, error)
+            if (.not. allocated(error)) &
+               self%of_frequency = largest_shares(reshape(errors, [n_tones, self%n_points]), self%frequency)
+         end if
       end associate
    end subroutine read_columns
+
+   !> The largest of some errors relative to their values, at each point; 0 where they are not known.
+   pure function largest_shares(errors, values) result(largest)
+      real(wp), intent(in) :: errors(:, :), values(:, :)              !! (any, n_points)
+      real(wp) :: largest(size(errors, 2))
+
+      largest = maxval(merge(errors/values, 0.0_wp, errors > 0.0_wp .and. abs(values) > 0.0_wp), dim=1)
+   end function largest_shares
 
    !> Rejects a column whose numbers have other names in the file than in this program, which may have further ones; no effect
    !> after an error.

@@ -28,6 +28,7 @@ module hb_run_summary
       integer :: first_jump = 0                                       !! the point after the first of them, from 1
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of an estimated point
       real(wp) :: aliasing = 0.0_wp
+      real(wp) :: of_frequency = 0.0_wp                               !! of unknown tones
       real(wp) :: by_levels = 0.0_wp                                  !! from the difference of levels, if larger
       real(wp) :: lowest(max_tones) = huge(1.0_wp)                    !! frequency of each tone over solved points [rad/s]
       real(wp) :: highest(max_tones) = 0.0_wp                         !! below the lowest if there is no such point
@@ -71,6 +72,7 @@ contains
       summary%n_estimated = count(is_retained)
       summary%truncation = max(0.0_wp, maxval(record%truncation, is_retained))
       summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_retained .and. .not. ieee_is_nan(record%aliasing)))
+      if (allocated(record%of_frequency)) summary%of_frequency = max(0.0_wp, maxval(record%of_frequency, is_retained))
       if (allocated(record%by_levels)) &
          summary%by_levels = max(0.0_wp, maxval(record%by_levels, is_retained .and. .not. ieee_is_nan(record%by_levels)))
       if (allocated(record%is_damaged)) summary%n_damaged = count(record%is_damaged)
@@ -97,6 +99,8 @@ contains
       end if
       summary%truncation = max(summary%truncation, result%error_estimate%truncation)
       summary%aliasing = max(summary%aliasing, result%error_estimate%aliasing)
+      if (allocated(result%error_estimate%frequency_error) .and. allocated(result%frequency)) summary%of_frequency = &
+         max(summary%of_frequency, maxval(result%error_estimate%frequency_error/result%frequency))
       summary%by_levels = max(summary%by_levels, result%level_estimate)
       if (is_solved(result%status) .and. allocated(result%frequency)) call count_frequency(summary, result%frequency)
    end subroutine count_point
@@ -156,6 +160,7 @@ contains
       summary%first_near_commensurate = -max_over(comm, -summary%first_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)
       summary%aliasing = max_over(comm, summary%aliasing)
+      summary%of_frequency = max_over(comm, summary%of_frequency)
       summary%by_levels = max_over(comm, summary%by_levels)
       do i = 1, max_tones
          summary%lowest(i) = -max_over(comm, -summary%lowest(i))
