@@ -109,11 +109,11 @@ module hb_stability
 
 contains
 
-   !> Number of multipliers stored for a structure.
-   pure integer function n_multipliers_of(n_dofs)
-      integer, intent(in) :: n_dofs
+   !> Number of multipliers stored for a structure and the states of its laws, each of which has one.
+   pure integer function n_multipliers_of(n_dofs, n_states)
+      integer, intent(in) :: n_dofs, n_states
 
-      n_multipliers_of = min(2*n_dofs, max_multipliers)
+      n_multipliers_of = min(2*n_dofs + n_states, max_multipliers)
    end function n_multipliers_of
 
    !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from in_process import nhbm
+from program import ALL_CONVERGED, run
 
 K, RATIO, YIELD, BETA, OMEGA = 1.0, 0.1, 0.4, 0.7, 1.1
 
@@ -46,3 +47,15 @@ def test_multipliers_are_those_of_the_period_map(exponent):
     assert abs(found[0]) == pytest.approx(abs(multipliers[-1]), rel=1e-4)
     assert found.sum().real == pytest.approx(sum(multipliers).real, abs=1e-4)
     assert motion["stability"] == "stable"
+
+
+def test_a_file_has_the_multiplier_of_its_state(tmp_path):
+    """Three multipliers for one mass, as in Python."""
+    model = mass(1.0)
+    model.set("stability", method="integration")
+    motion = model.solve(order=9)
+    (tmp_path / "case.nml").write_text(model.to_namelist())
+    assert run("solve", "case.nml", "--set", "harmonics%order=9", cwd=tmp_path).status == ALL_CONVERGED
+    stored = nhbm.open_dataset(tmp_path / "case.h5")
+    assert stored.sizes["multiplier"] == motion.sizes["multiplier"] == 3
+    assert stored.multiplier_real.values.ravel() == pytest.approx(motion.multiplier_real.values.ravel(), abs=1e-9)
