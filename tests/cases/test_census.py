@@ -96,14 +96,17 @@ def test_time_ends_a_census(folder):
 
 def test_the_time_limit_holds_for_the_first_motion(tmp_path):
     """Its motion, tangents and estimates take several times as long as the limit."""
-    (tmp_path / "chain.nml").write_text(
+    text = (
         "&structure type='chain', n_masses=900, mass=1.0, coupling_stiffness=100.0, damping_stiffness=0.002 /\n"
         "&tones frequency=3.0, 4.1 /\n&accuracy tolerance=1e-4 /\n"
         "&load dof='x10', tuple=1, 0, cos=30.0 /\n&load dof='x250', tuple=0, 1, cos=30.0 /\n"
         "&law type='elastic_stop', dof='x20', stiffness=500.0, gap=0.01 /\n"
         "&law type='jenkins', dof='x220', stiffness=50.0, limit=1.0 /\n&law type='rigid_wall', dof='x100', gap=0.02 /\n"
     )
+    (tmp_path / "chain.nml").write_text(text)
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = run("census", "chain.nml", "--time-limit", "0.5", cwd=tmp_path)
     assert done.status == INCOMPLETE and "stopped by the time limit before a motion was found" in done.stderr, done.stderr
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 3.0
+    with pytest.raises(ModelError, match="the time limit ended the census before a motion was found"):
+        Model.from_namelist(text).census(time_limit=0.5)

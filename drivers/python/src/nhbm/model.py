@@ -285,7 +285,7 @@ class Model(Peaks):
         seed : int
             Of the random starts.
         time_limit : float
-            Of the starts [s]; 0: none.
+            Of the starts and the descriptions of the motions [s]; 0: none.
         {tolerance and order}
 
         Returns
@@ -315,7 +315,8 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order))
         census = session.take_census(int(starts), int(seed), numbers_of("time_limit", time_limit)[0])
         if not census.n_motions:
-            raise ModelError("no start led to a motion")
+            is_cut = census.n_left > 0
+            raise ModelError("the time limit ended the census before a motion was found" if is_cut else "no start led to a motion")
         motions: list[xr.Dataset] = []
         finds = []
         for index in range(census.n_motions):
