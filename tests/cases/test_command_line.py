@@ -237,6 +237,17 @@ def test_inputs_to_begin_with_are_solved_unchanged(tmp_path, name):
     assert done.status == ALL_CONVERGED, done.stderr
 
 
+def test_the_input_of_a_model_file_is_solved_with_its_example(tmp_path, monkeypatch):
+    pytest.importorskip("skfem")
+    text = (STARTERS / "model.nml").read_text(encoding="utf-8")
+    (words,) = re.findall(r"nhbm-model (beam .*part\.h5)", text)
+    monkeypatch.chdir(tmp_path)
+    assert PYTHON_COMMANDS["nhbm-model"](words.split()) == 0
+    (tmp_path / "model.nml").write_text(text)
+    done = run("solve", "model.nml", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stdout + done.stderr
+
+
 def test_manual_page_has_every_verb_and_option_of_the_help(tmp_path):
     manual = run("help", "man", cwd=tmp_path).stdout
     told = run("help", cwd=tmp_path).stdout
