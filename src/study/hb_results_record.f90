@@ -1,6 +1,7 @@
 !> Record of a run in its result file: origin, input, outcome of each point, and damaged rows: each row has a checksum
 !> over its values in most datasets. Read by one process; `resume` and `info` begin with it.
 module hb_results_record
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_attempts, only: row_of
    use hb_checksum, only: checksum_rows
    use hb_error, only: annotate, error_t, fail
@@ -296,8 +297,15 @@ contains
    pure function largest_shares(errors, values) result(largest)
       real(wp), intent(in) :: errors(:, :), values(:, :)              !! (any, n_points)
       real(wp) :: largest(size(errors, 2))
+      integer :: i, k
 
-      largest = maxval(merge(errors/values, 0.0_wp, errors > 0.0_wp .and. abs(values) > 0.0_wp), dim=1)
+      largest = 0.0_wp
+      do i = 1, size(errors, 2)
+         do k = 1, size(errors, 1)
+            if (.not. (ieee_is_finite(errors(k, i)) .and. ieee_is_finite(values(k, i)))) cycle
+            if (abs(values(k, i)) > 0.0_wp) largest(i) = max(largest(i), errors(k, i)/values(k, i))
+         end do
+      end do
    end function largest_shares
 
    !> Rejects a column whose numbers have other names in the file than in this program, which may have further ones; no effect
