@@ -7,7 +7,7 @@ module verb_solve
    use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t, fail
    use hb_file_location, only: check_source
-   use hb_idle_laws, only: idle_law_text
+   use hb_idle_laws, only: describe_idle_law
    use hb_kinds, only: wp
    use hb_longer_curves, only: lengthen_curves
    use hb_memory, only: available_memory, retain_freed_memory
@@ -332,6 +332,7 @@ contains
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path
       character(100) :: estimates
+      character(:), allocatable :: sentence
       integer :: i
 
       if (allocated(summary%made_by)) call say("note: the file was made by "//summary%made_by// &
@@ -381,7 +382,9 @@ contains
                   " found by time integration: without derivatives, which need a balance; compare runs at two values instead")
       if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)
       do i = 1, size(summary%is_idle)
-         if (summary%is_idle(i)) call say("warning: "//trim(idle_law_text(study%model%system%laws(i)%law%label)))
+         if (.not. summary%is_idle(i)) cycle
+         call describe_idle_law(study%model%system, summary%is_idle, i, sentence)
+         call say("warning: "//sentence)
       end do
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " to another branch between neighbouring points (see 'branch'), the first at "//study%plan%describe(summary%first_jump))

@@ -1,17 +1,19 @@
 !> Laws that exert no force on any of some motions, such as a stop that is never touched: often a length in the wrong unit.
 module hb_idle_laws
    use hb_discretisation, only: discretisation_t
+   use hb_floquet, only: free_motions
    use hb_kinds, only: wp
-   use hb_law, only: law_t
+   use hb_law, only: law_box_t, law_t
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved, outcome
    use hb_system, only: system_t
    implicit none
    private
-   public :: idle_law_text, idle_laws_t
+   public :: describe_idle_law, idle_law_text, idle_laws_t
 
    integer, parameter :: n_samples = 512
+   integer, parameter :: largest_examined = 1000                      ! degrees of freedom, for free bodies
    real(wp), parameter :: margin = 1.05_wp                            ! a motion so much larger or smaller has no force either: a
                                                                       ! body at rest on a wall is on one side of it only then
 
@@ -91,6 +93,7 @@ contains
       class(idle_laws_t), intent(in) :: self
       type(system_t), intent(in) :: system
       character(:), allocatable, intent(out) :: text
+      character(:), allocatable :: sentence
       integer :: i
 
       text = ""
@@ -99,9 +102,64 @@ contains
       do i = 1, size(system%laws)
          if (.not. (self%is_idle(i) .and. self%largest(i) > 0.0_wp)) cycle
          if (len(text) > 0) text = text//new_line("a")
-         text = text//trim(idle_law_text(system%laws(i)%law%label))
+         call describe_idle_law(system, self%is_idle, i, sentence)
+         text = text//sentence
       end do
    end subroutine idle_laws_describe
+
+   !> Sentence about one of the idle laws: why it exerts no force.
+   subroutine describe_idle_law(system, is_idle, i, text)
+      type(system_t), intent(in) :: system
+      logical, intent(in) :: is_idle(:)                               !! of each law
+      integer, intent(in) :: i                                        !! the law
+      character(:), allocatable, intent(out) :: text
+
+      associate (law => system%laws(i)%law)
+         if (is_at_free_body(system, is_idle, law)) then
+            text = trim(free_body_text(law%label))
+         else
+            text = trim(idle_law_text(law%label))
+         end if
+      end associate
+   end subroutine describe_idle_law
+
+   !> Whether a law acts on a body that nothing else holds: neither the structure nor a law that exerts a force.
+   logical function is_at_free_body(system, is_idle, law)
+      type(system_t), intent(in) :: system
+      logical, intent(in) :: is_idle(:)                               !! of each law
+      class(law_t), intent(in) :: law
+      type(law_box_t), allocatable :: active(:)
+      real(wp), allocatable :: free(:, :)
+      real(wp), parameter :: rounding = 1.0e-9_wp                     ! of a motion of length 1
+      integer, allocatable :: places(:, :)
+      integer :: i, k, place
+
+      is_at_free_body = .false.
+      if (system%structure%n_dofs > largest_examined) return
+      allocate (active(count(.not. is_idle)))
+      k = 0
+      do i = 1, size(system%laws)
+         if (is_idle(i)) cycle
+         k = k + 1
+         allocate (active(k)%law, source=system%laws(i)%law)
+      end do
+      free = free_motions(system%structure, active)
+      if (size(free, 2) == 0) return
+      places = reshape(law%dofs, [size(law%dofs), 1])
+      if (allocated(law%positions)) places = law%positions
+      do place = 1, size(places, 2)
+         is_at_free_body = is_at_free_body .or. any(abs(matmul(transpose(law%shape), free(places(:, place), :))) > rounding)
+      end do
+   end function is_at_free_body
+
+   !> Sentence about a body whose position only a law determines that it does not reach.
+   pure function free_body_text(label) result(text)
+      character(*), intent(in) :: label
+      character(len(label) + 200) :: text
+
+      text = "law '"//label//"' exerts no force on this motion, and nothing else holds the body: its mean position is any at "// &
+             "which the law is not reached, one of them is stored; hold the body, or load it against the law"
+   end function free_body_text
 
    !> Sentence about an idle law.
    pure function idle_law_text(label) result(text)

@@ -24,8 +24,8 @@ module hb_floquet
    use hb_variation, only: min_work, new_variation, variation_t
    implicit none
    private
-   public :: assess_exponents, assess_matrix, floquet_t, has_to_be_integrated, least_work, periods_of_beats, stability_of_map, &
-      work_on_demand
+   public :: assess_exponents, assess_matrix, floquet_t, free_motions, has_to_be_integrated, least_work, periods_of_beats, &
+      stability_of_map, work_on_demand
 
    real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
    real(wp), parameter :: beats_of_record = 3.0_wp                    ! its halves then end at opposite phases of the beat

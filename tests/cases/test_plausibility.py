@@ -34,6 +34,16 @@ def test_a_stop_that_no_motion_reaches(tmp_path):
     assert "exerts no force" not in said(MODEL.format(gap=0.3) + SWEEP, tmp_path, ranks=2)
 
 
+def test_a_stop_that_a_free_body_does_not_reach(tmp_path):
+    """Nothing determines its mean position: neither lengths nor loads are wrong. A spring determines it, as do other laws."""
+    free = MODEL.format(gap=50.0).replace("stiffness = 1.0 /\n&load", "stiffness = 0.0 /\n&load")
+    free = free.replace("&harmonics order = 9 /\n", "")
+    text = said(free, tmp_path)
+    assert "law 'stop' exerts no force on this motion, and nothing else holds the body" in text and IDLE not in text
+    held = free + "&law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /\n"
+    assert IDLE in said(held, tmp_path)
+
+
 def test_a_stop_is_reached_where_a_curve_moves_it(tmp_path):
     """With the gap at the start no motion reaches it, with that at the end all do; likewise where peaks are followed."""
     away = "&curve parameter = 'law(1)%gap', from = 1.0, to = {} /\n"
