@@ -261,7 +261,7 @@ contains
       character(:), allocatable :: location
       integer :: i
 
-      is_done = record%status /= outcome%pending .and. ieee_is_finite(record%solve_seconds)
+      is_done = record%status /= outcome%pending .and. record%status /= outcome%unused .and. ieee_is_finite(record%solve_seconds)
       if (.not. any(is_done)) return
       if (.not. sum(record%solve_seconds, is_done) > 0.0_wp) return    ! of a model in memory, which has no clock
       i = maxloc(record%solve_seconds, dim=1, mask=is_done)

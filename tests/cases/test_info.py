@@ -73,3 +73,15 @@ def test_check_shows_no_rounding_as_damping(tmp_path):
     text = "&structure type = 'matrices', n_dofs = 2, mass = 1.0, 0.5, stiffness = 3.0, -2.0, -2.0, 2.0 /\n&tones frequency = 1 /\n"
     (tmp_path / "case.nml").write_text(text + "&load dof = 'x1', tuple = 1, cos = 1 /\n")
     assert "damping     0.00E+00, 0.00E+00 of critical" in run("check", "case.nml", cwd=tmp_path).stdout
+
+
+def test_the_time_of_a_point_is_a_mean_over_solved_points(tmp_path):
+    """It was divided by the rows that are reserved for a curve."""
+    text = "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /\n&tones frequency = 0.5 /\n"
+    text += "&load dof = 'x1', tuple = 1, cos = 0.1 /\n&curve parameter = 'tones%frequency', from = 0.5, to = 0.9 /\n"
+    source = write(tmp_path, text)
+    assert run("solve", source, cwd=tmp_path).status == ALL_CONVERGED
+    (line,) = [line for line in run("info", "case.h5", cwd=tmp_path).stdout.splitlines() if line.startswith("times")]
+    total, each = float(line.split()[1]), float(line.split(",")[1].split()[0])
+    n_points = int(np.sum(np.isfinite(read(tmp_path / "case.h5", "truncation_estimate"))))
+    assert abs(each * n_points - total) < 0.02 * total, line
