@@ -89,7 +89,10 @@ contains
             number_of(size(laws), "law"))
          if (n_checked < size(laws)) status = incomplete
       end associate
-      if (.not. all_right) status = not_all_right
+      if (.not. all_right) then
+         status = not_all_right
+         call say("the input can be solved, but its results may be wrong: correct the law")
+      end if
       if (status /= success) return
       call study%model%system%check_balance(no_balance)
       if (allocated(no_balance)) then
