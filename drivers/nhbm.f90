@@ -120,7 +120,14 @@ contains
    subroutine refuse_verb(verb)
       character(*), intent(in) :: verb
       character(:), allocatable :: closest
+      logical :: is_file
 
+      inquire (file=verb, exist=is_file)
+      if (is_file) then
+         call fail(error, "missing verb before the file '"//verb//"', for example nhbm "// &
+            trim(merge("info ", "solve", index(verb, ".h5", back=.true.) == max(1, len(verb) - 2)))//" "//verb)
+         return
+      end if
       closest = trim(closest_word(verb, verb_names()))
       if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
       call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verb_names(), ", "))

@@ -135,6 +135,13 @@ def test_there_is_no_help_for_a_verb_that_there_is_not(tmp_path):
     assert run("resum", "--help", cwd=tmp_path).stderr == done.stderr
 
 
+@pytest.mark.parametrize("name, verb", [("case.nml", "solve"), ("case.h5", "info")])
+def test_a_file_without_a_verb_is_said(tmp_path, name, verb):
+    (tmp_path / name).touch()
+    done = run(name, cwd=tmp_path)
+    assert done.status == BAD_INPUT and f"missing verb before the file '{name}', for example nhbm {verb} {name}" in done.stderr
+
+
 @pytest.mark.parametrize("name", ["out.csv", "out.nml", "out.h5", "out", "csv", "h.nc"])
 def test_results_have_no_names_of_other_formats(tmp_path, name):
     (tmp_path / "case.nml").write_text(OSCILLATOR)
