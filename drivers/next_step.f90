@@ -159,8 +159,8 @@ contains
          if (run%kind%status == outcome%collapsed .and. size(run%tones%omega) > 1) return   ! the remedy: fewer tones
          text = "nhbm check "//shell_word(run%names%input)//"  (prints natural frequencies: a first guess for &tones)"
       case (outcome%failed, outcome%crashed)
-         text = "nhbm check "//shell_word(run%names%input)//"; when the cause is gone: nhbm resume "// &
-                shell_word(run%names%result)//" --retry"
+         text = "nhbm check "//shell_word(run%names%input)//"; nhbm solve "//shell_word(run%names%input)// &
+                " --overwrite solves a corrected input, nhbm resume "//shell_word(run%names%result)//" --retry repeats the same"
       case (outcome%integrated)
          text = "nhbm verify "//shell_word(run%names%result)//" --points "//to_text(run%kind%first - 1)// &
                 "  (is the motion stable?)"
