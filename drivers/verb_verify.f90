@@ -137,7 +137,10 @@ contains
          "error of the series diverge"
       text = text//trim(line)
       write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), " 1/s"
-      if (abs(found%growth)*found%duration < clear) line = " neither grow nor decay"   ! a shift in time of a free motion
+      if (abs(found%growth)*found%duration < clear) then
+         line = " neither grow nor decay"
+         if (any(abs(found%drift) > 0.0_wp)) line = trim(line)//" (a free motion may be shifted in time)"
+      end if
       text = text//trim(line)//"; "//number_of(found%n_periods, "period")
       if (allocated(found%ended_by)) text = text//", ended by: "//found%ended_by
       if (.not. any(abs(found%drift) > 0.0_wp)) return
