@@ -18,7 +18,7 @@ module hb_model_loads
    use hb_structure, only: structure_t
    use hb_structure_load, only: is_only_in_time, structure_load_t, time_key_of
    use hb_system, only: only_in_time
-   use hb_text, only: max_name, to_text
+   use hb_text, only: max_name, number_of, to_text
    implicit none
    private
    public :: groups_with_tuples, loaded_tuples, read_initial, read_loads, read_starts
@@ -194,9 +194,12 @@ contains
 
       n_tones = discretisation%harmonics%n_tones
       if (n_tones > 0) then
-         call group%get("tuple", tuple, n=n_tones)
+         call group%get("tuple", tuple)
          if (.not. allocated(tuple)) return
-         if (size(tuple) /= n_tones) deallocate (tuple)
+         if (size(tuple) == n_tones) return
+         call group%problem_as_is(group%location()//": tuple has "//number_of(size(tuple), "value")//", needs "// &
+            to_text(n_tones)//": there "//trim(merge("is ", "are", n_tones == 1))//" "//number_of(n_tones, "tone"))
+         deallocate (tuple)
       else
          allocate (tuple(0))
          if (group%given("tuple")) call group%problem("tuple", "there are no &tones, to which a tuple refers; leave it out")
