@@ -205,7 +205,10 @@ contains
       else if (.not. is_given) then
          associate (holder => document%groups%holders(parameter%i_group)%group)
             if (holder%has_key(trim(parameter%key))) problem = trim(absence_of(document, parameter))
-            if (.not. holder%has_key(trim(parameter%key))) call holder%describe_unknown(trim(parameter%key), problem)
+            if (.not. holder%has_key(trim(parameter%key))) then
+               call holder%describe_unknown(trim(parameter%key), problem)
+               problem = "has an "//problem
+            end if
          end associate
       else if (.not. document%is_real(parameter)) then
          problem = "is not a real number; only real numbers have derivatives"

@@ -86,7 +86,7 @@ def test_a_verification_ends_at_its_time_limit():
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, peak_of=["x1", "max x1"]), "'max x1' is a response of datasets"),
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, resonance_of="max x1"), "'max x1' is a response of datasets"),
     (lambda: duffing().sweep({"tones[0]": [0.5]}, of="max x1"), "'max x1' is a response of datasets"),
-    (lambda: duffing().gradient("x1 (1)", ["spring.stifness"]), "unknown key 'stifness'; did you mean 'stiffness'"),
+    (lambda: duffing().gradient("x1 (1)", ["spring.stifness"]), "has an unknown key 'stifness'; did you mean 'stiffness'"),
     (lambda: Model("nothing.h5", tones=[1.0]), "model file 'nothing.h5' does not exist"),
     (lambda: Model(nhbm.Matrices(1.0, 1.0), tones=[[1.0, 2.0]]), r"tones are frequencies .*, not \[\[1.0, 2.0\]\]"),
     (lambda: Model("beam.nml", tones=[1.0]), r"'beam.nml' is an input, not a model file: nhbm.Model.from_file\('beam.nml'\)"),
