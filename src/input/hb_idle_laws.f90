@@ -16,6 +16,8 @@ module hb_idle_laws
    integer, parameter :: largest_examined = 1000                      ! degrees of freedom, for free bodies
    real(wp), parameter :: margin = 1.05_wp                            ! a motion so much larger or smaller has no force either: a
                                                                       ! body at rest on a wall is on one side of it only then
+   real(wp), parameter :: far = 10.0_wp                               ! lengths of a law, at which it exerts a force unless it is
+                                                                      ! switched off, as by a stiffness of zero
 
    !> What is known from the motions examined so far.
    type :: idle_laws_t
@@ -177,7 +179,8 @@ contains
                     .not. (law%is_users_own .or. law%needs_frequencies)
    end function may_be_idle
 
-   !> Whether the force of a law vanishes along a motion, and the largest displacement at its coordinates.
+   !> Whether the force of a law vanishes along a motion, but not along a much larger one, and the largest displacement at its
+   !> coordinates.
    subroutine find_force(given, dofs, q, v, is_idle, largest)
       class(law_t), intent(in) :: given
       integer, intent(in) :: dofs(:)                                  !! of the columns of q and v
@@ -188,6 +191,8 @@ contains
       real(wp), allocatable :: f(:, :), p(:, :), rates(:, :), z(:, :)
       integer, allocatable :: at(:), places(:, :)
       real(wp), parameter :: factors(2) = [margin, 1.0_wp/margin]
+      real(wp) :: reach
+      logical :: has_force
       integer :: i, k, n, place
 
       allocate (law, source=given)
@@ -199,6 +204,7 @@ contains
       allocate (f(size(q, 1), n))
       allocate (p(size(q, 1), merge(n, 0, law%is_multiplier)), source=0.0_wp)
       is_idle = .true.
+      has_force = .false.
       largest = 0.0_wp
       do place = 1, size(places, 2)
          at = [(findloc(dofs, places(k, place), dim=1), k=1, size(places, 1))]
@@ -212,6 +218,13 @@ contains
             call law%evaluate(factors(i)*z, factors(i)*rates, p, f)
             is_idle = is_idle .and. .not. any(abs(f) > 0.0_wp)
          end do
+         if (.not. (is_idle .and. maxval(abs(z)) > 0.0_wp)) cycle
+         reach = far*law%length_scale/maxval(abs(z))
+         do i = -1, 1, 2
+            call law%evaluate(i*reach*z, i*reach*rates, p, f)
+            has_force = has_force .or. any(abs(f) > 0.0_wp)
+         end do
       end do
+      if (largest > 0.0_wp) is_idle = is_idle .and. has_force
    end subroutine find_force
 end module hb_idle_laws
