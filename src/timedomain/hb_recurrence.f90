@@ -9,7 +9,8 @@
 !>
 !> Tones whose ratio is close to that of small integers return accurately after these, and inaccurately after any
 !> other time that is not very long. The defect of a return is therefore scaled to the phase defect of the most
-!> accurate one.
+!> accurate one. If tones have a common period, a motion that repeats after it is one of them, whatever differs after
+!> other times.
 module hb_recurrence
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
@@ -42,7 +43,7 @@ contains
       real(wp), intent(in) :: turns(:)                                !! of each tone from one sample to the next
       real(wp), intent(in) :: share                                   !! largest root mean square of a column, relative
       real(wp), intent(in) :: allowed                                 !! permitted defect of a motion that repeats
-      integer :: part
+      integer :: class, part
       real(wp), dimension(2**size(turns) - 1, max_parts) :: defect, missing
       real(wp) :: in_one, largest(max_parts), least, within
       logical :: returns(2**size(turns) - 1, max_parts)
@@ -54,6 +55,11 @@ contains
          call find_defects(x, scale, turns, part, defect(:, part), missing(:, part))
       end do
       returns = defect >= 0.0_wp
+      class = class_of_common_period(turns, size(x, 1)/3)
+      part = 1
+      if (class > 0) then
+         if (returns(class, 1) .and. defect(class, 1) <= allowed) return
+      end if
       largest = merge(maxval(defect, dim=1), 1.0_wp, any(returns, dim=1))
       least = minval(largest(2:))
       part = findloc(largest <= max(allowed, 2.0_wp*least), .true., dim=1)
@@ -69,6 +75,22 @@ contains
          part = repetition%none
       end if
    end function turns_to_repeat
+
+   !> Tones that make an odd number of cycles, a bit each, in the shortest time in which all make whole ones; 0: there is none.
+   pure integer function class_of_common_period(turns, longest) result(class)
+      real(wp), intent(in) :: turns(:)                                !! of each tone from one sample to the next
+      integer, intent(in) :: longest                                  !! samples
+      real(wp) :: cycles(size(turns))
+      integer :: k, m
+
+      class = 0
+      do k = 1, int(longest*turns(1))
+         cycles = k*(turns/turns(1))
+         if (any(abs(cycles - anint(cycles)) > exact*k)) cycle
+         class = sum([(merge(2**(m - 1), 0, modulo(nint(cycles(m)), 2) == 1), m=1, size(turns))])
+         return
+      end do
+   end function class_of_common_period
 
    !> Largest defect of the record over all combinations in which numbers of cycles can be odd multiples of `part`,
    !> negative if the record is too short.
