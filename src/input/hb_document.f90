@@ -73,6 +73,7 @@ module hb_document
       procedure :: finish => document_finish
       procedure :: group => document_group
       procedure :: has_changed => document_has_changed
+      procedure :: is_given => document_is_given
       procedure :: is_real => document_is_real
       procedure :: n_tones_of => document_n_tones_of
       procedure :: number_at => document_number_at
@@ -124,6 +125,23 @@ contains
 
       n = self%groups%count(name)
    end function document_count
+
+   !> Whether the input has a group of a name: not one that a reading has added for its defaults.
+   pure logical function document_is_given(self, name) result(is_given)
+      class(document_t), intent(in) :: self
+      character(*), intent(in) :: name
+
+      is_given = self%count(name) > 0
+      if (is_given) is_given = is_of_input(self%groups%holders(self%groups%position_of(name, 1))%group)
+   end function document_is_given
+
+   !> Whether a group is written in the input, or one of its keys was set.
+   pure logical function is_of_input(group)
+      type(properties_t), intent(in) :: group
+      integer :: k
+
+      is_of_input = group%line > 0 .or. any([(group%content%is_given(k), k=1, group%content%names%n)])
+   end function is_of_input
 
    !> Returns the i-th group of a name in the order of the input, null if there are fewer. `finish` reports its
    !> unknown keys.
@@ -590,7 +608,7 @@ contains
       n = 0
       do i = 1, self%groups%n
          associate (group => self%groups%holders(i)%group)
-            if (group%line == 0 .and. .not. any([(group%content%is_given(k), k=1, group%content%names%n)])) cycle
+            if (.not. is_of_input(group)) cycle
             if (n == size(known) .or. any([(known(k)%value == group%name, k=1, n)])) cycle
             n = n + 1
             known(n)%value = group%name

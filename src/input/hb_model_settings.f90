@@ -85,8 +85,11 @@ contains
       allocate (self%outputs(0))
       group => document%optional_group("harmonics")
       self%grows_set = .not. (group%given("order") .or. group%given("tuples") .or. group%given("set") .or. group%given("odd_only"))
-      self%is_on = document%count("accuracy") > 0 .or. self%grows_set
-      if (.not. self%is_on) return
+      self%is_on = document%is_given("accuracy") .or. self%grows_set
+      if (.not. self%is_on) then                                      ! the group of an earlier reading has no keys in this one
+         if (document%count("accuracy") > 0) group => document%group("accuracy", 1)
+         return
+      end if
       group => document%optional_group("accuracy")
       call group%get("tolerance", self%tolerance)
       call group%get("of", names)

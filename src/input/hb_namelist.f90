@@ -122,7 +122,10 @@ contains
       integer :: i
 
       do i = 1, self%groups%n
-         if (self%groups%holders(i)%group%reading > 0) call write_group(self%groups%holders(i)%group, lines, only_given)
+         associate (group => self%groups%holders(i)%group)
+            if (group%reading == 0 .or. (group%line == 0 .and. group%n_requested == 0)) cycle
+            call write_group(group, lines, only_given)
+         end associate
       end do
       text = lines%text()
    end subroutine write_complete_text
