@@ -232,6 +232,14 @@ def check_derivatives_of_states(compiled, n=300):
     np.testing.assert_allclose(found[1], found[0], atol=1e-12)
 
 
+def test_no_parameters_are_an_empty_list():
+    model = duffing(spring=True)
+    model.law(lambda q: 0.1 * q, "x1", parameters=[], label="mine")
+    other = duffing(spring=True)
+    other.law(lambda q: 0.1 * q, "x1")
+    np.testing.assert_array_equal(model.solve(order=3)["coefficients"], other.solve(order=3)["coefficients"])
+
+
 def test_faults_of_laws_are_raised():
     def raises(q):
         raise RuntimeError("out of range")

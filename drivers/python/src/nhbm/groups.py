@@ -50,11 +50,13 @@ def call_of(operations: Iterable[Group]) -> str:
 
 
 class Group:
-    """A group of the input: its name, and the values of its keys. A key with indices, `mass(2)`, has one of several values."""
+    """A group of the input: its name, and the values of its keys. A key with indices, `mass(2)`, has one of several values; one
+    with an empty list is left out, as one with None."""
 
     def __init__(self, name: str, keys: Mapping[str, Any]) -> None:
         self.name = name
-        self.keys = {key: _plain_of(name, key, value) for key, value in keys.items() if value is not None}
+        given = {key: _plain_of(name, key, value) for key, value in keys.items()}
+        self.keys = {key: value for key, value in given.items() if value not in (None, ())}
 
     def __repr__(self) -> str:
         return f"<{self.name}: {', '.join(f'{key} = {value!r}' for key, value in self.keys.items())}>"
@@ -70,7 +72,7 @@ class Group:
             values[k] = value
             self.keys[whole] = tuple(values) if len(values) > 1 else value
             return
-        if value is None:
+        if value in (None, ()):
             self.keys.pop(key, None)
         else:
             self.keys[key] = value
