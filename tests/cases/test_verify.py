@@ -64,11 +64,11 @@ def test_verify_resolves_the_fastest_mode_of_a_large_structure(tmp_path):
 
 
 def test_the_time_limit_of_verify_holds_within_one_sample(tmp_path):
-    """A sample of the motion is thousands of steps, of which a period takes minutes."""
-    result = solve(STIFF_CHAIN.replace("frequency=40.0", "frequency=3.0"), tmp_path)
+    """A sample of the motion is ten thousands of steps, some minutes."""
+    result = solve(STIFF_CHAIN.replace("frequency=40.0", "frequency=0.3"), tmp_path)
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     assert run("verify", result, "--time-limit", "1", cwd=tmp_path).status == INCOMPLETE
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 3.0
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 20.0
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
