@@ -30,7 +30,7 @@ module hb_error_estimate
    use hb_thresholds, only: agreement, minor, nearby_steps, well_solved
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: torus_t
-   use hb_wide_problem, only: clearly_smaller, new_wide_problem, slightly_later, wide_problem_t
+   use hb_wide_problem, only: clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, wide_problem_t
    use hb_wider_discretisation, only: choose_wider
    implicit none
    private
@@ -244,7 +244,7 @@ contains
       call tangent%solve(problem, alias, is_lost)
       if (is_lost .or. is_interrupted()) return
       self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
-      call whole%find_two_steps(big, r, has_walls(balance), acts_rigidly(balance, wide, is_free), first, second, is_lost)
+      call whole%find_two_steps(big, r, acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
       self%truncation = self%truncation/size_of_motion
@@ -416,14 +416,6 @@ contains
       end associate
    end function acts_rigidly
 
-   !> Whether a law is rigid.
-   pure logical function has_multipliers(balance)
-      type(balance_t), intent(in) :: balance
-      integer :: i
-
-      has_multipliers = any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])
-   end function has_multipliers
-
    !> Whether a grid of four times the samples shows the errors of a motion, not one of twice as many: with one tone, for rigid
    !> walls, which are penetrated between samples, and for errors of frequencies.
    pure logical function needs_fine_grid(balance, is_free)
@@ -432,15 +424,6 @@ contains
 
       needs_fine_grid = is_free .or. size(balance%omega) == 1 .or. has_walls(balance)
    end function needs_fine_grid
-
-   !> Whether a law is rigid in displacements: what it exerts when it is struck has all harmonics alike.
-   pure logical function has_walls(balance)
-      type(balance_t), intent(in) :: balance
-      integer :: i
-
-      has_walls = any([(balance%law_set%laws(i)%law%is_multiplier .and. .not. balance%law_set%laws(i)%law%is_rigid_friction(), &
-                        i=1, size(balance%law_set%laws))])
-   end function has_walls
 
    !> For rigid laws and those that act as rigid ones, and for any self-excited motion that one linear step cannot
    !> check: the change from the solution of half the order raises the estimates, or replaces them if they are too

@@ -19,7 +19,7 @@ module hb_wide_problem
    use hb_tangent_solver, only: tangent_solver_t
    implicit none
    private
-   public :: clearly_smaller, new_wide_problem, slightly_later, vectors_of_steps, wide_problem_t
+   public :: clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, vectors_of_steps, wide_problem_t
 
    type, extends(bordered_problem_t) :: wide_problem_t
       integer :: n_products = 0                                       !! so far
@@ -160,12 +160,11 @@ contains
 
    !> Two steps of Newton's method from a motion, in the first of these ways that finds them: by the preconditioner of the wider
    !> balance, if that is used; with several tones by block steps; by the coupling of retained and added harmonics.
-   subroutine wide_problem_find_two_steps(self, motion, r, has_walls, acts_rigidly, first, second, is_lost)
+   subroutine wide_problem_find_two_steps(self, motion, r, acts_rigidly, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: r(:)                                    !! residual of the motion (n_unknowns)
-      logical, intent(in) :: has_walls                                !! a law is rigid in displacements
-      logical, intent(in) :: acts_rigidly                             !! or almost: its impacts are too short for the set
+      logical, intent(in) :: acts_rigidly                             !! laws are almost rigid: impacts are too short for the set
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step was found
       integer :: most
@@ -180,10 +179,10 @@ contains
       is_lost = self%is_lost
       if (is_lost) return
       if (size(self%wide%omega) > 1) then
-         call find_second_in_blocks(self, motion, has_walls, first, second, is_found, is_lost)
+         call find_second_in_blocks(self, motion, first, second, is_found, is_lost)
          if (is_found .or. is_lost) return
       end if
-      if (size(self%wide%omega) > 1 .and. has_multipliers(self)) then
+      if (size(self%wide%omega) > 1 .and. has_multipliers(self%wide) .and. .not. has_walls(self%wide)) then
          call find_step_of_friction(self, motion, r, first, is_lost)
          second = 0.0_wp
       else
@@ -224,10 +223,9 @@ contains
    !> within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products
    !> .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against order 45 .0031 at order 20), and
    !> only the first one is used unless the second is clearly smaller.
-   subroutine find_second_in_blocks(self, motion, has_walls, first, second, is_found, is_lost)
+   subroutine find_second_in_blocks(self, motion, first, second, is_found, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
-      logical, intent(in) :: has_walls
       real(wp), intent(in) :: first(:)                                !! in blocks (n_unknowns)
       real(wp), intent(inout) :: second(:)                            !! (n_unknowns)
       logical, intent(out) :: is_found
@@ -240,7 +238,7 @@ contains
       call self%step_in_blocks(r_there, second)
       if (.not. self%is_lost) then
          is_found = self%length_of(second) < clearly_smaller*self%length_of(first)
-         if (has_walls) then
+         if (has_walls(self%wide)) then
             if (.not. is_found) second = 0.0_wp
             is_found = .true.
          else if (is_found) then
@@ -307,12 +305,21 @@ contains
    end subroutine find_step_of_friction
 
    !> Whether a law is rigid.
-   logical function has_multipliers(self)
-      class(wide_problem_t), intent(in) :: self
+   pure logical function has_multipliers(balance)
+      type(balance_t), intent(in) :: balance
       integer :: i
 
-      has_multipliers = any([(self%wide%law_set%laws(i)%law%is_multiplier, i=1, size(self%wide%law_set%laws))])
+      has_multipliers = any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])
    end function has_multipliers
+
+   !> Whether a law is rigid in displacements: what it exerts when it is struck has all harmonics alike.
+   pure logical function has_walls(balance)
+      type(balance_t), intent(in) :: balance
+      integer :: i
+
+      has_walls = any([(balance%law_set%laws(i)%law%is_multiplier .and. .not. balance%law_set%laws(i)%law%is_rigid_friction(), &
+                        i=1, size(balance%law_set%laws))])
+   end function has_walls
 
    !> The motion after a step.
    pure function moved(motion, step)
