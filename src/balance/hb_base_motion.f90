@@ -104,6 +104,7 @@ contains
       integer :: i
 
       is_replaced = .false.
+      if (modes%n_modes == size(mass, 1)) return                      ! all have one
       if (.not. any(abs(mass) > 0.0_wp)) return                       ! without damping nothing moves
       call new_modes(without, mass, 0.5_wp*(damping - transpose(damping)), stiffness, error)
       is_replaced = .not. allocated(error) .and. without%n_modes > modes%n_modes

@@ -36,17 +36,58 @@ contains
       type(modes_t), intent(out) :: self
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
       type(error_t), allocatable, intent(out) :: error
+      integer :: i, k
+
+      if (size(mass, 1) > largest_structure) then
+         call fail(error, "modes: "//to_text(size(mass, 1))//" degrees of freedom are more than the "// &
+                   to_text(largest_structure)//" for which all modes are computed")
+         return
+      end if
+      call find_modes(self, mass, damping, stiffness, "V", error)
+      if (allocated(error)) return
+      allocate (self%response(self%n_modes))
+      do i = 1, self%n_modes
+         self%response(i) = response_of(self%shapes(:, i), cmplx(self%growth(i), self%frequency(i), wp), mass, damping)
+      end do
+      do i = 2, self%n_modes                                           ! insertion sort: there are few
+         k = i
+         do while (k > 1)
+            if (self%frequency(k - 1) <= self%frequency(k)) exit
+            call exchange(self, k - 1, k)
+            k = k - 1
+         end do
+      end do
+   end subroutine new_modes
+
+   !> Growth rates, frequencies and, if job is "V", shapes of the oscillatory modes, in any order. The general method needs some
+   !> times as long as the others, which counts for large structures only.
+   subroutine find_modes(self, mass, damping, stiffness, job, error)
+      type(modes_t), intent(out) :: self
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      character, intent(in) :: job                                    !! "V", or "N" without shapes
+      type(error_t), allocatable, intent(out) :: error
+      logical :: is_found
+
+      is_found = .false.
+      if (size(mass, 1) > max_of_all) then
+         call find_decoupled_modes(self, mass, damping, stiffness, is_found)
+         if (.not. is_found) call find_explicit_modes(self, mass, damping, stiffness, job, is_found)
+      end if
+      if (.not. is_found) call find_general_modes(self, mass, damping, stiffness, job, error)
+   end subroutine find_modes
+
+   !> The modes of any structure, by the QZ algorithm.
+   subroutine find_general_modes(self, mass, damping, stiffness, job, error)
+      type(modes_t), intent(out) :: self
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      character, intent(in) :: job                                    !! "V", or "N" without shapes
+      type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: a(:, :), b(:, :), alpha_r(:), alpha_i(:), beta(:), shapes(:, :), work(:)
       real(wp) :: left(1, 1), rate, scale
       integer, allocatable :: found(:)
-      integer :: i, info, k, n
+      integer :: i, info, n
 
       n = size(mass, 1)
-      if (n > largest_structure) then
-         call fail(error, "modes: "//to_text(n)//" degrees of freedom are more than the "//to_text(largest_structure)// &
-                   " for which all modes are computed")
-         return
-      end if
       scale = maxval(abs(stiffness))
       if (scale <= 0.0_wp) scale = 1.0_wp
       if (any(abs(mass) > 0.0_wp)) then
@@ -63,7 +104,7 @@ contains
       a(n + 1:, :n) = -stiffness/scale
       a(n + 1:, n + 1:) = -damping*(rate/scale)
       b(n + 1:, n + 1:) = mass*(rate**2/scale)
-      call dggev("N", "V", 2*n, a, 2*n, b, 2*n, alpha_r, alpha_i, beta, left, 1, shapes, 2*n, work, size(work), info)
+      call dggev("N", job, 2*n, a, 2*n, b, 2*n, alpha_r, alpha_i, beta, left, 1, shapes, 2*n, work, size(work), info)
       if (info /= 0) then
          call fail(error, "modes: the eigenvalues of the linear structure were not found (dggev: "//to_text(info)//")")
          return
@@ -72,21 +113,83 @@ contains
       self%n_modes = size(found)
       self%growth = rate*alpha_r(found)/beta(found)
       self%frequency = rate*alpha_i(found)/beta(found)
-      allocate (self%shapes(n, size(found)))
-      allocate (self%response(size(found)))
-      do i = 1, size(found)
-         self%shapes(:, i) = cmplx(shapes(:n, found(i)), shapes(:n, found(i) + 1), wp)
-         self%response(i) = response_of(self%shapes(:, i), cmplx(self%growth(i), self%frequency(i), wp), mass, damping)
+      if (job == "V") self%shapes = cmplx(shapes(:n, found), shapes(:n, found + 1), wp)
+   end subroutine find_general_modes
+
+   !> The modes if those without damping decouple the equations, as with damping proportional to mass and stiffness.
+   subroutine find_decoupled_modes(self, mass, damping, stiffness, is_found)
+      type(modes_t), intent(out) :: self
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      logical, intent(out) :: is_found
+      real(wp), parameter :: rest = 1.0e-10_wp                        ! of a damping between modes, relative to the largest
+      real(wp), allocatable :: b(:, :), damped(:, :), modal(:, :), rates(:), shapes(:, :), squares(:), work(:)
+      integer, allocatable :: found(:)
+      integer :: i, info, n
+
+      n = size(mass, 1)
+      is_found = .not. (is_unsymmetric(mass) .or. is_unsymmetric(damping) .or. is_unsymmetric(stiffness))
+      if (.not. is_found) return
+      allocate (shapes, source=stiffness)
+      allocate (b, source=mass)
+      allocate (squares(n), work(35*n), damped(n, n), modal(n, n))
+      call dsygv(1, "V", "U", n, shapes, n, b, n, squares, work, size(work), info)
+      is_found = info == 0
+      if (.not. is_found) return
+      call dgemm("N", "N", n, n, n, 1.0_wp, damping, n, shapes, n, 0.0_wp, damped, n)
+      call dgemm("T", "N", n, n, n, 1.0_wp, shapes, n, damped, n, 0.0_wp, modal, n)
+      allocate (rates, source=[(-0.5_wp*modal(i, i), i=1, n)])
+      do i = 1, n
+         modal(i, i) = 0.0_wp
       end do
-      do i = 2, size(found)                                            ! insertion sort: there are few
-         k = i
-         do while (k > 1)
-            if (self%frequency(k - 1) <= self%frequency(k)) exit
-            call exchange(self, k - 1, k)
-            k = k - 1
-         end do
+      is_found = maxval(abs(modal)) <= rest*2.0_wp*maxval(abs(rates))
+      if (.not. is_found) return
+      squares = squares - rates**2
+      found = pack([(i, i=1, n)], squares > 0.0_wp)
+      self%n_modes = size(found)
+      self%growth = rates(found)
+      self%frequency = sqrt(squares(found))
+      self%shapes = cmplx(shapes(:, found), 0.0_wp, wp)
+   end subroutine find_decoupled_modes
+
+   !> The modes of a structure whose masses permit its equations to be solved for the accelerations.
+   subroutine find_explicit_modes(self, mass, damping, stiffness, job, is_found)
+      type(modes_t), intent(out) :: self
+      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
+      character, intent(in) :: job                                    !! "V", or "N" without shapes
+      logical, intent(out) :: is_found
+      real(wp), allocatable :: a(:, :), factor(:, :), imaginary_part(:), real_part(:), right(:, :), shapes(:, :), work(:)
+      real(wp) :: left(1, 1), rate
+      integer, allocatable :: found(:)
+      integer :: i, info, n
+
+      n = size(mass, 1)
+      is_found = .not. is_unsymmetric(mass)
+      if (.not. is_found) return
+      allocate (factor, source=mass)
+      call dpotrf("L", n, factor, n, info)
+      is_found = info == 0 .and. any(abs(stiffness) > 0.0_wp)
+      if (.not. is_found) return
+      rate = sqrt(maxval(abs(stiffness))/maxval(abs(mass)))
+      allocate (a(2*n, 2*n), source=0.0_wp)
+      do i = 1, n
+         a(i, n + i) = 1.0_wp
       end do
-   end subroutine new_modes
+      allocate (right, source=-stiffness/rate**2)
+      call dpotrs("L", n, n, factor, n, right, n, info)
+      a(n + 1:, :n) = right
+      right = -damping/rate
+      call dpotrs("L", n, n, factor, n, right, n, info)
+      a(n + 1:, n + 1:) = right
+      allocate (real_part(2*n), imaginary_part(2*n), shapes(2*n, 2*n), work(70*n))
+      call dgeev("N", job, 2*n, a, 2*n, real_part, imaginary_part, left, 1, shapes, 2*n, work, size(work), info)
+      is_found = info == 0
+      if (.not. is_found) return
+      found = pack([(i, i=1, 2*n)], imaginary_part > 0.0_wp)
+      self%n_modes = size(found)
+      self%growth = rate*real_part(found)
+      self%frequency = rate*imaginary_part(found)
+      if (job == "V") self%shapes = cmplx(shapes(:n, found), shapes(:n, found + 1), wp)
+   end subroutine find_explicit_modes
 
    !> Real part of d lambda/d xi = lambda m/(2 lambda m + d), m and d the products of the shape with mass and damping: exact
    !> to first order in what is neither symmetric nor gyroscopic.
@@ -116,101 +219,16 @@ contains
    !> Decay rate [1/s] of the slowest decaying mode; 0 if none decays or if it is unknown.
    real(wp) function slowest_decay(mass, damping, stiffness) result(rate)
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
-      real(wp), allocatable :: frequency(:), growth(:)
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
 
       rate = 0.0_wp
       if (size(mass, 1) > largest_structure) return
-      call find_growth(mass, damping, stiffness, growth, frequency)
-      if (any(growth < 0.0_wp)) rate = minval(-growth, mask=growth < -1.0e-9_wp*frequency)
+      call find_modes(modes, mass, damping, stiffness, "N", error)
+      if (allocated(error)) return
+      if (any(modes%growth < 0.0_wp)) rate = minval(-modes%growth, mask=modes%growth < -1.0e-9_wp*modes%frequency)
       if (rate >= huge(1.0_wp)) rate = 0.0_wp
    end function slowest_decay
-
-   !> Growth rates and frequencies of the oscillatory modes, in any order; none if they are not found.
-   subroutine find_growth(mass, damping, stiffness, growth, frequency)
-      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
-      real(wp), allocatable, intent(out) :: growth(:), frequency(:)        !! [1/s], [rad/s]
-      type(error_t), allocatable :: error
-      type(modes_t) :: modes
-      logical :: is_found
-
-      is_found = .false.
-      if (size(mass, 1) > max_of_all) then
-         call find_decoupled_growth(mass, damping, stiffness, growth, frequency, is_found)
-         if (.not. is_found) call find_explicit_growth(mass, damping, stiffness, growth, frequency, is_found)
-      end if
-      if (is_found) return
-      call new_modes(modes, mass, damping, stiffness, error)
-      if (allocated(error)) then
-         allocate (growth(0), frequency(0))
-      else
-         call move_alloc(modes%growth, growth)
-         call move_alloc(modes%frequency, frequency)
-      end if
-   end subroutine find_growth
-
-   !> The same if the modes without damping decouple the equations, as with damping proportional to mass and stiffness.
-   subroutine find_decoupled_growth(mass, damping, stiffness, growth, frequency, is_found)
-      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
-      real(wp), allocatable, intent(out) :: growth(:), frequency(:)        !! [1/s], [rad/s]
-      logical, intent(out) :: is_found
-      real(wp), parameter :: rest = 1.0e-10_wp                        ! of a damping between modes, relative to the largest
-      real(wp), allocatable :: b(:, :), damped(:, :), modal(:, :), shapes(:, :), squares(:), values(:), work(:)
-      integer :: i, info, n
-
-      n = size(mass, 1)
-      is_found = .not. (is_unsymmetric(damping) .or. is_unsymmetric(stiffness))
-      if (.not. is_found) return
-      allocate (shapes, source=stiffness)
-      allocate (b, source=mass)
-      allocate (values(n), work(35*n), damped(n, n), modal(n, n))
-      call dsygv(1, "V", "U", n, shapes, n, b, n, values, work, size(work), info)
-      is_found = info == 0
-      if (.not. is_found) return
-      call dgemm("N", "N", n, n, n, 1.0_wp, damping, n, shapes, n, 0.0_wp, damped, n)
-      call dgemm("T", "N", n, n, n, 1.0_wp, shapes, n, damped, n, 0.0_wp, modal, n)
-      allocate (growth, source=[(-0.5_wp*modal(i, i), i=1, n)])
-      do i = 1, n
-         modal(i, i) = 0.0_wp
-      end do
-      is_found = maxval(abs(modal)) <= rest*2.0_wp*maxval(abs(growth))
-      if (.not. is_found) return
-      squares = values - growth**2
-      growth = pack(growth, squares > 0.0_wp)
-      frequency = sqrt(pack(squares, squares > 0.0_wp))
-   end subroutine find_decoupled_growth
-
-   !> The same by the eigenvalues of the equations solved for the accelerations.
-   subroutine find_explicit_growth(mass, damping, stiffness, growth, frequency, is_found)
-      real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
-      real(wp), allocatable, intent(out) :: growth(:), frequency(:)        !! [1/s], [rad/s]
-      logical, intent(out) :: is_found
-      real(wp), allocatable :: a(:, :), factor(:, :), imaginary_part(:), real_part(:), right(:, :), work(:)
-      real(wp) :: left(1, 1), none(1, 1), rate
-      integer :: i, info, n
-
-      n = size(mass, 1)
-      allocate (factor, source=mass)
-      call dpotrf("L", n, factor, n, info)
-      is_found = info == 0 .and. any(abs(stiffness) > 0.0_wp)
-      if (.not. is_found) return
-      rate = sqrt(maxval(abs(stiffness))/maxval(abs(mass)))
-      allocate (a(2*n, 2*n), source=0.0_wp)
-      do i = 1, n
-         a(i, n + i) = 1.0_wp
-      end do
-      allocate (right, source=-stiffness/rate**2)
-      call dpotrs("L", n, n, factor, n, right, n, info)
-      a(n + 1:, :n) = right
-      right = -damping/rate
-      call dpotrs("L", n, n, factor, n, right, n, info)
-      a(n + 1:, n + 1:) = right
-      allocate (real_part(2*n), imaginary_part(2*n), work(70*n))
-      call dgeev("N", "N", 2*n, a, 2*n, real_part, imaginary_part, left, 1, none, 1, work, size(work), info)
-      is_found = info == 0
-      if (.not. is_found) return
-      growth = rate*pack(real_part, imaginary_part > 0.0_wp)
-      frequency = rate*pack(imaginary_part, imaginary_part > 0.0_wp)
-   end subroutine find_explicit_growth
 
    pure logical function is_unsymmetric(matrix)
       real(wp), intent(in) :: matrix(:, :)
