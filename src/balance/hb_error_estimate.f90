@@ -30,7 +30,8 @@ module hb_error_estimate
    use hb_thresholds, only: agreement, minor, nearby_steps, well_solved
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: torus_t
-   use hb_wide_problem, only: clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, wide_problem_t
+   use hb_wide_problem, only: are_walls_struck, clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, &
+      wide_problem_t
    use hb_wider_discretisation, only: choose_wider
    implicit none
    private
@@ -58,6 +59,7 @@ contains
                                                                       !! the motion is a point: errors along its last form, and
                                                                       !! along a null vector where another one crosses, do not count
       complex(wp), allocatable :: c(:, :)
+      logical :: is_fine
       type(balance_t), target :: wide                                 ! not `allocatable`: several kB, for each point
       type(harmonics_t) :: set
       type(tones_t) :: tones
@@ -68,16 +70,16 @@ contains
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call choose_wider(balance, balance%harmonics%norms(u), self%combination, &
-                        needs_fine_grid(balance, has_unknown_tones(bordered)), set, grid, error)
+      is_fine = needs_fine_grid(balance, u, has_unknown_tones(bordered))
+      call choose_wider(balance, balance%harmonics%norms(u), self%combination, is_fine, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error, bordered)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, is_fine, error, bordered)
       if (.not. allocated(error)) then
          if (.not. (present(bordered) .or. is_interrupted()) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
                                             has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
-            call solve_on_finer_grid(self, balance, wide, u, error)
+            call solve_on_finer_grid(self, balance, wide, u, is_fine, error)
          if (is_unknown(self%truncation)) self%truncation = 1.0_wp
          if (is_unknown(self%aliasing)) self%aliasing = 1.0_wp
       end if
@@ -150,11 +152,12 @@ contains
    !> Repeats the estimate from the solution on the finer grid, if there is one nearby: aliasing is the difference.
    !> The few samples in contact with rigid laws, such as sticking under friction, may leave the tangent almost
    !> singular, or a different one if rounding decides whether a sample is in contact.
-   subroutine solve_on_finer_grid(self, balance, wide, u, error)
+   subroutine solve_on_finer_grid(self, balance, wide, u, is_fine, error)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      logical, intent(in) :: is_fine                                  !! the grid of `wide` is that of needs_fine_grid
       type(error_t), allocatable, intent(out) :: error
       class(balance_t), allocatable :: fine
       type(report_t) :: report
@@ -177,7 +180,7 @@ contains
             measure = measure_of(balance)
             difference = measure%norm(reshape(x, shape(u)) - u)/reference_size(balance, u)
             if (allocated(self%improved)) deallocate (self%improved)
-            call estimate_errors(self, fine, wide, reshape(x, shape(u)), error)
+            call estimate_errors(self, fine, wide, reshape(x, shape(u)), is_fine, error)
             self%aliasing = difference
          end if
       end if
@@ -205,11 +208,12 @@ contains
 
    !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further
    !> change of retained harmonics, others and unknown frequencies in the wider set. Both are `huge` if they are not found.
-   subroutine estimate_errors(self, balance, wide, u, error, bordered)
+   subroutine estimate_errors(self, balance, wide, u, is_fine, error, bordered)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
       type(balance_t), intent(inout), target :: wide
       real(wp), intent(in) :: u(:, :)
+      logical, intent(in) :: is_fine                                  !! the grid of `wide` is that of needs_fine_grid
       type(error_t), allocatable, intent(out) :: error
       class(bordered_problem_t), intent(inout), optional, target :: bordered
       type(tangent_solver_t), target :: tangent
@@ -248,7 +252,7 @@ contains
       if (is_lost) return
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
       self%truncation = self%truncation/size_of_motion
-      call allow_for_slow_convergence(self, balance, is_free)
+      call allow_for_slow_convergence(self, balance, is_fine)
       call store_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
@@ -319,15 +323,15 @@ contains
 
    !> Errors under rigid friction fall with the first power of the order and of the samples: more of them is left than the steps
    !> show.
-   subroutine allow_for_slow_convergence(self, balance, is_free)
+   subroutine allow_for_slow_convergence(self, balance, is_fine)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
-      logical, intent(in) :: is_free                                  !! the motion has unknown tones
+      logical, intent(in) :: is_fine                                  !! the aliasing is found by the grid of needs_fine_grid
       integer :: i
 
       if (.not. any([(balance%law_set%laws(i)%law%is_rigid_friction(), i=1, size(balance%law_set%laws))])) return
       self%truncation = of_first_power*self%truncation
-      if (.not. needs_fine_grid(balance, is_free)) self%aliasing = of_first_power_of_grid*self%aliasing
+      if (.not. is_fine) self%aliasing = of_first_power_of_grid*self%aliasing
    end subroutine allow_for_slow_convergence
 
    !> Whether the run ends: the point is solved again, without the results of this one.
@@ -417,12 +421,16 @@ contains
    end function acts_rigidly
 
    !> Whether a grid of four times the samples shows the errors of a motion, not one of twice as many: with one tone, for rigid
-   !> walls, which are penetrated between samples, and for errors of frequencies.
-   pure logical function needs_fine_grid(balance, is_free)
-      type(balance_t), intent(in) :: balance
+   !> walls that it strikes, which are penetrated between samples, and for errors of frequencies.
+   logical function needs_fine_grid(balance, u, is_free)
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)
       logical, intent(in) :: is_free                                  !! the motion has unknown tones
 
-      needs_fine_grid = is_free .or. size(balance%omega) == 1 .or. has_walls(balance)
+      needs_fine_grid = is_free .or. size(balance%omega) == 1
+      if (needs_fine_grid .or. .not. has_walls(balance)) return
+      call balance%sample(u)
+      needs_fine_grid = are_walls_struck(balance)
    end function needs_fine_grid
 
    !> For rigid laws and those that act as rigid ones, and for any self-excited motion that one linear step cannot

@@ -19,7 +19,8 @@ module hb_wide_problem
    use hb_tangent_solver, only: tangent_solver_t
    implicit none
    private
-   public :: clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, vectors_of_steps, wide_problem_t
+   public :: are_walls_struck, clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, vectors_of_steps
+   public :: wide_problem_t
 
    type, extends(bordered_problem_t) :: wide_problem_t
       integer :: n_products = 0                                       !! so far
@@ -163,13 +164,14 @@ contains
    subroutine wide_problem_find_two_steps(self, motion, r, acts_rigidly, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
-      real(wp), intent(in) :: r(:)                                    !! residual of the motion (n_unknowns)
+      real(wp), intent(in) :: r(:)                                    !! residual of the motion, found last (n_unknowns)
       logical, intent(in) :: acts_rigidly                             !! laws are almost rigid: impacts are too short for the set
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step was found
       integer :: most
-      logical :: is_found
+      logical :: is_found, strikes_walls
 
+      strikes_walls = are_walls_struck(self%wide)
       if (allocated(self%krylov) .and. .not. acts_rigidly) then
          call find_whole_steps(self, motion, r, first, second, is_found, is_lost)
          if (is_found .or. is_lost) return
@@ -179,10 +181,10 @@ contains
       is_lost = self%is_lost
       if (is_lost) return
       if (size(self%wide%omega) > 1) then
-         call find_second_in_blocks(self, motion, first, second, is_found, is_lost)
+         call find_second_in_blocks(self, motion, first, strikes_walls, second, is_found, is_lost)
          if (is_found .or. is_lost) return
       end if
-      if (size(self%wide%omega) > 1 .and. has_multipliers(self%wide) .and. .not. has_walls(self%wide)) then
+      if (size(self%wide%omega) > 1 .and. has_multipliers(self%wide) .and. .not. strikes_walls) then
          call find_step_of_friction(self, motion, r, first, is_lost)
          second = 0.0_wp
       else
@@ -219,14 +221,15 @@ contains
    !> added harmonics are then so weakly coupled that a few block steps add up to the full step; otherwise `is_found` is false.
    !> Two may decrease by chance: the first one is in the added harmonics, and what comes back to these shows only in the third.
    !>
-   !> With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first step contact begins and ends
+   !> Where rigid walls are struck, the harmonics of an impact decrease slowly, and in the response to the first step contact begins and ends
    !> within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products
    !> .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against order 45 .0031 at order 20), and
    !> only the first one is used unless the second is clearly smaller.
-   subroutine find_second_in_blocks(self, motion, first, second, is_found, is_lost)
+   subroutine find_second_in_blocks(self, motion, first, strikes_walls, second, is_found, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: first(:)                                !! in blocks (n_unknowns)
+      logical, intent(in) :: strikes_walls                            !! the motion does
       real(wp), intent(inout) :: second(:)                            !! (n_unknowns)
       logical, intent(out) :: is_found
       logical, intent(out) :: is_lost                                 !! a law is outside its domain after the first step
@@ -238,7 +241,7 @@ contains
       call self%step_in_blocks(r_there, second)
       if (.not. self%is_lost) then
          is_found = self%length_of(second) < clearly_smaller*self%length_of(first)
-         if (has_walls(self%wide)) then
+         if (strikes_walls) then
             if (.not. is_found) second = 0.0_wp
             is_found = .true.
          else if (is_found) then
@@ -317,9 +320,27 @@ contains
       type(balance_t), intent(in) :: balance
       integer :: i
 
-      has_walls = any([(balance%law_set%laws(i)%law%is_multiplier .and. .not. balance%law_set%laws(i)%law%is_rigid_friction(), &
-                        i=1, size(balance%law_set%laws))])
+      has_walls = any([(is_wall(balance%law_set%laws(i)%law), i=1, size(balance%law_set%laws))])
    end function has_walls
+
+   !> Whether such a law exerts a force at any sample of the last motion.
+   logical function are_walls_struck(balance)
+      type(balance_t), intent(in) :: balance
+      integer :: i
+
+      are_walls_struck = .false.
+      associate (set => balance%law_set)
+         do i = 1, size(set%laws)
+            if (is_wall(set%laws(i)%law)) are_walls_struck = are_walls_struck .or. any(abs(set%force_of(i)) > 0.0_wp)
+         end do
+      end associate
+   end function are_walls_struck
+
+   pure logical function is_wall(law)
+      class(law_t), intent(in) :: law
+
+      is_wall = law%is_multiplier .and. .not. law%is_rigid_friction()
+   end function is_wall
 
    !> The motion after a step.
    pure function moved(motion, step)

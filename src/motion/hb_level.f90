@@ -488,17 +488,30 @@ contains
       end associate
    end function estimate_of_wanted
 
-   !> Increases the estimated errors of a motion with rigid laws, which error estimates underestimate; the truncation estimate under
-   !> rigid friction has its factor already.
+   !> Increases the estimated errors of a motion with rigid laws, which error estimates underestimate where walls are struck; the
+   !> truncation estimate under rigid friction has its factor already.
    pure subroutine apply_safety_factor(system, result)
       type(system_t), intent(in) :: system
       type(motion_result_t), intent(inout) :: result
-      integer :: i
 
       if (.not. is_rigid(system)) return
-      if (any([(system%laws(i)%law%is_multiplier .and. .not. system%laws(i)%law%is_rigid_friction(), i=1, size(system%laws))])) &
+      if (strikes_walls()) &
          result%level_estimate = min(1.0_wp, hypot(caution*result%error_estimate%truncation, result%error_estimate%aliasing))
       if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
+
+   contains
+
+      pure logical function strikes_walls()
+         integer :: i
+
+         strikes_walls = .false.
+         do i = 1, size(system%laws)
+            if (.not. system%laws(i)%law%is_multiplier .or. system%laws(i)%law%is_rigid_friction()) cycle
+            strikes_walls = .not. allocated(result%error_estimate%peak_force)
+            if (.not. strikes_walls) strikes_walls = result%error_estimate%peak_force(i) > 0.0_wp
+            if (strikes_walls) return
+         end do
+      end function strikes_walls
    end subroutine apply_safety_factor
 
    !> Whether a law is rigid.
