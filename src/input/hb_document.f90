@@ -71,6 +71,7 @@ module hb_document
       procedure :: expect_groups => document_expect_groups
       procedure :: drives => document_drives
       procedure :: finish => document_finish
+      procedure :: finish_early => document_finish_early
       procedure :: group => document_group
       procedure :: has_changed => document_has_changed
       procedure :: is_given => document_is_given
@@ -540,6 +541,42 @@ contains
       end do
       if (n_groups > 0) call fail(error, lines%text())
    end subroutine document_finish
+
+   !> Adds to an error that ended the reading what is known of other groups: problems of those read before it, and keys that do
+   !> not exist of those that follow.
+   pure subroutine document_finish_early(self, error)
+      class(document_t), intent(in) :: self
+      type(error_t), allocatable, intent(inout) :: error
+      type(error_t), allocatable :: problem
+      integer :: i, n_groups
+
+      n_groups = 0
+      do i = 1, self%groups%n
+         associate (group => self%groups%holders(i)%group)
+            if (group%reading /= self%reading) then
+               call group%refuse_unknown(problem)
+            else if (group%has_problems()) then
+               call group%finish(problem)
+               if (index(error%message, first_line(problem%message)) > 0) cycle
+            else
+               cycle
+            end if
+         end associate
+         if (.not. allocated(problem)) cycle
+         n_groups = n_groups + 1
+         if (n_groups > max_lines) exit
+         error%message = error%message//new_line("a")//problem%message
+      end do
+
+   contains
+
+      pure function first_line(text) result(line)
+         character(*), intent(in) :: text
+         character(:), allocatable :: line
+
+         line = text(:scan(text//new_line("a"), new_line("a")) - 1)
+      end function first_line
+   end subroutine document_finish_early
 
    !> Fails if there is more than one group of the name.
    pure subroutine check_single(self, name, error)

@@ -8,7 +8,7 @@ module hb_input_keys
    use hb_text, only: add_string, join, parse_real, split, string_t
    implicit none
    private
-   public :: choices_of, find_groups, find_rule, input_groups, kind_of, limits_t, max_choice, max_unit, rule_t
+   public :: choices_of, find_groups, find_rule, input_groups, keys_of, kind_of, limits_t, max_choice, max_unit, rule_t
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
@@ -95,6 +95,21 @@ contains
          if (all(groups /= group_of(i))) groups = [character(max_group) :: groups, group_of(i)]
       end do
    end function input_groups
+
+   !> All keys of a group, of any type of it.
+   pure subroutine keys_of(group, keys)
+      character(*), intent(in) :: group                     !! lower case
+      type(string_t), allocatable, intent(out) :: keys(:)
+      type(string_t), allocatable :: cells(:)
+      integer :: i
+
+      allocate (keys(0))
+      do i = 1, n_key_rows()
+         if (group_of(i) /= group) cycle
+         call split(trim(key_row(i)), " | ", cells)
+         call add_string(keys, cells(2)%value)
+      end do
+   end subroutine keys_of
 
    !> Where else a key exists, such as "&harmonics" or "&law type = 'jenkins'"; empty if nowhere, in many groups, or
    !> here.

@@ -58,7 +58,11 @@ contains
       call document%begin()
       call read_ties(document, relations)
       call read_parts(self, document, relations, error)
-      if (.not. allocated(error)) call document%finish(error)
+      if (allocated(error)) then
+         call document%finish_early(error)
+      else
+         call document%finish(error)
+      end if
       self%is_read = .not. allocated(error)
       if (self%is_read) call document%accept_changes()
    end subroutine read_model

@@ -4,7 +4,7 @@
 !> reports all problems at once, together with the given keys that no reader requested.
 module hb_property_record
    use hb_error, only: error_t, fail
-   use hb_input_keys, only: find_groups, find_rule, kind_of
+   use hb_input_keys, only: find_groups, find_rule, keys_of, kind_of
    use hb_key_rows, only: row_of
    use hb_property_values, only: content_t, element_text
    use hb_similar_word, only: closest_word
@@ -37,6 +37,7 @@ module hb_property_record
       procedure :: given => record_given
       procedure :: has_key => record_has_key
       procedure :: has_problems => record_has_problems
+      procedure :: refuse_unknown => record_refuse_unknown
       procedure :: refuse_unread => record_refuse_unread
       procedure :: location => record_location
       procedure :: pass_over_keys => record_pass_over_keys
@@ -108,6 +109,31 @@ contains
 
       call fail(error, location_at(self, 0, .true.)//": this group is not read")
    end subroutine record_refuse_unread
+
+   !> Fails with the given keys that no type of the group has, one per line: what can be said of a group before it is read.
+   pure subroutine record_refuse_unknown(self, error)
+      class(record_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: known(:)
+      type(text_builder_t) :: lines
+      character(:), allocatable :: closest, key
+      integer :: i, k, n
+
+      n = 0
+      call keys_of(self%name, known)
+      if (size(known) == 0) return
+      associate (content => self%content)
+         do i = 1, content%names%n
+            if (.not. content%is_given(i)) cycle
+            key = trim(content%names%names(i))
+            if (any([(known(k)%value == key, k=1, size(known))])) cycle
+            closest = closest_word(key, known)
+            if (closest /= "") closest = "; did you mean '"//closest//"'?"
+            call add_line(lines, n, location_at(self, content%keys(i)%line, .true.)//": unknown key '"//key//"'"//closest)
+         end do
+      end associate
+      if (n > 0) call fail(error, lines%text())
+   end subroutine record_refuse_unknown
 
    !> Position of the group for messages, like `beam.nml:12: &law(2)`.
    pure function record_location(self) result(location)
