@@ -221,10 +221,10 @@ contains
    !> added harmonics are then so weakly coupled that a few block steps add up to the full step; otherwise `is_found` is false.
    !> Two may decrease by chance: the first one is in the added harmonics, and what comes back to these shows only in the third.
    !>
-   !> Where rigid walls are struck, the harmonics of an impact decrease slowly, and in the response to the first step contact begins and ends
-   !> within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products
-   !> .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against order 45 .0031 at order 20), and
-   !> only the first one is used unless the second is clearly smaller.
+   !> Where rigid walls are struck, the harmonics of an impact decrease slowly, and in the response to the first step contact
+   !> begins and ends within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20, 30 of the beam
+   !> against a wall, products .019, .018) while the first one agrees with the true error (.0054, .0041, .0043; against order
+   !> 45 .0031 at order 20), and only the first one is used unless the second is clearly smaller.
    subroutine find_second_in_blocks(self, motion, first, strikes_walls, second, is_found, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
