@@ -247,7 +247,7 @@ contains
    function tried_text(kind, record) result(text)
       type(failure_kind_t), intent(in) :: kind
       type(record_t), intent(in) :: record
-      character(:), allocatable :: text, ending, name
+      character(:), allocatable :: text, ending, list, name
       type(string_t), allocatable :: attempts(:), words(:)
       integer :: i, k, n
 
@@ -263,6 +263,7 @@ contains
       end if
       call split(kind%message(n + len(separator):), ", ", attempts)
       ending = ""
+      list = ""
       do i = 1, size(attempts)
          call split(trim(adjustl(attempts(i)%value)), " ", words)
          if (size(words) < 2) cycle                                   ! the end of the message was truncated
@@ -271,11 +272,10 @@ contains
          do k = 1, size(attempt_rules)
             if (attempt_rules(k)%name == words(1)%value) name = trim(attempt_rules(k)%text)
          end do
-         if (i == 1) text = text//" Tried: "
-         if (i > 1) text = text//", "
-         text = text//name//" (residual "//words(2)%value//", "//ending//")"
+         if (list /= "") list = list//", "
+         list = list//name//" (residual "//words(2)%value//", "//ending//")"
       end do
-      text = text//"."
+      if (list /= "") text = text//" Tried: "//list//"."
    end function tried_text
 
    !> Text on how close the point has come, compared with the limits.
