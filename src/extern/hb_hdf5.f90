@@ -28,7 +28,8 @@ module hb_hdf5
       H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, &
       H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fget_name_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, &
       H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pget_external_count_f, h5pget_layout_f, h5pset_alloc_time_f, &
-      h5pset_fclose_degree_f, h5pset_fill_time_f, h5pset_fill_value_f, h5pset_libver_bounds_f, H5S_NULL_F, h5sclose_f, &
+      h5pset_fclose_degree_f, h5pset_fill_time_f, h5pset_fill_value_f, h5pset_libver_bounds_f, h5pset_sieve_buf_size_f, &
+      H5S_NULL_F, h5sclose_f, &
       h5sget_simple_extent_dims_f, h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5T_IEEE_F64LE, &
       H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
    implicit none
@@ -122,6 +123,8 @@ contains
          if (status >= 0) call h5pset_libver_bounds_f(access, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, status)
          if (status >= 0) call switch_locking_off(access, status)
          if (status >= 0 .and. present(comm)) call share_access(access, comm, status)
+         ! rows of which a part is used are far apart: no bytes between them are read
+         if (status >= 0 .and. purpose == for_reading) call h5pset_sieve_buf_size_f(access, 0_size_t, status)
          if (status >= 0) then
             select case (purpose)
             case (for_making); call h5fcreate_f(path, H5F_ACC_EXCL_F, self%id, status, access_prp=access)
