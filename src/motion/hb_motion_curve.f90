@@ -329,7 +329,8 @@ contains
       self%origins = [origin_t ::]
       self%met = [origin_t ::]
       self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
-      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
+      if (.not. abs(self%request%to - self%request%start) > 0.0_wp) &
+         self%first_sense = sign(1.0_wp, self%request%from - self%request%to)
       call self%adopt_level(self%first%level, error)
    end subroutine motion_curve_prepare
 

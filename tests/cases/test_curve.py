@@ -41,6 +41,15 @@ def test_a_curve_that_turns_back_is_reported(tmp_path):
         assert (line in done.stdout.splitlines()) == is_reported, done.stdout
 
 
+def test_a_curve_from_its_lower_end_stays_in_its_range(tmp_path):
+    """The range is given downwards and the first motion at its lower end: the curve goes up."""
+    curve = DUFFING + "&curve parameter = 'tones%frequency', from = 2.5, to = 0.5, start = 0.5 /\n"
+    value, kind, status = read(solve(curve, tmp_path), "tones_frequency", "curve_kind", "status")
+    used = status != UNUSED
+    assert (status[used] == 1).all() and value[used].min() >= 0.5 and value[used][-1] == 2.5
+    assert (kind[used] == FOLD).sum() == 2
+
+
 def test_a_curve_that_turns_at_a_kink_has_a_fold_there(tmp_path):
     """A slider begins to slip a second time in the half period: the curve folds at a corner, and the motions beyond it are unstable
     although the slip is shorter than the distance of the detection times for events. The fold is the corner, which the last point
