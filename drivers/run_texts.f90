@@ -183,10 +183,9 @@ contains
          if (status(i) /= outcome%locked .or. .not. is_regular_end(status(i), i, plan)) cycle
          lines = [character(max_line) :: lines, "point "//to_text(i - 1)//": "//message_of(path, i)]
       end do
-      n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
-      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" returned to "//to_text(plan%curve%start)// &
-         " without reaching the other end of the range: try start = "// &
-         to_text(plan%curve%from + plan%curve%to - plan%curve%start)//" in &curve"]
+      associate (first => rows_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t))
+         if (size(first) > 0) lines = [character(max_line) :: lines, turned_back_text(size(first), plan%curve_values(first(1)))]
+      end associate
 
    contains
 
@@ -200,6 +199,18 @@ contains
          text = " at "//rounded%describe(point)//trim(merge(" (first)", repeat(" ", 8), n > 1))//", with "//text// &
                 " % of the range covered: increase 'points' of &curve"
       end function cut_text
+
+      !> That curves have returned to the end of the range at which the first of them began.
+      function turned_back_text(n_curves, start) result(text)
+         integer, intent(in) :: n_curves
+         real(wp), intent(in) :: start                                !! of the first
+         character(:), allocatable :: text
+
+         associate (from => plan%curve%from, to => plan%curve%to)
+            text = number_of(n_curves, "curve")//" returned to "//to_text(start)//" without reaching the other end of the "// &
+                   "range: try start = "//to_text(merge(to, from, abs(start - from) < abs(start - to)))//" in &curve"
+         end associate
+      end function turned_back_text
 
       !> Whether peaks were requested along curves that have none, although they end regularly.
       logical function has_no_peak()
@@ -330,23 +341,23 @@ contains
       end do
    end subroutine find_gaps
 
-   !> Number of curves whose last row is not an end: they have used all of their points, and could continue.
-   !> Number of curves that start at an end of their range and return to it.
-   pure integer function number_turned_back(values, kind, n_rows, request) result(n)
+   !> First rows of the curves that start at an end of their range and return to it.
+   pure function rows_turned_back(values, kind, n_rows, request) result(rows)
       real(wp), intent(in) :: values(:)                               !! of all points of all curves
       integer, intent(in) :: kind(:)                                  !! likewise
       integer, intent(in) :: n_rows                                   !! for one curve
       type(curve_request_t), intent(in) :: request
+      integer, allocatable :: rows(:)
       integer :: i
 
-      n = 0
-      associate (start => request%start, from => request%from, to => request%to)
-         if (min(abs(start - from), abs(start - to)) > agreement*abs(to - from)) return
+      allocate (rows(0))
+      associate (near => agreement*abs(request%to - request%from))
          do i = 0, size(kind) - n_rows, n_rows
-            associate (ends => pack(values(i + 1:i + n_rows), kind(i + 1:i + n_rows) == curve_kind%end))
-               if (size(ends) > 0 .and. all(abs(ends - start) <= agreement*abs(to - from))) n = n + 1
+            associate (start => values(i + 1), ends => pack(values(i + 1:i + n_rows), kind(i + 1:i + n_rows) == curve_kind%end))
+               if (min(abs(start - request%from), abs(start - request%to)) > near) cycle
+               if (size(ends) > 0 .and. all(abs(ends - start) <= near)) rows = [rows, i + 1]
             end associate
          end do
       end associate
-   end function number_turned_back
+   end function rows_turned_back
 end module run_texts
