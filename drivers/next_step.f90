@@ -7,6 +7,7 @@ module next_step
    use hb_model_tones, only: read_tones
    use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: outcome, reason, reason_names
+   use hb_point_kinds, only: curve_kind
    use hb_properties, only: properties_t
    use hb_results_record, only: column_of => numbers_of
    use hb_sweep_plan, only: sweep_plan_t
@@ -21,6 +22,8 @@ module next_step
                               grid_keys(2) = [character(12) :: "samples", "oversampling"]
    character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot integrate
    integer, parameter :: most_points = 1000000                        ! of a curve
+   integer, parameter :: room_for_range = 10                          ! times the points of a curve that covers little of it
+   real(wp), parameter :: little_of_range = 0.5_wp                    ! of the points of a curve, if it has many folds
    integer, parameter :: more = 10                                    ! times a budget that was insufficient
 
    !> Points that ended in the same way.
@@ -91,6 +94,37 @@ contains
       text = command_to_try(kind, names, plan, document)
    end function command_for_cut_curve
 
+   !> More room for a curve, or the same with jumps over its folds.
+   function more_points(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: points, text
+      integer :: n
+
+      if (can_jump(run)) then
+         n = min(most_points, room_for_range*run%plan%n_fastest())
+         points = "curve%points="//to_text(n)
+         text = solve_with(run, "curve%jump=.true.", [string_t(points)])
+      else
+         n = enough_points(run%plan, run%kind%first)
+         text = "nhbm resume "//shell_word(run%names%result)//" --set curve%points="//to_text(n)
+      end if
+   end function more_points
+
+   !> Whether a curve that has reached its number of points has turned back several times in a small part of its range, and could
+   !> leave its folds.
+   logical function can_jump(run)
+      type(run_t), intent(in) :: run
+      integer, parameter :: several = 3                               ! folds
+
+      can_jump = .false.
+      if (any(run%tones%is_unknown) .or. run%plan%share_covered(run%kind%first) > little_of_range) return
+      associate (curve => run%plan%curve)
+         if (curve%jumps .or. curve%switches .or. allocated(curve%over) .or. size(curve%others) > 0) return
+         if (len(curve%origin_path) > 0 .or. (curve%start - curve%from)*(curve%start - curve%to) < 0.0_wp) return
+      end associate
+      can_jump = count(column_of(run%names%result, "curve_kind") == curve_kind%fold) >= several
+   end function can_jump
+
    !> A number of points that should suffice for a curve that has reached it, by the share of its range that it covers.
    integer function enough_points(plan, last) result(n)
       type(sweep_plan_t), intent(in) :: plan                          !! with the values of the curve
@@ -112,8 +146,7 @@ contains
       text = ""
       associate (why => run%kind%reason)
          if (why == reason%points) then
-            text = "nhbm resume "//shell_word(run%names%result)//" --set curve%points="// &
-                   to_text(enough_points(run%plan, run%kind%first))
+            text = more_points(run)
             return
          end if
          select case (run%kind%status)

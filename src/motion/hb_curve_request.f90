@@ -47,6 +47,7 @@ module hb_curve_request
       real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
       integer :: n_points = 0                                         !! at most
       logical :: switches = .false.                                   !! at branch points the other curve is followed as well
+      logical :: jumps = .false.                                      !! where it folds back or is lost it goes on beyond
       type(located_response_t), allocatable :: responses(:)
       type(curve_origin_t), allocatable :: origin                     !! if given: the point at which the curve leaves another
                                                                       !! one, instead of a first motion at `start`

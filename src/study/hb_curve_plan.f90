@@ -94,10 +94,12 @@ contains
       call group%get("tie", tie)
       self%moving%is_tied = tie == "ratio"
       call group%get("switch", self%switches)
+      call group%get("jump", self%jumps)
       call group%get("follow", follow)
       if (follow /= "motion") call read_over(self, group, follow)
       self%origin_path = ""
       call group%get("origin", self%origin_path)
+      if (self%jumps) call check_jumps(self, group)
       if (len(self%origin_path) > 0) call group%get("origin_point", self%origin_point)
       allocate (self%torus_order(0))
       call group%get("torus_order", self%torus_order, n=2)
@@ -135,6 +137,21 @@ contains
          end do
       end subroutine check_values
    end subroutine check_range
+
+   !> Reports a problem for each key that has no meaning with jumps.
+   subroutine check_jumps(self, group)
+      type(curve_plan_t), intent(in) :: self
+      type(properties_t), intent(inout) :: group
+
+      if (allocated(self%over)) call group%problem("jump", "is for the motion itself, not for a located point")
+      if (self%switches) call group%problem("jump", "leaves the curve at its folds; 'switch' follows the curves that cross it: "// &
+                                            "give one of them")
+      if (size(self%others) > 0) call group%problem("jump", "leaves the curve at its folds; 'others' follows curves to their "// &
+                                                    "ends: give one of them")
+      if (len(self%origin_path) > 0) call group%problem("jump", "is for a curve from an end of its range, not from an 'origin'")
+      if ((self%start - self%from)*(self%start - self%to) < 0.0_wp) &
+         call group%problem("start", "must be 'from' or 'to' with 'jump', which goes to the other end")
+   end subroutine check_jumps
 
    !> Reads the value over which a located point is followed.
    subroutine read_over(self, group, follow)
@@ -314,6 +331,10 @@ contains
       call find_refusal_of_value(self, system, options, document, refusal)
       if (len(refusal) > 0) then
          call fail(error, self%location//": parameter '"//shown(self%path)//"': "//refusal)
+         return
+      end if
+      if (self%jumps .and. any(system%tones%is_unknown)) then
+         call fail(error, self%location//": jump: beyond a fold motions are sought where all tones are given")
          return
       end if
       if (size(self%others) > 0 .and. any(system%tones%is_unknown)) then

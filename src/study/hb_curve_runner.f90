@@ -1,9 +1,11 @@
 !> One curve, for the command, C and Python alike: its first motion is found by the attempts of `hb_attempts`, or its state
-!> at a stored point is restored; then its points are returned one by one.
+!> at a stored point is restored; then its points are returned one by one. With jumps the curve has several parts, each a curve
+!> of its own (hb_curve_jumps).
 module hb_curve_runner
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, stage, technique
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
+   use hb_curve_jumps, only: curve_jumps_t
    use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
    use hb_impact_curve, only: new_curve_of
@@ -13,7 +15,7 @@ module hb_curve_runner
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_point_kinds, only: curve_kind
    use hb_solver_types, only: attempt_t
    use hb_system, only: system_t
@@ -29,6 +31,9 @@ module hb_curve_runner
       type(curve_request_t) :: request
       logical :: is_done = .false.                                    !! there is no further point
       class(motion_curve_t), allocatable, private :: curve
+      type(curve_request_t), private :: part                          ! of the present part, if the curve jumps
+      type(curve_jumps_t), private :: jumps
+      logical, private :: may_integrate = .true.                      ! of the model, before an attempt has changed it
       logical, private :: has_begun = .false.
       real(wp), private :: last_parameter = 0.0_wp                    ! of the last point
       integer, private :: last_branch = 0                             ! likewise
@@ -62,7 +67,10 @@ contains
       class(curve_runner_t), intent(inout) :: self
 
       call self%destroy()
-      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
+      self%part = self%request
+      self%may_integrate = self%model%options%may_integrate
+      call new_curve_of(self%curve, self%model%system, self%model%options, self%part)
+      call self%jumps%begin(self%request, self%request%start)
       self%is_done = .false.
       self%has_begun = .false.
       self%last_parameter = self%request%start
@@ -74,15 +82,31 @@ contains
       class(curve_runner_t), intent(inout), target :: self
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error
+      integer :: first
 
+      first = 1
+      if (self%request%jumps) call self%jumps%restore(self%request, stored, first)
+      if (self%jumps%part > 0) self%part%from = stored(first)%parameter
+      self%part%n_points = self%request%n_points - self%jumps%n_before
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) &
-         call move_start(self, stored(1)%parameter, error)
-      if (.not. allocated(error)) call self%curve%continue_from(self%model, self%request, stored, error)
+         call move_start(self, stored(first)%parameter, error)
+      if (.not. allocated(error)) call self%curve%continue_from(self%model, self%part, rows_of_part(stored(first:), &
+                                                                                                  self%jumps%part), error)
       self%is_done = self%curve%is_done .or. allocated(error)
       self%has_begun = .true.
       self%last_parameter = stored(size(stored))%parameter
       self%last_branch = stored(size(stored))%branch
    end subroutine curve_runner_continue_from
+
+   !> Rows of a part of a curve as those of a curve of its own.
+   function rows_of_part(stored, part) result(rows)
+      type(curve_position_t), intent(in) :: stored(:)
+      integer, intent(in) :: part
+      type(curve_position_t), allocatable :: rows(:)
+
+      allocate (rows, source=stored)
+      if (part > 0) rows%branch = 0
+   end function rows_of_part
 
    !> Whether there is a curve that may have points.
    pure logical function curve_runner_is_prepared(self) result(is_prepared)
@@ -97,8 +121,9 @@ contains
       integer, intent(in) :: n_points                                 !! of the whole curve
 
       self%request%n_points = n_points
-      call self%curve%lengthen(n_points)
-      self%is_done = self%curve%is_done
+      self%part%n_points = n_points - self%jumps%n_before
+      call self%curve%lengthen(self%part%n_points)
+      self%is_done = self%curve%is_done .and. .not. self%jumps%is_due
    end subroutine curve_runner_lengthen
 
    !> Returns the next point; with the status `interrupted`, and without an error, if the work ends first. An `error` is a failure
@@ -113,7 +138,9 @@ contains
       limit = self%model%options%solver%time_limit
       if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
       call cancellation%enter(limit)
-      if (self%has_begun) then
+      if (self%jumps%is_due) then
+         call jump(self, result, error)
+      else if (self%has_begun) then
          call self%curve%next(result, error)
       else
          call begin(self, result, error)
@@ -130,6 +157,7 @@ contains
       if (allocated(error)) call result%set_failure(error)
       if (.not. allocated(result%curve)) result%curve = curve_position_t(curve_kind%none, self%last_parameter, &
                                                                       ieee_value(1.0_wp, ieee_quiet_nan), self%last_branch)
+      if (self%request%jumps) call note_row(self, result)
       self%last_parameter = result%curve%parameter
       self%last_branch = result%curve%branch
    end subroutine curve_runner_next
@@ -145,6 +173,37 @@ contains
       if (allocated(result%curve%unknowns)) system => self%curve%system_at(result%curve)
    end function curve_runner_system_at
 
+   !> Notes a row of a curve that jumps: after a fold, and after the last row of a part that has not come to the end of the range,
+   !> the curve goes on if there is room for another row.
+   subroutine note_row(self, result)
+      class(curve_runner_t), intent(inout) :: self
+      type(motion_result_t), intent(inout) :: result
+      logical :: has_room
+
+      if (self%jumps%n_rows == 0) call self%jumps%begin(self%request, result%curve%parameter)
+      call self%jumps%note(result%curve, self%is_done .and. result%reason /= reason%points)
+      has_room = self%jumps%n_rows < self%request%n_points
+      if (self%jumps%is_due) self%is_done = .not. has_room
+      if (.not. has_room .and. is_solved(result%status)) result%reason = reason%points
+   end subroutine note_row
+
+   !> Begins the next part of a curve that jumps. If the work ends first, it begins again in another run.
+   subroutine jump(self, result, error)
+      class(curve_runner_t), intent(inout), target :: self
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: furthest
+
+      furthest = self%jumps%furthest
+      call self%jumps%next_request(self%request%n_points, self%part)
+      self%last_parameter = self%part%from
+      self%model%options%may_integrate = self%may_integrate
+      call move_start(self, self%part%from, error)
+      if (.not. allocated(error)) call begin(self, result, error)
+      if (allocated(error) .or. .not. is_solved(result%status)) return
+      if (.not. allocated(result%message)) result%message = "a jump from "//to_text(furthest)
+   end subroutine jump
+
    !> Begins the curve by the attempts of `hb_attempts`: contacts that are closed at one end of the range are often open at the
    !> other; time integration, which takes longer, is the last attempt.
    subroutine begin(self, result, error)
@@ -155,9 +214,10 @@ contains
 
       attempts%runner => self
       attempts%result => result
-      attempts%start = self%request%start
-      associate (request => self%request, model => self%model)
-         attempts%has_choice = any(abs(request%start - [request%from, request%to]) <= 0.0_wp) .and. .not. &
+      attempts%start = self%part%start
+      associate (request => self%part, model => self%model)
+         attempts%has_choice = self%jumps%part == 0 .and. &
+            any(abs(request%start - [request%from, request%to]) <= 0.0_wp) .and. .not. &
             (allocated(request%origin) .or. allocated(request%over) .or. any(model%system%tones%is_unknown) .or. &
              model%options%start%from_integration .or. model%system%normal_mode%is_requested .or. &
                 model%options%lacks_impacts_of(model%system, outcome%impact))
@@ -184,13 +244,13 @@ contains
       real(wp) :: start
 
       associate (runner => self%runner, result => self%result)
-         associate (request => runner%request)
+         associate (request => runner%part)
             start = self%start                                        ! exactly an end: a curve from within is followed both ways
             if (rule%name == "other_end") start = merge(request%to, request%from, abs(start - request%from) <= 0.0_wp)
             call move_start(runner, start, self%error)
          end associate
          if (self%has_choice) runner%model%options%may_integrate = rule%technique == technique%integration
-         if (.not. allocated(self%error)) call runner%curve%begin(runner%model, runner%request, result, self%error)
+         if (.not. allocated(self%error)) call runner%curve%begin(runner%model, runner%part, result, self%error)
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          attempt%status = merge(outcome%failed, result%status, allocated(self%error))
          if (allocated(self%error)) return
@@ -213,11 +273,11 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(movement_t) :: movement
 
-      if (abs(start - self%request%start) <= 0.0_wp) return
+      if (abs(start - self%part%start) <= 0.0_wp) return
       call self%curve%destroy()
-      call new_curve_of(self%curve, self%model%system, self%model%options, self%request)
-      self%request%start = start
-      call new_movement(movement, self%model, self%request%moving%number, self%request%moving%is_tied, error)
+      call new_curve_of(self%curve, self%model%system, self%model%options, self%part)
+      self%part%start = start
+      call new_movement(movement, self%model, self%part%moving%number, self%part%moving%is_tied, error)
       if (.not. allocated(error)) call set_movement(self%model, movement, start, error)
    end subroutine move_start
 

@@ -32,6 +32,7 @@ module hb_progress
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
       character(:), allocatable, private :: what                      ! name of the items that are counted
+      character(:), allocatable, private :: place                     ! where the last of them is, if it tells how far the run is
       real(wp), private :: started_at                                 ! wall clock [s]
       real(wp), private :: shown_at                                   ! wall clock [s] of the last line
       real(wp), private :: interval = log_interval                    ! [s] to the next line
@@ -41,6 +42,7 @@ module hb_progress
       real(wp), private :: reported_at = 0.0_wp                       ! wall clock [s] of the last message to the other ranks
    contains
       procedure :: note => progress_note
+      procedure :: note_place => progress_note_place
       procedure :: report => progress_report
       procedure :: is_due => progress_is_due
       procedure :: report_point => progress_report_point
@@ -80,6 +82,14 @@ contains
       if (has_failed) self%failed = self%failed + 1
       is_report_due = wall_clock() - self%reported_at >= tally_interval
    end subroutine progress_note
+
+   !> Notes where the last point is, for the next line.
+   subroutine progress_note_place(self, place)
+      class(progress_t), intent(inout) :: self
+      character(*), intent(in) :: place
+
+      self%place = place
+   end subroutine progress_note_place
 
    !> Returns the points counted since the last call.
    subroutine progress_report(self, done, failed)
@@ -165,6 +175,7 @@ contains
       else
          line = line//", "//time_text(seconds)
       end if
+      if (allocated(self%place)) line = line//"; "//self%place
       if (present(within)) line = line//"; "//within
       if (self%on_terminal) then
          filled = nint(bar_width*real(done, wp)/max(self%n_points, 1))

@@ -32,7 +32,7 @@ module hb_sweep
    use hb_study, only: describe_layout, study_t
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
-   use hb_text, only: to_text
+   use hb_text, only: rounded_to, to_text
    use hb_watched_interruption, only: watched_t
    implicit none
    private
@@ -443,7 +443,22 @@ contains
          return
       end if
       call run%progress%note(.not. has_answer(result%status), is_report_due)
-      if (is_report_due) call report(run%counter, group, run%progress, run%times)
+      if (.not. is_report_due) return
+      if (allocated(result%curve) .and. run%progress%is_due()) call run%progress%note_place(place_of(result%curve%parameter))
+      call report(run%counter, group, run%progress, run%times)
+
+   contains
+
+      !> How far a curve is.
+      function place_of(value) result(text)
+         real(wp), intent(in) :: value
+         character(:), allocatable :: text
+         integer, parameter :: n_digits = 4
+
+         associate (curve => self%plan%curve)
+            text = "at "//to_text(rounded_to(value, n_digits))//" between "//to_text(curve%from)//" and "//to_text(curve%to)
+         end associate
+      end function place_of
    end subroutine store_point
 
    !> Counts a point that has crashed in a previous run and remains unchanged in the file; the next has no neighbour.

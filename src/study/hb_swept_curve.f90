@@ -67,21 +67,24 @@ contains
       allocate (positions(source%plan%curve%n_points), status(source%plan%curve%n_points))
       call results%read_curve(first, status, positions, error)
       if (allocated(error)) return
-      last = last_step(status, positions%kind)
+      last = last_step(status, positions%kind, source%plan%curve%jumps)
       if (last == 0) return
       call self%runner%continue_from(positions(:last), failure)
       self%is_done = self%runner%is_done
       self%stored = status(:last)
    end subroutine new_swept_curve
 
-   !> The last of the stored points from which a curve can continue, without gaps before it; 0: none.
-   pure integer function last_step(status, kind) result(last)
+   !> The last of the stored points from which a curve can continue, without gaps before it; 0: none. A curve that jumps goes on
+   !> behind a row without a motion.
+   pure integer function last_step(status, kind, jumps) result(last)
       integer, intent(in) :: status(:), kind(:)                       !! of all points of the curve
+      logical, intent(in) :: jumps
       integer :: i
 
       last = 0
       do i = 1, size(status)
-         if (kind(i) == curve_kind%none .or. status(i) == outcome%pending .or. .not. (is_solved(status(i)) .or. i == 1)) exit
+         if (status(i) == outcome%pending) exit
+         if (.not. jumps .and. (kind(i) == curve_kind%none .or. .not. (is_solved(status(i)) .or. i == 1))) exit
          if (any(kind(i) == [curve_kind%regular, curve_kind%start])) last = i
       end do
       if (all(status /= outcome%pending) .and. all(is_solved(status) .or. status == outcome%unused)) last = 0   ! rows are damaged

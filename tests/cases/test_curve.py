@@ -22,6 +22,14 @@ KINK = """
 &law type = 'elastic_stop', dof = 'x2', stiffness = 25.8, gap = 0.0103, two_sided = .true. /
 &curve parameter = 'tones%frequency', from = 0.423, to = 1.0 /
 """
+MANY_FOLDS = """
+&structure type = 'chain', n_masses = 2, mass = 1.0, 0.05, coupling_stiffness = 1.0, 2.0, 0.0, damping_mass = 0.01 /
+&tones frequency = 2.1 /
+&harmonics order = 9 /
+&load dof = 'x1', tuple = 1, cos = 0.3 /
+&law type = 'elastic_stop', dof = 'x2', stiffness = 10.0, gap = 0.1 /
+&curve parameter = 'tones%frequency', from = 2.1, to = 0.2, points = 250 /
+"""
 RIDGE = "parameter = 'load(1)%cos', from = 0.18, to = 0.1, follow = 'fold'"
 
 
@@ -48,6 +56,54 @@ def test_a_curve_from_its_lower_end_stays_in_its_range(tmp_path):
     used = status != UNUSED
     assert (status[used] == 1).all() and value[used].min() >= 0.5 and value[used][-1] == 2.5
     assert (kind[used] == FOLD).sum() == 2
+
+
+def jumping(start, end, **further):
+    keys = "".join(f", {key} = {value}" for key, value in further.items())
+    return DUFFING + f"&curve parameter = 'tones%frequency', from = {start}, to = {end}, jump = .true.{keys} /\n"
+
+
+@pytest.mark.parametrize("start, end", [(0.5, 2.5), (2.5, 0.5)])
+def test_a_curve_jumps_over_its_fold(tmp_path, start, end):
+    """As a slow sweep it leaves its branch at the fold ahead, 1.2696 upwards and 1.1157 downwards; all motions are stable."""
+    value, kind, part, status, stable = read(solve(jumping(start, end), tmp_path), "tones_frequency", "curve_kind", "curve_branch",
+                                             "status", "is_stable")
+    used = status != UNUSED
+    value, kind, part = value[used], kind[used], part[used]
+    fold = np.flatnonzero(kind == FOLD)
+    assert (status[used] == 1).all() and len(fold) == 1 and not (stable[used] == -1).any()
+    assert value[fold[0]] == pytest.approx(1.2696 if end > start else 1.1157, abs=1e-4)
+    assert (part[: fold[0] + 1] == 0).all() and (part[fold[0] + 1 :] == 1).all()
+    assert (np.diff(value) * (end - start) > 0).all() and value[0] == start and value[-1] == end
+
+
+def test_a_curve_jumps_also_after_an_interruption(tmp_path):
+    """Resumed before the fold, at the fold, behind it, and with more points, it has the same bits."""
+    whole = solve(jumping(0.5, 2.5), tmp_path)
+    fold = int(np.argmax(read(whole, "curve_kind") == FOLD))
+    for left in (fold - 1, fold, fold + 1, fold + 2, fold + 9):
+        copy = tmp_path / f"left_{left}.h5"
+        shutil.copy(whole, copy)
+        with h5py.File(copy, "r+") as file:
+            file["status"][left + 1 :] = PENDING
+        assert run("resume", copy.name, cwd=tmp_path).status == ALL_CONVERGED
+        assert_same_bits(copy, whole)
+    short = solve(jumping(0.5, 2.5, points=fold + 3), tmp_path, name="short")
+    run("resume", short.name, "--set", "curve%points=500", cwd=tmp_path)
+    assert_same_bits(short, whole)
+
+
+def test_a_curve_with_many_folds_is_advised_to_jump(tmp_path):
+    """A light mass between a stop and a spring: superharmonic folds take the points of a curve, and the printed command covers the
+    range; two folds alone need more points."""
+    (tmp_path / "few.nml").write_text(DUFFING + "&curve parameter = 'tones%frequency', from = 0.5, to = 12.0, points = 130 /\n")
+    (tmp_path / "many.nml").write_text(MANY_FOLDS)
+    few, many = (run("solve", f"{name}.nml", cwd=tmp_path) for name in ("few", "many"))
+    assert "curve%points=" in few.stdout and "curve%jump" not in few.stdout
+    command = re.search(r"try: nhbm (solve many.nml --set curve%jump=.true. .*)", many.stdout)[1].split()
+    run(*command, cwd=tmp_path)
+    value, status = read(tmp_path / "many_jump.h5", "tones_frequency", "status")
+    assert value[status != UNUSED].min() == 0.2
 
 
 def test_a_curve_that_turns_at_a_kink_has_a_fold_there(tmp_path):
@@ -371,6 +427,10 @@ def test_progress_counts_points_and_not_the_room_for_them(tmp_path):
         ("parameter = 'tones%frequency', from = 0.5", "'to'"),
         ("parameter = 'tones%frequency', from = 0.5, to = 0.5", "the range is empty"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, start = 2.0", "must lie between 'from' and 'to'"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, start = 1.0, jump = .true.", "must be 'from' or 'to' with 'jump'"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, others = 1.0, jump = .true.", "'others' follows curves"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, switch = .true., jump = .true.", "give one of them"),
+        (f"{RIDGE}, over = 'tones%frequency', over_from = 0.5, over_to = 2.5, jump = .true.", "jump: is for the motion itself"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, values = 1.0, 1.6", "1.6 does not"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, others = 1.0, 1.6", "1.6 does not"),
         ("parameter = 'tones%frequenzy', from = 0.5, to = 1.5", "frequenzy"),
