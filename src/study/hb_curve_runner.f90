@@ -178,10 +178,12 @@ contains
    subroutine note_row(self, result)
       class(curve_runner_t), intent(inout) :: self
       type(motion_result_t), intent(inout) :: result
-      logical :: has_room
+      logical :: has_ended, has_room                                  ! the part; otherwise it may be the room that ends it
 
       if (self%jumps%n_rows == 0) call self%jumps%begin(self%request, result%curve%parameter)
-      call self%jumps%note(result%curve, self%is_done .and. result%reason /= reason%points)
+      has_ended = self%is_done .and. (any(result%curve%kind == [curve_kind%end, curve_kind%none]) .or. &
+                                      result%reason == reason%grazing)
+      call self%jumps%note(result%curve, has_ended)
       has_room = self%jumps%n_rows < self%request%n_points
       if (self%jumps%is_due) self%is_done = .not. has_room
       if (.not. has_room .and. is_solved(result%status)) result%reason = reason%points

@@ -297,6 +297,20 @@ def test_a_cut_curve_is_continued_by_the_same_call(monkeypatch, tmp_path):
     assert len(begun) == 4 and float(other.nhbm.amplitude("x1")[0]) < 0.6 * float(whole.nhbm.amplitude("x1")[0])
 
 
+def test_a_curve_that_jumps_goes_on_with_more_points():
+    """Cut before, at and behind a jump."""
+    settings = {"order": 5, "jump": True}
+    whole = duffing().curve("tones[0]", 0.5, 2.5, **settings)
+    jump = int(np.argmax(whole["curve_branch"].values == 1))
+    assert jump > 0
+    for points in range(jump - 2, jump + 4):
+        model = duffing()
+        with pytest.warns(nhbm.NotConverged, match="call again"):
+            model.curve("tones[0]", 0.5, 2.5, points=points, **settings)
+        curve = model.curve("tones[0]", 0.5, 2.5, points=500, **settings)
+        assert np.array_equal(curve["coefficients"], whole["coefficients"]), points
+
+
 def test_a_linear_model_has_a_curve():
     model = duffing(spring=None)
     with warnings.catch_warnings():
