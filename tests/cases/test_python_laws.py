@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import types
+import warnings
 
 import numpy as np
 import pytest
@@ -85,6 +86,18 @@ def curved(q):
 def late(q):
     """Differentiable in complex numbers as long as displacements are small."""
     return 0.5 * q**3 if np.abs(q).max() < 0.1 else 0.5 * q * q * abs(q) * np.sign(q.real)
+
+
+@pytest.mark.parametrize("force", [lambda q: q**3, lambda q: abs(q) ** 3 * np.sign(q)], ids=["complex", "differences"])
+def test_a_flat_force_has_right_derivatives(force):
+    """Both vanish at rest, where differences have nothing but their error, and are flat where the motion passes through zero."""
+    model = Model(nhbm.Matrices(np.eye(2), np.array([[2.0, -1.0], [-1.0, 2.0]]), 0.1 * np.eye(2)), tones=[1.0])
+    model.load("x1", 1, cos=0.3)
+    model.law("elastic_stop", "x1", stiffness=5.0, gap=0.1)
+    model.law(force, "x1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.solve()
 
 
 def test_derivatives_of_laws_that_complex_steps_do_not_follow():
