@@ -3,6 +3,7 @@
 module hb_longer_curves
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: open_file
+   use hb_named_files, only: are_same_files
    use hb_namelist_difference, only: list_differences
    use hb_operating_system, only: held_file_t, hold_file, unlock_file
    use hb_outcome, only: outcome
@@ -75,7 +76,7 @@ contains
                    ", commit "//record%git_commit//", which continues it; now"//new_line("a")//differences)
          return
       end do
-      if (study%libraries() /= record%input_libraries) then
+      if (.not. are_same_files(study%libraries(), record%input_libraries)) then
          call fail(error, "result file '"//path//"' was made with another model or other libraries of laws; now:"// &
                    new_line("a")//study%libraries()//new_line("a")//"in the file:"//new_line("a")//record%input_libraries)
       else if (n_now < n_before) then

@@ -3,6 +3,7 @@
 module hb_resume
    use hb_error, only: error_t, fail
    use hb_mpi, only: broadcast_integers, comm_t, rank_of, share_error
+   use hb_named_files, only: are_same_files
    use hb_namelist_difference, only: list_differences
    use hb_operating_system, only: exists
    use hb_outcome, only: outcome
@@ -64,7 +65,7 @@ contains
       call schedule%restrict_to(found(2:))
       if (rank_of(comm) > 0) return
       call count_retained(summary, record, schedule%all_points())
-      summary%has_other_libraries = input%libraries /= record%input_libraries
+      summary%has_other_libraries = .not. are_same_files(input%libraries, record%input_libraries)
    end subroutine choose_units
 
    !> Rejects the file of another input.
@@ -91,7 +92,7 @@ contains
       else if (len(self%libraries) > 0 .and. len(record%input_libraries) == 0 .and. .not. retries) then
          call fail(error, "result file '"//path//"' does not say which model and libraries of laws it was made with; "// &
             "--retry continues with the present ones, if they are the same"//new_line("a")//self%libraries)
-      else if (self%libraries /= record%input_libraries .and. .not. retries) then
+      else if (.not. (are_same_files(self%libraries, record%input_libraries) .or. retries)) then
          call fail(error, "result file '"//path//"' was made with another model or other libraries of laws; give the same or "// &
             "another --output, or --retry to continue with these"//new_line("a")//"now:"//new_line("a")// &
             self%libraries//new_line("a")//"in the file:"//new_line("a")//record%input_libraries)

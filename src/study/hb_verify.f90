@@ -13,6 +13,7 @@ module hb_verify
    use hb_model_reader, only: read_model
    use hb_movement, only: follow_frequencies
    use hb_mpi, only: barrier, comm_t, max_over, new_work_counter, rank_of, share_error, size_of, work_counter_t
+   use hb_named_files, only: are_same_files
    use hb_options, only: purpose_t
    use hb_outcome, only: is_integrated, is_solved
    use hb_progress, only: log_level, new_progress, progress_t
@@ -203,7 +204,7 @@ contains
       if (.not. allocated(error)) call new_study(stored%study, &
          folder//path(index(path, "/", back=.true.) + 1:)//": input_complete", stored%input_complete, [string_t ::], error)
       if (allocated(error)) return
-      if (stored%study%libraries() /= stored%input_libraries) call fail(error, "'"//path// &
+      if (.not. are_same_files(stored%study%libraries(), stored%input_libraries)) call fail(error, "'"//path// &
          "' was made with another model or another library of a law, which is needed to verify it"//new_line("a")// &
          "now:"//new_line("a")//stored%study%libraries()//new_line("a")//"in the file:"//new_line("a")//stored%input_libraries)
       if (.not. allocated(error)) call note_curve_values(path, stored%study%plan, error)

@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 from nhbm_post.measure import Measure
 from nhbm_post.reader import Results
+from nhbm_post.structure import structure_of
 
 from in_process import DUFFING, STOP, duffing
 from program import ALL_CONVERGED, INCOMPLETE, run
@@ -230,6 +231,22 @@ def test_sets_name_degrees_of_freedom_of_files(tmp_path):
         (tmp_path / "model.h5").write_bytes(damaged) if damaged else (tmp_path / "model.h5").unlink()
         with pytest.raises(KeyError, match="no degree of freedom 'tip.x'"):
             nhbm.open_dataset(tmp_path / "case.h5").nhbm.amplitude("tip.x", 1)
+
+
+def test_results_in_another_folder_find_their_model(tmp_path):
+    """A model that an input names is the same wherever the result is: saved from Python or written by the command."""
+    (tmp_path / "made").mkdir()
+    with_a_set().write(tmp_path / "made/model.h5")
+    (tmp_path / "made/case.nml").write_text(
+        "&structure type = 'model', file = 'model.h5' /\n&tones frequency = 0.7 /\n&harmonics order = 3 /\n"
+        "&load dof = 'tip.x', tuple = 1, cos = 0.1 /\n&law type = 'cubic_spring', dof = 'tip.x', stiffness = 0.1 /\n"
+    )
+    Model.from_file(tmp_path / "made/case.nml").solve().nhbm.save(tmp_path / "saved.h5")
+    assert run("solve", "made/case.nml", "-o", "solved.h5", cwd=tmp_path).status == ALL_CONVERGED
+    for name in ("saved.h5", "solved.h5"):
+        assert run("verify", name, cwd=tmp_path).status == ALL_CONVERGED
+        assert run("resume", name, cwd=tmp_path).status == ALL_CONVERGED
+        assert structure_of(Results(tmp_path / name), 0, None).points.shape == (2, 3)
 
 
 def test_names_do_not_depend_on_spelling():

@@ -139,6 +139,12 @@ class Results:
     def input_complete(self) -> str:
         return self._text_dataset("input_complete")
 
+    @property
+    def input_folder(self) -> Path:
+        """Folder of the input, to which names of files in it are relative; the present one if it is not known."""
+        dataset = self._file.get("input_text")
+        return Path(text_of(dataset.attrs.get("folder", "")) if dataset is not None else "")
+
     @cached_property
     def in_hertz(self) -> bool:
         """Whether the input gives frequencies in hertz; pictures then do so too."""

@@ -136,8 +136,8 @@ def has_model(results: Results) -> bool:
 
 
 def structure_of(results: Results, point: int, model: Path | None) -> Structure:
-    """The structure of a model file, or of the one that the input of a point names: in the present folder, or in that of the
-    result."""
+    """The structure of a model file, or of the one that the input of a point names: in the folder of the input, in the present one,
+    or in that of the result."""
     if model is not None:
         return Structure(model)
     named = [file for group in groups(results.input_complete, "structure") for file in group.get("file", [])]
@@ -145,10 +145,10 @@ def structure_of(results: Results, point: int, model: Path | None) -> Structure:
     name = next(iter(swept + named), "")
     if not name:
         raise UsageError(f"{results.path}: its input names no model file; nodes and cells come with --model")
-    for path in (Path(name), results.path.parent / name, results.path.parent / Path(name).name):
+    for path in (results.input_folder / name, Path(name), results.path.parent / name, results.path.parent / Path(name).name):
         if path.is_file():
             return Structure(path)
-    raise UsageError(f"{results.path}: its model file '{name}' is neither here nor beside it; --model gives its path")
+    raise UsageError(f"{results.path}: its model file '{name}' is neither in the folder of its input, nor here, nor beside it; --model gives its path")
 
 
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):
