@@ -235,8 +235,8 @@ contains
       self%is_given = len(path) == 0
       if (self%is_given) then
          if (find_registered_law(name//c_null_char, info, self%evaluate_function) == 0) &
-            call fail(error, "the program has registered no law '"//name//"'; without a program around nhbm, "// &
-                    "'library' names a file")
+            call fail(error, "the program has registered no law '"//name//"': a law in Python, or of another program, is known "// &
+                      "there alone, and its motions are verified and continued there; otherwise 'library' names a file")
       else
          call open_law(self, path, name, info, error)
       end if

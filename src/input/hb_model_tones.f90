@@ -64,7 +64,8 @@ contains
       if (group%given("hertz")) then
          if (group%given("frequency")) then
             key = trim(merge("hertz    ", "frequency", is_before("frequency", "hertz")))
-            call group%problem(key, "give either 'frequency' [rad/s] or 'hertz', not both")
+            call group%problem(key, "give either 'frequency' [rad/s] or 'hertz', not both; the path of a &curve, a &sweep or "// &
+                               "--set names the one that is given")
             call group%get("frequency", omega)
          end if
          call group%get("hertz", omega)

@@ -437,6 +437,7 @@ def test_progress_counts_points_and_not_the_room_for_them(tmp_path):
         ("parameter = 'harmonics%order', from = 1, to = 5", "a curve follows a number of &structure"),
         ("parameter = 'structure%n_masses', from = 1, to = 5", "is not a real number"),
         ("parameter = 'tones%frequency(2)', from = 0.5, to = 1.5", "the highest number of a tone is 1"),
+        ("parameter = 'tones%hertz', from = 0.5, to = 1.5", "&curve, a &sweep or --set names the one that is given"),
         ("parameter = 'load(1)%cos', from = 0.5, to = 1.5, tie = 'ratio'", "is for the frequency of a tone"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x2'", "unknown degree of freedom 'x2'"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (1,0)'", "is not a response"),

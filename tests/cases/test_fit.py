@@ -30,6 +30,12 @@ def linear(stiffness=1.0, damping=0.1, **tones):
     return model
 
 
+def stopped():
+    model = linear()
+    model.law("elastic_stop", "x1", stiffness=1.0, gap=0.1, label="stop")
+    return model
+
+
 LINEAR = ["structure.stiffness[0]", "structure.damping[0]"]
 OMEGA = np.linspace(0.7, 1.4, 15)
 Z = FORCE / (1.21 - OMEGA**2 + 0.2j * OMEGA)  # cos - i sin, as of x = Re(Z exp(i omega t))
@@ -372,6 +378,7 @@ def test_trial_values_are_not_warned_of(monkeypatch):
     (lambda: nhbm.fit(linear(), {"frequency": OMEGA}, LINEAR, "x1 (1)"), "need the columns 'amplitude' and 'frequency'"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1"), "'x1' is no harmonic; a fit needs one, such as 'x1 .1.'"),
     (lambda: nhbm.fit(linear(), DATA, ["structure.stifness[0]"], "x1 (1)"), "stifness"),
+    (lambda: nhbm.fit(stopped(), DATA, ["law(stp)%gap"], "x1 (1)"), "no group &law has the label 'stp'; did you mean 'stop'"),
     (lambda: nhbm.fit(linear(), {**DATA, "sweep": "left"}, LINEAR, "x1 (1)"), "'up' and 'down', not 'left'"),
     (lambda: nhbm.fit(linear(), {"frequency": [1.0], "amplitude": [1.0]}, LINEAR, "x1 (1)"), "1 measured number cannot determine"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", bounds={"spring.gap": (0, 1)}), "is no parameter of the fit"),
@@ -394,6 +401,7 @@ def test_mistakes_are_named(made, message):
     ("frequency,amplitude\n1.0,0.1\n2.0,abc\n", "'data.csv': column 'amplitude' must be numbers, not 'abc' .row 2."),
     ("frequency,amplitude,force\n1.0,0.1,1.0\n", "'data.csv': path 'force' has no key, .*; columns are frequency, hertz, "),
     ("1.0,0.1\n1.1,0.2\n", "'data.csv': data need the columns .*; the first row is that of the names"),
+    ("# lab 3\nfrequency;amplitude\n1,1;0,2\n", "'data.csv': semicolons separate its columns; write commas"),
     ("\xff\xfe", "'data.csv' cannot be read as CSV: it is not a text"),
 ])  # fmt: skip
 def test_mistakes_in_files_are_named_with_the_file(text, message, tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, meant
 from nhbm.keys import check_keys, keys_of, labelled_groups, repeated_groups
 from nhbm.paths import InputPath, path_of
 from nhbm.values import as_input, numbers_of, plain
@@ -291,6 +291,10 @@ def value_at(path: InputPath, groups: Groups) -> Any:
         if n > 0 and isinstance(path.which, int):
             there = ", ".join(f"{path.group}[{k}]" for k in range(n))
             raise ModelError(f"'{path.written}': there is no such &{path.group}; the model has {there}")
+        labels = [other.label for other in groups.named(path.group) if other.label]
+        if isinstance(path.which, str) and labels:
+            raise ModelError(f"'{path}': no group &{path.group} has the label '{path.which}'{meant(path.which, labels)}; "
+                             f"labels: {', '.join(map(repr, labels))}")
         known = dict.fromkeys(other.name for other in groups)
         raise ModelError(f"'{path.written}': there is no such value; known groups: {', '.join(known)}")
     value = group.get(path.key, path.indices)
@@ -300,7 +304,8 @@ def value_at(path: InputPath, groups: Groups) -> Any:
         hint = f", row by row: it has one index, {path.key}({n})" if len(path.indices) > 1 else ""
         raise ModelError(f"'{path.written}': {path.key} has {n} value{'s' * (n > 1)}{hint}")
     if value is None:
-        raise ModelError(f"'{path.written}': there is no such value; known keys: {', '.join(group.keys)}")
+        raise ModelError(f"'{path.written}': there is no such value{meant(path.key, list(group.keys))}; "
+                         f"known keys: {', '.join(group.keys)}")
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -142,6 +142,11 @@ def _read(path: Path) -> Any:
     import pandas
 
     try:
+        with open(path, encoding="utf-8") as file:
+            head = next((line for line in file if line.strip() and not line.startswith("#")), "")
+        for name, mark in (("semicolons", ";"), ("tabs", "\t")):
+            if mark in head and "," not in head:
+                raise ModelError(f"'{path}': {name} separate its columns; write commas between columns, and points in numbers")
         return pandas.read_csv(path, comment="#", skipinitialspace=True)
     except FileNotFoundError:
         raise ModelError(f"file '{path}' does not exist") from None
