@@ -45,6 +45,11 @@ def test_files_that_are_no_results_are_named(tmp_path):
 def test_absent_harmonics_are_not_zero():
     model = duffing()
     motion = model.solve(order=3)
+    odd = duffing().solve(tolerance=1e-8)
+    assert 0 not in odd["tuple"].values % 2 or odd.sizes["harmonic"] > 2
+    assert all(float(odd.nhbm.amplitude("x1", k)) == 0.0 for k in (0, 2, 4, 20)) and odd.nhbm.details["is_odd"] == 1
+    with pytest.raises(ModelError, match="does not have the tuple 21"):
+        odd.nhbm.amplitude("x1", 21)
     with pytest.raises(ModelError, match="does not have the tuple 9"):
         motion.nhbm.amplitude("x1", 9)
     with pytest.raises(ModelError, match="tuple_ must be whole numbers"):

@@ -255,7 +255,7 @@ class Accessor:
         -------
         xarray.DataArray
             In the unit of the column, one value per point; NaN for points without a motion and for those whose set does not
-            have the tuple, which is an error if no point has it.
+            have the tuple, which is an error if no point has it. Even tuples of odd motions are zero.
         """
         data = self._dataset
         check_found(data, of)
@@ -266,10 +266,12 @@ class Accessor:
             raise ModelError(f"tuple {tuple_} has the length {len(wanted)}; it needs {needed}, a whole number for each tone")
         sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
         has = (tuples == sign * wanted).all("tone") & self._in_use()
-        if bool(self._has_motion().any()) and not bool(has.any()):
+        is_zero = self._is_odd() & bool(wanted.sum() % 2 == 0) & ~has.any("harmonic")
+        if bool(self._has_motion().any()) and not bool((has | is_zero).any()):
             raise ModelError(f"the set of harmonics does not have the tuple {tuple_}: its amplitude is not known; "
                              f"the highest is {int(abs(tuples).max())}")  # fmt: skip
-        found = self._row(of, dof).where(has).sum("harmonic", min_count=1).where(self._has_motion())
+        found = self._row(of, dof).where(has).sum("harmonic", min_count=1)
+        found = found.where(~is_zero, 0.0).where(self._has_motion())
         name, words = f"{dof} ({', '.join(map(str, wanted))})", f"complex amplitude of {dof}, {words_of_tuple(wanted.tolist())}"
         found = found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
         return self._named(found, name, words, self._unit(of, dof))
@@ -399,6 +401,13 @@ class Accessor:
         """Whether each point has a motion; all of a dataset that does not say so."""
         data = self._dataset
         return data["status"].isin(SOLVED) if "status" in data else xr.DataArray(True)
+
+    def _is_odd(self) -> xr.DataArray:
+        """Whether each motion is known to repeat with the opposite sign after half a period, so that its even harmonics are zero."""
+        known = record_beside(self._dataset)
+        if not known or "is_odd" not in known[0] or not set(known[0]["is_odd"].dims) <= set(self._dataset.dims):
+            return xr.DataArray(False)
+        return self.details["is_odd"] == 1
 
     def gradient(self, of: str) -> xr.DataArray:
         """Derivatives of a response with respect to the values of the group &gradient, in their units.
