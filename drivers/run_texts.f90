@@ -133,7 +133,7 @@ contains
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
-      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), response(:), status(:)
+      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), response(:), status(:), vanishing(:)
       type(string_t), allocatable :: names(:)                         ! of all responses, if there are several
       real(wp), allocatable :: largest(:), lengths(:)
       integer :: first_gap, i, n
@@ -176,9 +176,11 @@ contains
       n = count(reasons == reason%grazing)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
          "no motion was found beyond; try a sweep from there, or another start"]
-      n = count([(is_regular_end(status(i), i, plan), i=1, plan%n_points)] .and. status == outcome%collapsed)
-      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")// &
-                          " ended where the motion of an unknown tone vanishes"]
+      vanishing = pack([(i, i=1, plan%n_points)], [(is_regular_end(status(i), i, plan), i=1, plan%n_points)] .and. &
+                       status == outcome%collapsed)
+      if (size(vanishing) > 0) lines = [character(max_line) :: lines, number_of(size(vanishing), "curve")// &
+         " ended where the motion of an unknown tone vanishes, at "//rounded%describe(vanishing(1))// &
+         trim(merge(" (first)", repeat(" ", 8), size(vanishing) > 1))]
       do i = 1, plan%n_points
          if (status(i) /= outcome%locked .or. .not. is_regular_end(status(i), i, plan)) cycle
          lines = [character(max_line) :: lines, "point "//to_text(i - 1)//": "//message_of(path, i)]

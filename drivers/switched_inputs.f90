@@ -65,7 +65,7 @@ contains
          call fail(error, "motions with impacts that have an additional tone are found by time integration alone; use a &sweep "// &
                    "over '"//plan%curve%path//"'")
       else if (.not. is_torus .and. any([(model%system%laws(i)%law%n_phases > 0, i=1, size(model%system%laws))])) then
-         call fail(error, "a law turns with a tone")
+         call fail(error, "a law turns with a tone; give half of its frequency, twice its tuples, and a &start near the motion")
       end if
       if (.not. (allocated(error) .or. model%options%accuracy%grows_set)) & ! otherwise the origin has it
          call add_set(document, model%system%tones%n_tones, plan%curve%torus_order, is_torus, overrides, error)

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from nhbm import Structure, examples
 from nhbm.checks import check
 from nhbm.command import main
+from nhbm.reduction import reduce
 
 
 def bad(model):
@@ -62,6 +63,15 @@ def test_empty_degree_of_freedom_is_named(chain):
 def test_rigid_body_modes(clamped, n):
     pytest.importorskip("skfem")
     assert f"{n} rigid body modes" in texts_of(examples.solid(n_x=4, n_y=2, n_z=1, clamped=clamped))
+
+
+def test_a_reduced_model_has_no_density():
+    """Its coordinates are modes and a few nodes: their masses are not that of the body."""
+    pytest.importorskip("skfem")
+    block = examples.solid(n_x=2, n_y=1, n_z=1)
+    assert "that of m, kg, s" in texts_of(block)
+    small = reduce(block, [block.labels[-1]], 4)
+    assert "mass over" not in texts_of(small) and "mass that moves" not in texts_of(small)
 
 
 def test_units_by_plausibility():

@@ -127,7 +127,9 @@ def _rigid_body_modes(model: Any) -> list[Finding]:
 
 def _units(model: Any) -> list[Finding]:
     """Translational mass and size of the model, with a guess whether they are those of m, kg, s or mm, t, s."""
-    findings = []
+    findings: list[Finding] = []
+    if model.recovery is not None:  # reduced: its coordinates are those of modes, and nodes that move alone
+        return findings
     for direction in ("x", "y", "z"):
         ones = np.array([1.0 if d == direction else 0.0 for d in model.dof_direction])
         if ones.any():
