@@ -133,8 +133,10 @@ contains
       class(cancellation_t), intent(inout), target :: cancellation
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
+      type(curve_jumps_t) :: before
       real(wp) :: limit
 
+      before = self%jumps
       limit = self%model%options%solver%time_limit
       if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
       call cancellation%enter(limit)
@@ -149,6 +151,7 @@ contains
       self%has_begun = .true.
       if (cancellation%verdict == verdict%interrupted) then ! the cause of an apparent error or end may be the interruption
          result%status = outcome%interrupted
+         self%jumps = before
          self%is_done = .false.
          if (allocated(error)) deallocate (error)
          return

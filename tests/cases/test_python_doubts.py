@@ -297,6 +297,16 @@ def test_a_cut_curve_is_continued_by_the_same_call(monkeypatch, tmp_path):
     assert len(begun) == 4 and float(other.nhbm.amplitude("x1")[0]) < 0.6 * float(whole.nhbm.amplitude("x1")[0])
 
 
+def test_a_curve_with_many_folds_is_advised_to_jump():
+    model = Model(nhbm.Chain(n_masses=2, mass=[1.0, 0.05], coupling_stiffness=[1.0, 2.0, 0.0], damping_mass=0.01), tones=[2.1])
+    model.load("x1", 1, cos=0.3)
+    model.law("elastic_stop", "x2", stiffness=10.0, gap=0.1)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        model.curve("tones[0]", 2.1, 0.2, order=9, points=250)
+    assert any("or with jump=True and more points" in str(one.message) for one in told)
+
+
 def test_a_curve_that_jumps_goes_on_with_more_points():
     """Cut before, at and behind a jump."""
     settings = {"order": 5, "jump": True}

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _NUMBER = re.compile(r"(?<![\w'])[-+]?\d[\d.]*(?:[eE][-+]?\d+)?")  # not of a name
 _OF_A_MOTION = "their combination"  # tones with a common period: estimated for each motion, where it matters
+SEVERAL = 3  # folds that take the points of a curve
 
 
 def doubt_of(session: Session) -> str:
@@ -97,6 +98,9 @@ def warn_of_end(session: Session, path: str, values: list[float], extent: float)
             f"the curve reached the limit of {len(values)} points at {path} = {values[-1]:.7g}, with {share:.0%} of the range "
             f"covered: call again with points={digit * math.ceil(wanted / digit)}, which continues it"
         )
+        steps = [b - a for a, b in zip(values, values[1:]) if b != a]
+        if share < 0.5 and sum(a * b < 0.0 for a, b in zip(steps, steps[1:])) >= SEVERAL:
+            text += ", or with jump=True and more points, from its folds to motions beyond"
     elif reason == dataset.GRAZED:
         text = "the curve ended where a wall is grazed: no motion was found beyond"
     elif dataset.status_of(session) not in (*dataset.SOLVED, "collapsed", "locked"):  # there the motion ends
