@@ -114,7 +114,8 @@ def test_model_that_the_input_names_is_used(files, tmp_path, capsys, monkeypatch
         assert status == 0 and "4 harmonics" in out, err
     (folder / "full.h5").unlink()
     status, _, err = run(capsys, "vtk", folder / "named.h5")
-    assert status == 2 and "its model file 'elsewhere/full.h5' is neither in the folder of its input, nor here, nor beside it; --model gives" in err
+    words = "its model file 'elsewhere/full.h5' is neither in the folder of its input, nor here, nor beside it; --model gives"
+    assert status == 2 and words in err
     status, _, err = run(capsys, "vtk", folder / "run.h5")
     assert status == 2 and "its input names no model file" in err
 

@@ -72,7 +72,7 @@ contains
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       type(derivative_check_t), intent(out) :: check
       real(wp), parameter :: small = 1.0e-3_wp                        ! part of the largest sample that is a magnitude at least
-      real(wp), parameter :: small_slope = 1.0e-4_wp                  ! where a force is flat, differences of the user have no digits
+      real(wp), parameter :: small_slope = 1.0e-4_wp                  ! where a force is flat, differences have no digits
       class(law_t), allocatable :: law
       type(samples_t) :: samples
 

@@ -148,7 +148,8 @@ def structure_of(results: Results, point: int, model: Path | None) -> Structure:
     for path in (results.input_folder / name, Path(name), results.path.parent / name, results.path.parent / Path(name).name):
         if path.is_file():
             return Structure(path)
-    raise UsageError(f"{results.path}: its model file '{name}' is neither in the folder of its input, nor here, nor beside it; --model gives its path")
+    places = "neither in the folder of its input, nor here, nor beside it"
+    raise UsageError(f"{results.path}: its model file '{name}' is {places}; --model gives its path")
 
 
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):

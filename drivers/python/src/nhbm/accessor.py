@@ -403,7 +403,7 @@ class Accessor:
         return data["status"].isin(SOLVED) if "status" in data else xr.DataArray(True)
 
     def _is_odd(self) -> xr.DataArray:
-        """Whether each motion is known to repeat with the opposite sign after half a period, so that its even harmonics are zero."""
+        """Whether each motion is known to repeat with the opposite sign after half a period: its even harmonics are zero."""
         known = record_beside(self._dataset)
         if not known or "is_odd" not in known[0] or not set(known[0]["is_odd"].dims) <= set(self._dataset.dims):
             return xr.DataArray(False)
