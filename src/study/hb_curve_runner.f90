@@ -19,7 +19,7 @@ module hb_curve_runner
    use hb_point_kinds, only: curve_kind
    use hb_solver_types, only: attempt_t
    use hb_system, only: system_t
-   use hb_text, only: to_text
+   use hb_text, only: rounded_to, to_text
    use hb_thresholds, only: reliable
    implicit none
    private
@@ -197,6 +197,7 @@ contains
       class(curve_runner_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
+      integer, parameter :: n_digits = 10
       real(wp) :: furthest
 
       furthest = self%jumps%furthest
@@ -206,7 +207,7 @@ contains
       call move_start(self, self%part%from, error)
       if (.not. allocated(error)) call begin(self, result, error)
       if (allocated(error) .or. .not. is_solved(result%status)) return
-      if (.not. allocated(result%message)) result%message = "a jump from "//to_text(furthest)
+      if (.not. allocated(result%message)) result%message = "a jump from "//to_text(rounded_to(furthest, n_digits))
    end subroutine jump
 
    !> Begins the curve by the attempts of `hb_attempts`: contacts that are closed at one end of the range are often open at the
