@@ -5,13 +5,26 @@
 document.addEventListener("DOMContentLoaded", () => {
   const found = document.getElementById("search-results");
   if (!found || !window.NHBM_TEXTS) return;
-  const words = (new URLSearchParams(window.location.search).get("q") || "").toLowerCase().split(/\s+/).filter((word) => word.length > 1);
+  const words = (new URLSearchParams(window.location.search).get("q") || "").toLowerCase().split(/\s+/)
+    .filter((word) => word.length > 1).map((word) => word.length > 4 ? word.replace(/(y|ies|s)$/, "") : word); // frequency, frequencies
   const width = 220;
 
+  /* Where most of the words are near each other, the first such place. */
+  const place = (text) => {
+    let best = [0, -1];
+    for (const word of words) {
+      for (let at = text.indexOf(word); at >= 0; at = text.indexOf(word, at + 1)) {
+        const near = text.slice(at, at + width / 2);
+        const n = words.filter((other) => near.includes(other)).length;
+        if (n > best[0] || (n === best[0] && at < best[1])) best = [n, at];
+        if (n === words.length) break;
+      }
+    }
+    return best[1];
+  };
+
   const excerpt = (text) => {
-    const small = text.toLowerCase();
-    const starts = words.map((word) => small.indexOf(word)).filter((at) => at >= 0);
-    const from = starts.length ? Math.max(0, Math.min(...starts) - width / 3) : 0;
+    const from = Math.max(0, place(text.toLowerCase()) - width / 3);
     const first = from ? text.indexOf(" ", from) + 1 : 0;
     const part = document.createElement("p");
     part.className = "excerpt";

@@ -69,6 +69,8 @@ def test_results_of_the_search_have_excerpts(words, chromium):
     assert all(len(text) > 40 for _, text in results)
     assert not [page for page, _ in results if page.startswith(("docs/why", "docs/develop"))]
     assert any(words.split()[0] in text.lower() for _, text in results)
+    with_all = [text for _, text in results if all(word[:7] in text.lower() for word in words.split())]
+    assert len(with_all) >= len(results) / 2, results  # not only the first word that the page has
 
 
 def test_tutorials_are_offered_as_notebooks(chromium):
