@@ -83,8 +83,6 @@ contains
       call self%begin(name)
       self%has_one_tone = .false.
       if (allocated(motion%frequency)) self%has_one_tone = size(motion%frequency) == 1
-      self%n_multipliers = 0
-      if (allocated(motion%stability%exponents)) self%n_multipliers = size(motion%stability%exponents)
       self%has_outputs = n_outputs > 0
       self%n_curve_unknowns = 0
       self%has_curve = allocated(motion%curve)

@@ -5,6 +5,8 @@ module hb_session_columns
    use hb_parameter_path, only: identifier
    use hb_record_columns, only: record_columns
    use hb_session, only: session_t
+   use hb_stability, only: n_multipliers_of, stability_method
+   use hb_text, only: to_text
    use hb_verdict_columns, only: verdict_columns
    implicit none
    private
@@ -31,6 +33,7 @@ contains
       call session%check_model(error)
       if (allocated(error)) return
       call self%find_units(session)
+      self%n_multipliers = n_multipliers_stored(session)
       associate (options => session%model%options)
          self%has_accuracy = options%accuracy%is_on
          self%has_own_tuples = .true.
@@ -83,8 +86,18 @@ contains
       end associate
    end subroutine session_columns_find_units
 
-   !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and
-   !> of their coordinates in a record; none for other axes.
+   !> Length of the axis `multiplier`, 0 without stability.
+   integer function n_multipliers_stored(session) result(n)
+      type(session_t), intent(in) :: session
+
+      n = 0
+      associate (model => session%model)
+         if (model%options%stability%method /= stability_method%off) n = n_multipliers_of(model%system%structure, model%system%laws)
+      end associate
+   end function n_multipliers_stored
+
+   !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, of
+   !> their coordinates in a record, and numbers from 0 along `multiplier`; none for other axes.
    function labels_along(session, axis) result(labels)
       type(session_t), intent(in) :: session
       character(*), intent(in) :: axis
@@ -103,6 +116,7 @@ contains
          case ("law_dof"); labels = [character(64) :: system%structure%labels(session%model%system%dofs_of_unknowns())]
          case ("gradient_value"); labels = options%gradient%names
          case ("law"); labels = [(adjustl([character(64) :: system%laws(i)%law%label]), i=1, size(system%laws))]
+         case ("multiplier"); labels = [(adjustl([character(64) :: to_text(i)]), i=0, n_multipliers_stored(session) - 1)]
          case ("state_dof"); labels = [character(64) :: system%structure%labels]
          end select
       end associate

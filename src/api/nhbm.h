@@ -384,8 +384,8 @@ NHBM_EXPORT int nhbm_get_time_column(const nhbm_model *model, const char *name, 
 NHBM_EXPORT int nhbm_get_time_column_names(const nhbm_model *model, const char **names);
 NHBM_EXPORT int nhbm_describe_time_column(const nhbm_model *model, const char *name, nhbm_column_description *description);
 
-/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", one per line;
- * empty for other axes. */
+/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", and the
+ * numbers along "multiplier", one per line; empty for other axes. */
 NHBM_EXPORT int nhbm_get_labels(const nhbm_model *model, const char *axis, const char **labels);
 
 /* Returns why the last motion was not found, or a remark about it; empty if there is none. */

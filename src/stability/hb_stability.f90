@@ -110,10 +110,12 @@ module hb_stability
 contains
 
    !> Number of multipliers stored for a structure and the states of its laws, each of which has one.
-   pure integer function n_multipliers_of(n_dofs, n_states)
-      integer, intent(in) :: n_dofs, n_states
+   pure integer function n_multipliers_of(structure, laws)
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      integer :: i
 
-      n_multipliers_of = min(2*n_dofs + n_states, max_multipliers)
+      n_multipliers_of = min(2*structure%n_dofs + sum([(laws(i)%law%n_states, i=1, size(laws))]), max_multipliers)
    end function n_multipliers_of
 
    !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies

@@ -77,7 +77,7 @@ contains
       call describe_layout(study, 1, layout, n)
       layout%n_points = size(census%motions)
       deallocate (layout%parameters)
-      allocate (layout%parameters(3))
+      allocate (layout%parameters(4))
       do i = 1, size(layout%parameters)
          layout%parameters(i)%units = "1"
       end do
@@ -88,6 +88,8 @@ contains
       layout%parameters(3)%path = "census%start"
       layout%parameters(3)%is_text = .true.
       layout%parameters(3)%text_values = [character(64) :: start_kind_names(census%motions%first_kind)]
+      layout%parameters(4)%path = "census%mirror_of"
+      layout%parameters(4)%values = census%motions%mirror_of - 1.0_wp
       associate (found => census%completeness)
          layout%numbers = [named_number_t("census_starts", real(census%n_random, wp)), &
                            named_number_t("census_lost", real(census%n_random_lost, wp)), &

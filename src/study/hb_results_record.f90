@@ -26,6 +26,7 @@ module hb_results_record
       character(:), allocatable :: law_doubt            !! what is wrong with user laws, if a run found anything
       integer :: n_ranks = 0                            !! of the run that created the file
       integer :: n_points = 0
+      logical :: is_census = .false.                    !! the points are the motions of a census
       character(:), allocatable :: input_name           !! name of the input file, for messages
       character(:), allocatable :: input_folder         !! folder of files that it names; empty if unknown
       character(:), allocatable :: input_text           !! the input as given
@@ -182,8 +183,8 @@ contains
       type(record_t), intent(inout) :: self
       type(h5_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: without_doubt, without_kind
-      character(:), allocatable :: kind, doubt
+      type(error_t), allocatable :: without_coordinates, without_doubt, without_kind
+      character(:), allocatable :: coordinates, kind, doubt
       integer :: version
 
       call file%get_attribute("kind", kind, without_kind)
@@ -203,6 +204,8 @@ contains
       if (.not. allocated(error)) call file%get_attribute("git_commit", self%git_commit, error)
       if (.not. allocated(error)) call file%get_attribute("created_utc", self%created_utc, error)
       if (allocated(error)) return
+      call file%get_attribute("coordinates", coordinates, without_coordinates)
+      if (.not. allocated(without_coordinates)) self%is_census = index(coordinates, "census_motion") > 0
       call file%get_attribute("law_doubt", doubt, without_doubt)
       if (.not. allocated(without_doubt)) self%law_doubt = doubt
    end subroutine read_attributes

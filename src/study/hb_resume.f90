@@ -86,7 +86,9 @@ contains
       else if (has_same_tuples) then
          has_same_tuples = all(self%tuples == record%tuples)
       end if
-      if (len(differences) > 0) then
+      if (record%is_census) then
+         call fail(error, "'"//path//"' is the result of a census, which is complete")
+      else if (len(differences) > 0) then
          call fail(error, "result file '"//path//"' was made from another input; give the same or another --output"// &
             new_line("a")//differences)
       else if (len(self%libraries) > 0 .and. len(record%input_libraries) == 0 .and. .not. retries) then

@@ -306,8 +306,8 @@ contains
          end do
          layout%gradient_names = model%options%gradient%names
          layout%has_response_gradient = allocated(model%options%gradient%of)
-         if (model%options%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs, &
-            sum([(model%system%laws(i)%law%n_states, i=1, size(model%system%laws))]))
+         if (model%options%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure, &
+            model%system%laws)
          layout%title = model%options%output%title
          layout%input_name = self%document%file_name
          layout%input_folder = trim(folder_of(self%document%file_name))

@@ -7,9 +7,11 @@ import re
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, run
 
+import nhbm
 from nhbm import Model, ModelError
 
 OSCILLATOR = """&structure type = 'matrices', n_dofs = 1, mass = 1, damping = 0.05, stiffness = 1 /
@@ -107,3 +109,26 @@ def test_the_time_limit_holds_for_the_first_motion(tmp_path):
     assert done.status == INCOMPLETE and "stopped by the time limit before a motion was found" in done.stderr, done.stderr
     with pytest.raises(ModelError, match="the time limit ended the census before a motion was found"):
         Model.from_namelist(text).census(time_limit=0.5)
+
+
+def test_a_census_is_not_resumed(folder):
+    """It is complete: its rows are not the points of its input."""
+    assert run("census", "duffing.nml", "--starts", "5", cwd=folder).status == ALL_CONVERGED
+    done = run("resume", "duffing.h5", cwd=folder)
+    assert done.status == BAD_INPUT and "'duffing.h5' is the result of a census, which is complete" in done.stderr, done.stderr
+
+
+def test_a_census_of_python_is_that_of_the_command(folder):
+    """Names, types, units and descriptions of what varies and of the estimates, also after it was saved."""
+    assert run("census", "duffing.nml", "--starts", "20", cwd=folder).status == ALL_CONVERGED
+    found = Model.from_namelist(OSCILLATOR).census(starts=20)
+    found.nhbm.save(folder / "python.h5")
+    of_command, saved = (nhbm.open_dataset(folder / name) for name in ("duffing.h5", "python.h5"))
+    for data in (saved, of_command):
+        assert data.attrs["varies"] == found.attrs["varies"] and set(data.variables) == set(found.variables)
+        for name in found.attrs["varies"]:
+            xr.testing.assert_identical(data[name].variable, found[name].variable)
+        for name in (name for name in found.attrs if name.startswith("census_")):
+            assert data.attrs[name] == found.attrs[name] and isinstance(data.attrs[name], type(found.attrs[name])), name
+    assert found["census_mirror_of"].values.tolist() == [-1, -1, -1]
+    assert run("info", "python.h5", "--check", cwd=folder).status == ALL_CONVERGED

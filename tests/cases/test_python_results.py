@@ -32,6 +32,37 @@ def stop(**groups):
     return model
 
 
+def self_excited(**tones):
+    model = Model(nhbm.Matrices(mass=1.0, stiffness=1.0), tones=tones)
+    if len(tones["unknown"]) > 1:
+        model.load("x1", (1, 0), cos=0.3)
+    model.law("van_der_pol", "x1", strength=0.3, label="feed")
+    return model
+
+
+def normal_mode():
+    model = Model(nhbm.Chain(n_masses=2, ends="fixed", mass=1.0, coupling_stiffness=1.0), tones={"unknown": [True]})
+    model.law("cubic_spring", "x1", stiffness=0.5)
+    model.set("normal_mode", amplitude=0.1, dof="x1", mode=1)
+    return model
+
+
+def duffing_with(**groups):
+    model = duffing()
+    for name, keys in groups.items():
+        model.set(name, **keys)
+    return model
+
+
+def long_chain():
+    """Its stability takes too long, and one coordinate is stored."""
+    model = Model(nhbm.Chain(n_masses=400, ends="fixed", mass=1.0, coupling_stiffness=1e4, damping_mass=0.1), tones=[0.7])
+    model.load("x1", 1, cos=0.3)
+    model.law("jenkins", "x1", stiffness=0.5, limit=0.1)
+    model.set("output", dofs=["x1"])
+    return model
+
+
 @functools.cache
 def results():
     return {
@@ -42,6 +73,15 @@ def results():
         "sweep": duffing().sweep({"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.4, 0.5, 0.6]}, order=5),
         "long sweep": duffing().sweep({"tones[0]": np.linspace(0.5, 0.7, 60)}, order=5),
         "samples": duffing().sweep({"load[0].cos": [0.1, 0.2], "tones[0]": [0.8, 0.9]}, order=5, paired=True),
+        "limit cycle": self_excited(unknown=[True]).solve(order=7),
+        "torus": self_excited(frequency=[1.8, 0.0], unknown=[False, True]).solve(order=5),
+        "limit cycles": self_excited(unknown=[True]).sweep({"feed.strength": [0.5, 1.0]}, order=7),
+        "backbone": normal_mode().curve("normal_mode%amplitude", 0.1, 1.0, **COARSE),
+        "census": duffing().census(starts=5, order=7),
+        "integrated": duffing_with(solver={"primary_method": "integration"}).solve(order=5),
+        "without estimates": duffing_with(error_estimate={"is_on": False}).solve(order=5),
+        "without stability": duffing_with(stability={"method": "off"}).solve(order=5),
+        "stability unknown": long_chain().solve(order=5),
     }
 
 
@@ -90,7 +130,8 @@ def test_users_get_what_they_need_and_internals_stand_apart():
         assert {"iterations", "residual", "n_unknowns"} <= set(details.data_vars)
         assert not set(details.data_vars) & set(data.data_vars)
         assert all(data[column].attrs.get("units") and data[column].attrs.get("long_name") for column in data.data_vars), name
-        assert bool(data.nhbm.is_converged.all()) and set(np.unique(data["stability"])) <= {"stable", "unstable", "unknown"}, name
+        assert set(np.unique(data["status"])) == {"integrated" if name == "integrated" else "converged"}
+        assert set(np.unique(data["stability"])) <= {"stable", "unstable", "unknown"}, name
         assert data.attrs["program_version"] == nhbm.__version__ and data.attrs["git_commit"]
         assert data.nhbm.input.startswith("&structure")
     curve = results()["curve"]
@@ -98,8 +139,9 @@ def test_users_get_what_they_need_and_internals_stand_apart():
 
 
 @pytest.mark.parametrize("name", [
-    *("by tolerance", "curve by tolerance", "sweep", "samples"),
-    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "curve", "long sweep")),
+    *("by tolerance", "curve by tolerance", "sweep", "samples", "limit cycle", "torus", "backbone", "census", "integrated"),
+    *("without estimates", "without stability", "stability unknown"),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "curve", "long sweep", "limit cycles")),
 ])  # fmt: skip
 def test_a_saved_result_is_read_back_unchanged(name, tmp_path):
     data = results()[name]
@@ -149,14 +191,17 @@ def test_a_saved_result_is_that_of_the_command(name, tmp_path):
     assert set(opened.variables) == set(saved.variables) and opened.sizes == saved.sizes
 
 
-@pytest.mark.parametrize("name", ["curve", "sweep", *(pytest.param(n, marks=pytest.mark.long) for n in ("motion", "long sweep"))])
+@pytest.mark.parametrize("name", [
+    *("curve", "sweep", "limit cycle", "torus", "backbone", "without estimates", "without stability", "stability unknown"),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "long sweep", "limit cycles", "integrated")),
+])  # fmt: skip
 def test_the_command_reads_what_was_saved(name, tmp_path):
     results()[name].nhbm.save(tmp_path / "saved.h5")
     assert run("info", "saved.h5", "--check", cwd=tmp_path).status == 0
-    assert "converged" in run("why", "saved.h5", cwd=tmp_path).stdout
+    assert run("why", "saved.h5", cwd=tmp_path).status == ALL_CONVERGED
     assert run("resume", "saved.h5", cwd=tmp_path).status == ALL_CONVERGED
     with Results(tmp_path / "saved.h5") as file:
-        assert set(file.status) <= {1, 17}
+        assert set(file.status) <= {1, 17, 18 if name == "integrated" else 1}
     subprocess.run([sys.executable, "-m", "nhbm_post", "report", "saved.h5", "-o", "saved.html"], cwd=tmp_path, check=True)
     assert (tmp_path / "saved.html").stat().st_size > 10_000
 

@@ -30,6 +30,12 @@ _MAIN = (
 ).split()
 _COORDINATES = "frequency", "tuple", "tuples"
 TUPLE = {"long_name": "integer tuple j of each harmonic", "units": "1"}
+CENSUS = {  # what varies over the motions of a census, and is a whole number or a text
+    "census_motion": "number of the motion, by size",
+    "census_found": "random starts that led to the motion",
+    "census_start": "start that found the motion",
+    "census_mirror_of": "motion whose mirror image this is; -1: none",
+}
 Absent = Any  # type, axes and attributes of a column
 _DETAILS = "nhbm_details"  # in the encoding of a dataset, which selections keep
 _NAMES = {"is_stable": "stability"}  # columns that have another name as words
@@ -42,6 +48,7 @@ class Source:
         self.text, self.has_own_tuples, self.libraries = text, has_own_tuples, libraries
         self.folder, self.structure = folder, structure
         self.absent: dict[str, Absent] = {}  # columns of files that are not known
+        self.labels: dict[str, list[str]] = {}  # along axes of such columns
         self.n_points: int | None = None  # of a sweep or curve
         self.is_complete = True  # the curve was not stopped before its end
 
@@ -64,6 +71,11 @@ def open_dataset(path: str | Path) -> xr.Dataset:
 
     imported("h5netcdf", "result files are opened with")
     return files.opened(path)
+
+
+def described_find(name: str) -> dict[str, str]:
+    """Attributes of a column of `CENSUS`."""
+    return {"parameter": name.replace("_", "%", 1), "long_name": CENSUS[name], "units": "1"}
 
 
 def record_beside(motion: xr.Dataset) -> tuple[xr.Dataset, Source] | None:
@@ -148,7 +160,7 @@ def _labels(session: Session, lengths: Mapping[str, int]) -> dict[str, Any]:
     """Coordinates along the axes that there are."""
     labels: dict[str, Any] = {}
     for axis, n in lengths.items():
-        words = session.labels(axis)
+        words = session.labels(axis) if axis != "multiplier" else []
         what = {"long_name": AXES[axis], "units": "1"} if axis in AXES else {}
         if axis == "component":
             labels[axis] = axis, ["cos", "sin"], what
@@ -248,6 +260,7 @@ def result_of(columns: xr.Dataset, source: Source, coordinates: Mapping[str, Any
         columns = columns.assign_coords({name: (axes, values, dict(attrs)) for name, (values, attrs) in coordinates.items()})
     source = copy.copy(source)
     source.n_points = columns.sizes.get("point")
+    source.absent, source.labels = dict(source.absent), dict(source.labels)
     return split(columns.assign_attrs(attributes), source)
 
 
@@ -274,6 +287,7 @@ def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
             f"tuple_{m + 1}": ("harmonic", line, {"long_name": f"entry of the tuple for tone {m + 1}", "units": "1"})
             for m, line in enumerate(columns["tuple"].values.T)
         })  # fmt: skip
+    columns = _without_unknown(columns, source)
     main = columns[[name for name in _MAIN if name in columns.data_vars]].assign_attrs(columns.attrs)
     details = columns.drop_vars([name for name in columns.data_vars if name in _MAIN])
     axes = {*main.dims, *(axis for name in _COORDINATES if name in columns.coords for axis in columns[name].dims)}
@@ -282,6 +296,23 @@ def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
     main = main.assign_coords(others) if others else main
     main.encoding[_DETAILS] = details, source
     return main
+
+
+def _without_unknown(columns: xr.Dataset, source: Source | None) -> xr.Dataset:
+    """Without the columns for users that are not known at any point, and their axes, which a file has: `source` notes them."""
+    reals = {name: columns[name].values for name in _MAIN if name in columns.data_vars and columns[name].dtype.kind == "f"}
+    unknown = [name for name, values in reals.items()
+               if name not in ("coefficients", "force_coefficients") and values.size and not np.isfinite(values).any()]  # fmt: skip
+    if source is not None:
+        for name in unknown:
+            axes = tuple(axis for axis in columns[name].dims if axis != "point")
+            source.absent.setdefault(name, (columns[name].dtype, axes, dict(columns[name].attrs)))
+        for axis in ("law", "multiplier"):
+            if axis in columns.coords:
+                source.labels.setdefault(axis, list(columns[axis].values))
+    columns = columns.drop_vars(unknown)
+    used = {axis for name in columns.data_vars for axis in columns[name].dims}
+    return columns.drop_vars([axis for axis in ("law", "multiplier") if axis in columns.coords and axis not in used])
 
 
 def record_of(session: Session) -> xr.Dataset:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
-from nhbm.dataset import AXES, TUPLE, Source, names_of_dofs, split, with_words
+from nhbm.dataset import AXES, CENSUS, TUPLE, Source, described_find, names_of_dofs, split, with_words
 from nhbm.errors import ModelError, check_file
 from nhbm.groups import Groups, described
 from nhbm.hdf5_file import image_of, open_hdf5
@@ -22,7 +22,6 @@ from nhbm.structure import FORMAT, Structure, dofs_of_sets_in
 
 _PENDING, _UNUSED = 0, 17  # statuses of rows of a curve that was stopped, and of spare ones
 _MESSAGE_LENGTH = 400  # bytes
-_MULTIPLIERS = 16
 _OF_STABILITY = {"exponent", "multiplier_real", "multiplier_imag"}
 _TEXTS = "input_text", "input_overrides", "input_complete", "input_libraries"
 _STRUCTURE = Structure.input_name
@@ -54,6 +53,7 @@ _WORKER = {  # of the run
 _SCHEMA = 1  # version of result files
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable. {:9d}"
 _SCALES = {**AXES, "message_byte": "byte of a message", "worker": "rank or process of the run, from 0"}
+_COUNTS_OF_CENSUS = "census_starts", "census_lost", "census_directed_starts", "census_is_reliable"
 _VERDICTS = "not_done agrees unstable differs undecided"
 
 
@@ -97,16 +97,18 @@ def opened(path: str | Path) -> xr.Dataset:
     varies = [str(name) for name in data.variables if data[name].dims == ("point",) and "parameter" in data[name].attrs]
     groups = Groups.of_text(source.text)
     for name in varies:
-        path = str(data[name].attrs["parameter"])
-        data[name].attrs.update(described(path_of(path), groups))
+        if name in CENSUS:
+            kind = object if data[name].dtype.kind == "O" else np.int32
+            data[name] = data[name].dims, data[name].values.astype(kind), described_find(name)
+        else:
+            data[name].attrs.update(described(path_of(str(data[name].attrs["parameter"])), groups))
+    data.attrs.update({name: int(data.attrs[name]) for name in _COUNTS_OF_CENSUS if name in data.attrs})
     sets = _dofs_of_sets(groups, folders)
     if sets and "dof" in data.coords:
         data = data.assign_coords(dof_of_set=("dof", names_of_dofs(sets, data["dof"].values)))
     varies.sort(key=lambda name: order.index(name) if name in order else len(order))
     data = data.set_coords(varies).drop_vars([name for name in ("message_byte", "worker") if name in data.coords])
     data = data.drop_vars([name for name in data.coords if re.fullmatch(r"tuple_\d+", str(name))])
-    unknown = [name for name in _OF_STABILITY if name in data and not np.isfinite(data[name].values).any()]
-    data = data.drop_vars([*unknown, *(["multiplier"] if len(unknown) > 1 or "exponent" in unknown else [])])
     if "curve_unknown" in data.dims:
         data = data.isel(curve_unknown=slice(int(data["curve_n_unknowns"].max())))
     if "tuples" in data:
@@ -183,6 +185,8 @@ def _columns(data: xr.Dataset, details: xr.Dataset, has_own_tuples: bool) -> xr.
         path = data[name].attrs["parameter"]
         is_curve = "moves_along" in data[name].attrs
         data[name].attrs["long_name"] = f"value of {path} along the curve" if is_curve else f"swept parameter {path}"
+        if data[name].dtype.kind == "i":
+            data[name] = data[name].dims, data[name].values.astype(float), data[name].attrs
     return data.rename({"stability": "is_stable"} if "stability" in data else {})
 
 
@@ -199,13 +203,15 @@ def _numbers(data: xr.Dataset) -> xr.Dataset:
 def _with_absent(data: xr.Dataset, source: Source) -> xr.Dataset:
     """With the columns of a file whose values are not known; those of stability unless the input leaves it out."""
     stability = Groups.of_text(source.text).first("stability")
-    n_multipliers = min(2 * data.sizes["dof"], _MULTIPLIERS)
     for name, (kind, axes, attrs) in source.absent.items():
         if name in data.variables or (name in _OF_STABILITY and stability is not None and stability.keys.get("method") == "off"):
             continue
         if name in ("multiplier_real", "multiplier_imag") and data.sizes["tone"] > 1:
             continue
-        lengths = {**data.sizes, "multiplier": data.sizes.get("multiplier", n_multipliers)}
+        for axis in set(axes) & set(source.labels) - set(data.coords):
+            labels: Any = source.labels[axis] if axis == "law" else np.arange(len(source.labels[axis]), dtype=np.int32)
+            data = data.assign_coords({axis: (axis, labels, {"long_name": AXES[axis], "units": "1"})})
+        lengths = data.sizes
         if not set(axes) <= set(lengths):
             continue
         shape = (data.sizes["point"], *(lengths[axis] for axis in axes))
@@ -279,7 +285,10 @@ def _write(file: h5py.File, data: xr.Dataset, attrs: dict[str, Any], text: str, 
     attrs.pop("varies", None)
     attrs["coordinates"] = " ".join(["frequency", *tuples, *varies])
     for name, value in attrs.items():
-        file.attrs[name] = np.int32(value) if isinstance(value, (int, np.integer)) else str(value)
+        if name.startswith("census_"):
+            file.attrs[name] = float(value)
+        else:
+            file.attrs[name] = np.int32(value) if isinstance(value, (int, np.integer)) else str(value)
     axes = _Axes(file, data)
     for name, words in (("input_text", text), ("input_overrides", ""), ("input_complete", text), ("input_libraries", libraries)):
         entry = file.create_dataset(name, data=words, dtype=h5py.string_dtype())

@@ -322,17 +322,15 @@ class Model(Peaks):
         for index in range(census.n_motions):
             finds.append(session.select(index))
             motions.append(dataset.motion_of(session))
-        described = {
-            "census_motion": (np.arange(len(finds), dtype=np.int32), "number of the motion, by size"),
-            "census_found": (np.array([find.n_random for find in finds], np.int32), "random starts that led to the motion"),
-            "census_start": (np.array([_CENSUS_STARTS[find.start] for find in finds]), "start that found the motion"),
-            "census_mirror_of": (
-                np.array([find.mirror_of for find in finds], np.int32),
-                "motion whose mirror image this is; -1: none",
-            ),
+        columns = {
+            "census_motion": np.arange(len(finds), dtype=np.int32),
+            "census_found": np.array([find.n_random for find in finds], np.int32),
+            "census_start": np.array([_CENSUS_STARTS[find.start] for find in finds], dtype=object),
+            "census_mirror_of": np.array([find.mirror_of for find in finds], np.int32),
         }
-        values = {name: (value, {"long_name": text, "units": "1"}) for name, (value, text) in described.items()}
+        values = {name: (column, dataset.described_find(name)) for name, column in columns.items()}
         estimates = {
+            "varies": list(values),
             "census_starts": census.n_random,
             "census_lost": census.n_random_lost,
             "census_directed_starts": census.n_directed,
@@ -534,6 +532,7 @@ class Model(Peaks):
         source = dataset.Source(text, has_own_tuples, session.libraries(), self._folder, in_memory)
         if session.has_motion:
             source.absent = dataset.absent_from(session)
+            source.labels = {axis: session.labels(axis) for axis in ("law", "multiplier")}
         return source
 
     def _attributes(self) -> dict[str, Any]:
