@@ -72,6 +72,7 @@ def results():
         "curve by tolerance": duffing().curve("tones[0]", 0.8, 1.2, tolerance=1e-2),
         "sweep": duffing().sweep({"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.4, 0.5, 0.6]}, order=5),
         "long sweep": duffing().sweep({"tones[0]": np.linspace(0.5, 0.7, 60)}, order=5),
+        "shared sweep": duffing().sweep({"tones[0]": [0.8, 0.9, 1.0]}, order=5, workers=2),
         "samples": duffing().sweep({"load[0].cos": [0.1, 0.2], "tones[0]": [0.8, 0.9]}, order=5, paired=True),
         "limit cycle": self_excited(unknown=[True]).solve(order=7),
         "torus": self_excited(frequency=[1.8, 0.0], unknown=[False, True]).solve(order=5),
@@ -141,7 +142,7 @@ def test_users_get_what_they_need_and_internals_stand_apart():
 @pytest.mark.parametrize("name", [
     *("by tolerance", "curve by tolerance", "sweep", "samples", "limit cycle", "torus", "backbone", "census", "integrated"),
     *("without estimates", "without stability", "stability unknown"),
-    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "curve", "long sweep", "limit cycles")),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "curve", "long sweep", "shared sweep", "limit cycles")),
 ])  # fmt: skip
 def test_a_saved_result_is_read_back_unchanged(name, tmp_path):
     data = results()[name]
@@ -193,7 +194,8 @@ def test_a_saved_result_is_that_of_the_command(name, tmp_path):
 
 @pytest.mark.parametrize("name", [
     *("curve", "sweep", "limit cycle", "torus", "backbone", "without estimates", "without stability", "stability unknown"),
-    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "long sweep", "limit cycles", "integrated")),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "long sweep", "shared sweep")),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("limit cycles", "integrated")),
 ])  # fmt: skip
 def test_the_command_reads_what_was_saved(name, tmp_path):
     results()[name].nhbm.save(tmp_path / "saved.h5")

@@ -203,8 +203,9 @@ def _numbers(data: xr.Dataset) -> xr.Dataset:
 def _with_absent(data: xr.Dataset, source: Source) -> xr.Dataset:
     """With the columns of a file whose values are not known; those of stability unless the input leaves it out."""
     stability = Groups.of_text(source.text).first("stability")
+    left_out = {"tuples", *(_OF_STABILITY if stability is not None and stability.keys.get("method") == "off" else ())}
     for name, (kind, axes, attrs) in source.absent.items():
-        if name in data.variables or (name in _OF_STABILITY and stability is not None and stability.keys.get("method") == "off"):
+        if name in left_out or name in data.variables:
             continue
         if name in ("multiplier_real", "multiplier_imag") and data.sizes["tone"] > 1:
             continue

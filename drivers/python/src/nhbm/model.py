@@ -530,9 +530,8 @@ class Model(Peaks):
             text += Group("sweep", {"axis": 1 if paired else axis, "parameter": path, key: values}).text()
         in_memory = file if isinstance(file, Structure) else None
         source = dataset.Source(text, has_own_tuples, session.libraries(), self._folder, in_memory)
-        if session.has_motion:
-            source.absent = dataset.absent_from(session)
-            source.labels = {axis: session.labels(axis) for axis in ("law", "multiplier")}
+        source.absent = dataset.absent_from(session)
+        source.labels = {axis: session.labels(axis) for axis in ("law", "multiplier")}
         return source
 
     def _attributes(self) -> dict[str, Any]:
