@@ -4,7 +4,7 @@
 !> A call of `solve` corresponds to a point of a sweep in a run, and a curve is computed point by point; numbers are
 !> the same to the last bit. Only one thread at a time may use a session.
 module hb_session
-   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: verdict
    use hb_census, only: census_config_t, census_t, take_census
    use hb_claim, only: claim_t, new_claim
@@ -65,7 +65,7 @@ module hb_session
       type(law_doubt_t), private :: law_doubt                         ! of the present input, at its first motion
       logical, private :: has_law_doubt = .false.                     ! the last motion is that one
       type(neighbour_t), private :: neighbour
-      type(cached_linear_parts_t), private :: cached
+      type(cached_balances_t), private :: cached
       type(curve_plan_t) :: plan                                      !! of the curve
       type(curve_runner_t), private :: runner                         ! of the curve
       logical, private :: has_verdict = .false.
@@ -617,6 +617,7 @@ contains
       class(session_t), intent(inout) :: self
 
       call end_curve(self)
+      call self%cached%destroy()
    end subroutine session_destroy
 
 end module hb_session

@@ -13,7 +13,7 @@
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_factors, only: block_factors_t
-   use hb_cached_linear_part, only: cached_linear_part_t
+   use hb_cached_parts, only: cached_parts_t
    use hb_cancellation, only: spend_work
    use hb_dense_tangent, only: dense_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
@@ -43,12 +43,12 @@ module hb_balance
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
       class(linear_part_t), allocatable :: stiffness
-      type(cached_linear_part_t), pointer :: cached_wide => null()    !! linear part of its error estimate, if that is cached
+      type(cached_parts_t), pointer :: cached_wide => null()    !! parts of that of its error estimate, if they are cached
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
       integer :: n_dofs = 0                                           !! coordinates on which laws act
-      type(projected_laws_t) :: law_set
+      type(projected_laws_t), allocatable :: law_set                  !! of a balance that was created
       class(dense_tangent_t), allocatable :: dense_tangent            !! replaceable parts; created by default
       class(tangent_product_t), allocatable :: tangent_product
       class(preconditioner_t), allocatable :: preconditioner
@@ -104,6 +104,7 @@ module hb_balance
       procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
       procedure :: at_law_dofs => balance_at_law_dofs
+      procedure :: fault_of_laws => balance_fault_of_laws
       procedure :: destroy => balance_destroy
    end type balance_t
 
@@ -300,8 +301,8 @@ contains
       call balance_of_linear_part(self, harmonics, torus, omega, linear, laws, error)
    end subroutine balance_of_stiffness
 
-   !> Creates the balance of laws with a linear part, which is moved into the balance; its component `stiffness`, if
-   !> present, may be taken from it.
+   !> Creates the balance of laws with a linear part, which is moved into the balance; its components `stiffness` and `law_set`, if
+   !> present, may be taken from another one.
    subroutine balance_of_linear_part(self, harmonics, torus, omega, linear, laws, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -332,6 +333,7 @@ contains
       if (.not. allocated(self%preconditioner)) allocate (preconditioner_t :: self%preconditioner)
       call self%dense_tangent%destroy()
       call self%tangent_product%destroy()
+      if (.not. allocated(self%law_set)) allocate (self%law_set)
       call new_projected_laws(self%law_set, laws, self%n_dofs, harmonics, torus, omega, error)
       if (allocated(error)) return
       call self%stiffness%hold_free(self%frequencies, indifferent_coordinates(laws, self%n_dofs))
@@ -670,11 +672,21 @@ contains
       end associate
    end function balance_at_law_dofs
 
+   !> Why a law cannot continue; empty if all laws can, and before the balance is created.
+   pure function balance_fault_of_laws(self) result(text)
+      class(balance_t), intent(in) :: self
+      character(400) :: text
+
+      text = ""
+      if (.not. allocated(self%law_set)) return
+      if (self%law_set%is_given_up) text = self%law_set%error_text
+   end function balance_fault_of_laws
+
    !> Frees transforms and samples; safe to call twice.
    subroutine balance_destroy(self)
       class(balance_t), intent(inout) :: self
 
-      call self%law_set%destroy()
+      if (allocated(self%law_set)) call self%law_set%destroy()
       if (allocated(self%dense_tangent)) call self%dense_tangent%destroy()
       if (allocated(self%tangent_product)) call self%tangent_product%destroy()
    end subroutine balance_destroy

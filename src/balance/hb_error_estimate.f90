@@ -89,7 +89,7 @@ contains
          self%power_in = loads%power_into(c, balance%frequencies)
          call new_mean_energy(self%energy, structure, c, balance%frequencies)
       end if
-      if (associated(balance%cached_wide)) call balance%cached_wide%give_back(wide%stiffness)
+      if (associated(balance%cached_wide)) call balance%cached_wide%give_back(wide%stiffness, wide%law_set)
       call wide%destroy()
    end subroutine estimate_error
 
@@ -113,6 +113,7 @@ contains
       if (associated(balance%cached_wide)) then
          call balance%cached_wide%borrow(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
                                      linear, error, of_interior)
+         call balance%cached_wide%borrow_laws(wide%law_set)
       else
          call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
                                     wide_loads, error, wanted_slopes_t(of_interior=of_interior, &

@@ -25,13 +25,14 @@ module hb_law_samples
 
 contains
 
-   !> Allocates the arrays that the laws need.
+   !> Allocates the arrays that the laws need; those of this size remain.
    subroutine new_law_samples(self, n_samples, n_dofs, needs_velocity, needs_reaction, has_memory, error)
       type(law_samples_t), intent(inout) :: self
       integer, intent(in) :: n_samples, n_dofs
       logical, intent(in) :: needs_velocity, needs_reaction, has_memory !! of any law
       type(error_t), allocatable, intent(out) :: error
 
+      self%n_motions = 0
       call make(self%q, .true.)
       call make(self%f, .true.)
       call make(self%v, needs_velocity)
@@ -46,6 +47,7 @@ contains
          type(real_block_t), intent(inout) :: block
          logical, intent(in) :: is_needed
 
+         if (.not. is_needed) call block%destroy()
          if (is_needed .and. .not. allocated(error)) call new_real_block(block, n_samples, n_dofs, error)
       end subroutine make
    end subroutine new_law_samples

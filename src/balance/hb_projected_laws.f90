@@ -43,7 +43,8 @@ module hb_projected_laws
 
 contains
 
-   !> Prepares laws on coordinates and the transforms between their coefficients and samples.
+   !> Prepares laws on coordinates and the transforms between their coefficients and samples. Transforms that are planned already
+   !> remain.
    subroutine new_projected_laws(self, laws, n_coordinates, harmonics, torus, omega, error)
       type(projected_laws_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)                          !! on coordinates; no two multipliers on one
@@ -52,12 +53,13 @@ contains
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
+      logical :: is_new
 
       self%factor = 1.0_wp
-      self%table = product_table_t()
-      self%n_lanes = 1
-      call new_transform(self%transform, harmonics, torus, n_coordinates, error)
+      call new_transform(self%transform, harmonics, torus, n_coordinates, error, is_new=is_new)
       if (allocated(error)) return
+      if (is_new .or. self%n_lanes > 1) self%table = product_table_t()
+      self%n_lanes = 1
       call new_sampled_laws(self%sampled_laws_t, laws, n_coordinates, torus, omega, error)
       if (allocated(self%u_before)) deallocate (self%u_before)
       if (self%has_memory) allocate (self%u_before(harmonics%n_coefficients, n_coordinates))

@@ -78,7 +78,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      call self%destroy()
+      call forget_laws(self)
       self%has_memory = has_memory(laws)
       if (self%has_memory) call new_characteristic(self%characteristic, torus, omega)
       self%is_given_up = .false.
@@ -593,6 +593,14 @@ contains
    !> Frees all samples; safe to call twice.
    subroutine sampled_laws_destroy(self)
       class(sampled_laws_t), intent(inout) :: self
+
+      call forget_laws(self)
+      call self%samples%destroy()
+   end subroutine sampled_laws_destroy
+
+   !> Frees all but the samples of the motion.
+   subroutine forget_laws(self)
+      type(sampled_laws_t), intent(inout) :: self
       integer :: i
 
       if (allocated(self%sampled)) then
@@ -601,8 +609,7 @@ contains
          end do
          deallocate (self%sampled)
       end if
-      call self%samples%destroy()
       call self%along%destroy()
       call self%jacobian%destroy()
-   end subroutine sampled_laws_destroy
+   end subroutine forget_laws
 end module hb_sampled_laws

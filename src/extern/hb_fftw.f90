@@ -99,13 +99,17 @@ contains
       if (.not. allocated(error)) self%values = 0.0_wp
    end subroutine new_real_block
 
-   !> Allocates an aligned real array of shape (n, m), whose pages the system provides when they are first used.
+   !> Allocates an aligned real array of shape (n, m), whose pages the system provides when they are first used; one of this shape
+   !> remains.
    subroutine allocate_block(self, n, m, error)
       type(real_block_t), intent(inout) :: self
       integer, intent(in) :: n, m
       type(error_t), allocatable, intent(out) :: error
       integer(c_size_t) :: n_values
 
+      if (associated(self%values)) then
+         if (all(shape(self%values) == [n, m])) return
+      end if
       call self%destroy()
       n_values = int(n, c_size_t)*int(m, c_size_t)
       if (n_values <= few) then

@@ -29,6 +29,7 @@ module hb_harmonics
       integer, allocatable :: sin_at(:)                               !! (n_harmonics) position of the sine, 0 for the zero tuple
       integer, allocatable, private :: lookup(:)                      !! harmonic by linear key of the tuple
    contains
+      procedure :: equal => harmonics_equal
       procedure :: index_of => harmonics_index_of
       procedure :: frequencies => harmonics_frequencies
       procedure :: amplitude => harmonics_amplitude
@@ -320,6 +321,15 @@ contains
          end do
       end do
    end function harmonics_times
+
+   !> Whether both sets have the same tuples in the same order.
+   pure logical function harmonics_equal(self, other) result(are_equal)
+      class(harmonics_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: other
+
+      are_equal = self%n_tones == other%n_tones .and. self%n_harmonics == other%n_harmonics
+      if (are_equal) are_equal = all(self%tuples == other%tuples)
+   end function harmonics_equal
 
    !> Norm of the coefficients of each harmonic, (n_harmonics).
    pure function harmonics_norms(self, u) result(norms)

@@ -23,6 +23,7 @@ module hb_torus
       procedure :: can_be_halved => torus_can_be_halved
       procedure :: half => torus_half
       procedure :: phases => torus_phases
+      procedure :: equal => torus_equal
    end type torus_t
 
 contains
@@ -149,4 +150,14 @@ contains
       half%is_half = .true.
       half%n_total = self%n_total/2
    end function torus_half
+
+   !> Whether this is the grid of another one, with the same corrections.
+   pure logical function torus_equal(self, other) result(are_equal)
+      class(torus_t), intent(in) :: self
+      type(torus_t), intent(in) :: other
+
+      are_equal = size(self%n_samples) == size(other%n_samples) .and. (self%is_half .eqv. other%is_half) .and. &
+                  (self%corrects_kinks .eqv. other%corrects_kinks)
+      if (are_equal) are_equal = all(self%n_samples == other%n_samples)
+   end function torus_equal
 end module hb_torus

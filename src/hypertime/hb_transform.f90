@@ -18,7 +18,8 @@ module hb_transform
    type :: transform_t
       type(harmonics_t) :: harmonics
       type(torus_t) :: torus
-      integer :: n_channels = 0                                       !! functions in a block of samples
+      integer :: n_channels = 0                                       !! functions in a block of samples; 0: nothing is planned
+      integer, private :: directions = direction%both
       type(packed_fft_t), private :: fft
       type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, after `prepare_products`
       integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) positions of j and -j in the spectrum
@@ -33,6 +34,7 @@ module hb_transform
       procedure :: to_samples_of_one => transform_to_samples_of_one
       procedure :: prepare_products => transform_prepare_products
       procedure :: tabulate_product => transform_tabulate_product
+      procedure :: serves => transform_serves
       procedure :: destroy => transform_destroy
    end type transform_t
 
@@ -53,8 +55,8 @@ module hb_transform
 
 contains
 
-   !> Plans the transforms of `n_channels` functions, in both directions or one.
-   subroutine new_transform(self, harmonics, torus, n_channels, error, directions, n_lanes)
+   !> Plans the transforms of `n_channels` functions, in both directions or one; those that are planned already remain.
+   subroutine new_transform(self, harmonics, torus, n_channels, error, directions, n_lanes, is_new)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
       type(torus_t), intent(in) :: torus
@@ -63,20 +65,26 @@ contains
       integer, intent(in), optional :: directions                     !! one of hb_packed_fft%direction, default: both
       integer, intent(in), optional :: n_lanes                        !! threads that transform a function each; default: as many as
                                                                       !! the functions occupy
+      logical, intent(out), optional :: is_new                        !! they were not planned
+      logical :: is_planned
       logical, allocatable :: is_used(:)
       integer :: chosen, lanes, first(0:harmonics%highest(1)), h, j(harmonics%n_tones)
       complex(wp), dimension(0:harmonics%highest(1)) :: far, near
 
-      call self%destroy()
-      self%harmonics = harmonics
-      self%torus = torus
-      self%n_channels = n_channels
       chosen = direction%both
       if (present(directions)) chosen = directions
       lanes = min(n_channels, n_threads(n_channels*torus%n_total))
       if (present(n_lanes)) lanes = n_lanes
+      is_planned = self%serves(harmonics, torus, n_channels, chosen, lanes)
+      if (present(is_new)) is_new = .not. is_planned
+      if (is_planned) return
+      call self%destroy()
+      self%harmonics = harmonics
+      self%torus = torus
+      self%directions = chosen
       call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, error, lanes)
       if (allocated(error)) return
+      self%n_channels = n_channels
       if (allocated(self%at)) deallocate (self%at, self%mirror_at)
       allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
       do h = 1, harmonics%n_harmonics
@@ -97,6 +105,19 @@ contains
       is_used(self%mirror_at) = .true.
       self%has_shared_positions = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
    end subroutine new_transform
+
+   !> Whether these transforms are planned.
+   pure logical function transform_serves(self, harmonics, torus, n_channels, directions, n_lanes) result(serves)
+      class(transform_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(torus_t), intent(in) :: torus
+      integer, intent(in) :: n_channels, directions, n_lanes          !! as for `new_transform`
+
+      serves = n_channels == self%n_channels .and. directions == self%directions
+      if (serves) serves = n_lanes == self%fft%n_lanes()
+      if (serves) serves = torus%equal(self%torus)
+      if (serves) serves = harmonics%equal(self%harmonics)
+   end function transform_serves
 
    !> Samples of the motions with coefficients `x`.
    subroutine transform_to_samples(self, x, samples)
@@ -462,5 +483,6 @@ contains
 
       call self%fft%destroy()
       call self%products%destroy()
+      self%n_channels = 0
    end subroutine transform_destroy
 end module hb_transform

@@ -120,9 +120,8 @@ contains
       character(400) :: text
 
       text = ""
-      if (self%problem%law_set%is_given_up) text = self%problem%law_set%error_text
-      if (.not. allocated(self%odd_problem)) return
-      if (self%odd_problem%law_set%is_given_up) text = self%odd_problem%law_set%error_text
+      if (allocated(self%odd_problem)) text = self%odd_problem%fault_of_laws()
+      if (len_trim(text) == 0) text = self%problem%fault_of_laws()
    end function fault_of_laws
 
    !> Whether an estimated error has no meaning, except that it is large: at a given order. By a tolerance, whether it is far above

@@ -22,7 +22,7 @@ module hb_level
    private
    public :: apply_safety_factor, caution, choose_next, choose_smaller, coarsen, degree_of, distance, estimate_of, &
       estimate_of_motion, estimate_of_wanted, is_rigid, join, level_of, level_t, margin, max_failures, min_goal, needed_samples, &
-      same_set, set_to_harmonics, set_to_level, transferred, trim_for_neighbour, trim_set
+      set_to_harmonics, set_to_level, transferred, trim_for_neighbour, trim_set
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
@@ -84,7 +84,7 @@ contains
       end if
       if (min(next%set%n_harmonics, top%set%n_harmonics) >= options%accuracy%max_harmonics .and. &
           result%error_estimate%truncation > result%error_estimate%aliasing) return ! other tuples, but not more
-      if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
+      if (next%set%equal(top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
       if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
          call apply_first_order_correction(system, result, top, next)
@@ -214,14 +214,6 @@ contains
          tail = smaller_tail*tail
       end do
    end subroutine choose_set
-
-   !> Whether two sets have the same tuples in the same order.
-   pure logical function same_set(a, b)
-      type(harmonics_t), intent(in) :: a, b
-
-      same_set = a%n_harmonics == b%n_harmonics
-      if (same_set) same_set = all(a%tuples == b%tuples)
-   end function same_set
 
    pure logical function has_all_of(set, other)
       type(harmonics_t), intent(in) :: set, other

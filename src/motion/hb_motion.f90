@@ -3,7 +3,7 @@ module hb_motion
    use hb_amplitudes, only: as_amplitudes
    use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, motion_conditions_t, stage, technique
    use hb_basis, only: basis_t, whole_basis
-   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
@@ -34,7 +34,7 @@ module hb_motion
       type(discretisation_t), pointer :: discretisation => null()
       type(options_t), pointer :: options => null()
       type(motion_result_t), pointer :: result => null()
-      type(cached_linear_parts_t), pointer :: parts => null()
+      type(cached_balances_t), pointer :: parts => null()
       type(basis_t) :: basis                                          ! of the first balance
       type(motion_conditions_t) :: conditions
       real(wp), allocatable :: first_guess(:)                         ! as that of `solve_system`; not allocated: that of the model
@@ -57,7 +57,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: guess(:)                      !! as that of `solve_system`
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! likewise
-      type(cached_linear_parts_t), intent(inout), optional, target :: cached
+      type(cached_balances_t), intent(inout), optional, target :: cached
 
       call solve_system(model%system, model%discretisation, model%options, result, error, guess, unknowns, cached)
    end subroutine solve_motion
@@ -73,7 +73,7 @@ contains
       real(wp), intent(in), optional :: guess(:)                      !! replaces that of the model: coefficients at the
                                                                       !! coordinates of the laws, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:) !! of a converged solution, ordered as `guess`; none without laws
-      type(cached_linear_parts_t), intent(inout), optional, target :: cached !! of the previous motion, reused if possible
+      type(cached_balances_t), intent(inout), optional, target :: cached !! of the previous motion, reused if possible
       type(cancellation_t), target :: cancellation
       real(wp), allocatable :: found(:)
 
@@ -99,7 +99,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess as that of `solve_system`, if
                                                                       !! allocated; on return the solution
-      type(cached_linear_parts_t), intent(inout), optional, target :: cached
+      type(cached_balances_t), intent(inout), optional, target :: cached
       type(motion_attempts_t) :: attempts
 
       attempts%system => system

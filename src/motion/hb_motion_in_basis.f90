@@ -6,7 +6,7 @@ module hb_motion_in_basis
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t
-   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
@@ -45,7 +45,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess in the whole set, as that of
                                                                       !! `solve_system`, if allocated; on return the solution
-      type(cached_linear_parts_t), pointer, intent(in), optional :: cached
+      type(cached_balances_t), pointer, intent(in), optional :: cached
       type(dynamic_stiffness_t) :: stiffness
       class(linear_part_t), allocatable :: linear
       type(balance_t), target :: balance                              ! not `allocatable`: several kB, for each point
@@ -73,6 +73,7 @@ contains
          call solve_linear_model(system, discretisation, options, basis, stiffness, result)
          return
       end if
+      if (keeps) call cached%narrow%borrow_laws(balance%law_set)
       call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, system%laws), error)
       if (keeps) balance%cached_wide => cached%wide
       result%setup_seconds = wall_clock() - started
@@ -85,7 +86,7 @@ contains
       if (options%has_time_domain() .and. is_autonomous .and. system%tones%n_tones > 1 .and. .not. allocated(error) &
           .and. result%status /= outcome%interrupted) &
          call search_for_locking(system, discretisation, options, start, coordinates%dofs, result)
-      if (keeps) call cached%narrow%give_back(balance%stiffness)
+      if (keeps) call cached%narrow%give_back(balance%stiffness, balance%law_set)
       call balance%destroy()
 
    contains

@@ -6,7 +6,7 @@
 !> (hb_model_problem). Source: C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995, chapter 7.
 module hb_point
    use hb_accurate_motion, only: solve_to_tolerance
-   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_kinds, only: wp
@@ -33,7 +33,7 @@ contains
       type(level_t), intent(out) :: level                             !! of the motion; without unknowns if none is found
       type(level_t), intent(in), optional :: below                    !! start with a tolerance
       real(wp), intent(in), optional :: guess(:)                      !! start on a given set, as that of hb_motion
-      type(cached_linear_parts_t), intent(inout), optional, target :: cached
+      type(cached_balances_t), intent(inout), optional, target :: cached
       type(effort_t) :: effort
       type(level_t) :: before
       integer, allocatable :: tones(:)
@@ -90,7 +90,7 @@ contains
       type(level_t), intent(out) :: level
       type(level_t), intent(in), optional :: below
       real(wp), intent(in), optional :: guess(:)
-      type(cached_linear_parts_t), intent(inout), optional, target :: cached
+      type(cached_balances_t), intent(inout), optional, target :: cached
       real(wp), allocatable :: unknowns(:)
 
       if (model%options%accuracy%is_on) then

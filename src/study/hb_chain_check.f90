@@ -12,7 +12,7 @@ module hb_chain_check
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: join, level_t, same_set, set_to_level, transferred
+   use hb_level, only: join, level_t, set_to_level, transferred
    use hb_model_reader, only: update_model
    use hb_motion, only: solve_system
    use hb_motion_result, only: motion_result_t
@@ -80,7 +80,7 @@ contains
          if (source%layout%has_own_tuples) then
             call join(both, self%last%set, is_joined)
          else
-            is_comparable = is_comparable .and. same_set(here%set, self%last%set)
+            is_comparable = is_comparable .and. here%set%equal(self%last%set)
          end if
       end if
       if (is_comparable) then

@@ -5,7 +5,7 @@ module hb_neighbour
    use hb_branches, only: is_far_above
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: coarsen, level_t, same_set, transferred
+   use hb_level, only: coarsen, level_t, transferred
    use hb_model, only: model_t
    implicit none
    private
@@ -58,7 +58,7 @@ contains
       end if
       is_same = .false.
       if (allocated(self%last%unknowns)) &
-         is_same = size(level%unknowns) == size(self%last%unknowns) .and. same_set(level%set, self%last%set)
+         is_same = size(level%unknowns) == size(self%last%unknowns) .and. level%set%equal(self%last%set)
       if (.not. is_same) self%n_retained = 0
       if (self%n_retained == 2) then
          if (has_jumped(self, parameter, level%unknowns)) self%n_retained = 0
@@ -85,7 +85,7 @@ contains
       real(wp), allocatable, intent(out) :: start(:)
 
       if (self%n_retained == 0) return
-      if (.not. same_set(set, self%last%set)) then
+      if (.not. set%equal(self%last%set)) then
          start = transferred(self%last%set, set, self%last%unknowns, set%n_tones) ! the base frequencies follow
          return
       end if

@@ -1,6 +1,6 @@
 !> One point, for the command, C and Python alike: its model is solved from its neighbours, and differentiated.
 module hb_point_runner
-   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cached_parts, only: cached_balances_t
    use hb_error, only: error_t
    use hb_gradient, only: find_gradient
    use hb_impact_gradient, only: find_impact_gradient, has_periodic_impacts
@@ -21,7 +21,7 @@ contains
       type(model_t), intent(inout) :: model                           !! on return with the values that follow its motion
       real(wp), intent(in) :: value                                   !! at the point, by which its neighbours are compared
       type(neighbour_t), intent(in) :: neighbour                      !! used if the options of the model request it
-      type(cached_linear_parts_t), intent(inout), target :: cached
+      type(cached_balances_t), intent(inout), target :: cached
       type(motion_result_t), intent(out) :: result
       type(level_t), intent(out) :: level                             !! of the motion; without unknowns if none is found
       type(error_t), allocatable, intent(out) :: error
@@ -48,7 +48,7 @@ contains
       type(model_t), intent(inout) :: model
       type(level_t), intent(in) :: below                              !! the first guess, as that of `solve_point`
       real(wp), allocatable, intent(in) :: start(:)                   !! likewise
-      type(cached_linear_parts_t), intent(inout), target :: cached
+      type(cached_balances_t), intent(inout), target :: cached
       type(motion_result_t), intent(out) :: result
       type(level_t), intent(out) :: level
       type(error_t), allocatable, intent(out) :: error

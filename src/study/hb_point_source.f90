@@ -1,6 +1,6 @@
 !> The document, plan and model from which one rank creates its points.
 module hb_point_source
-   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cached_parts, only: cached_balances_t
    use hb_document, only: document_t
    use hb_idle_laws, only: idle_laws_t
    use hb_kinds, only: wp
@@ -22,7 +22,7 @@ module hb_point_source
       type(sweep_plan_t) :: plan                                      !! values of all points
       type(results_layout_t) :: layout                                !! of the file
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
-      type(cached_linear_parts_t) :: cached                           !! of the point solved last
+      type(cached_balances_t) :: cached                           !! of the point solved last
       integer :: rank = 0                                             !! of this process
       type(law_doubt_t) :: law_doubt                                  !! at the first motion
       type(idle_laws_t) :: idle_laws                                  !! in all motions of this process

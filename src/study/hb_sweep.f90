@@ -96,6 +96,7 @@ contains
       run%ending%counter => run%counter
       call new_interruption(run%ending%interruption_t, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) call solve_points(self, options, comm, run, summary, error)
+      call run%source%cached%destroy()
       if (allocated(error)) then
          call run%results%abandon()                                   ! closing is collective, and fails if writing has failed
       else

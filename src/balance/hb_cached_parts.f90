@@ -1,39 +1,51 @@
-!> A linear part that is cached from one point of a sweep to the next: it is rebuilt when the structure, the coordinates or the
-!> frequencies change, and takes new loads when these change; the numbers are those of a new one in any case.
-module hb_cached_linear_part
+!> What is cached of a balance from one point of a sweep to the next. The linear part is rebuilt when the structure, the coordinates
+!> or the frequencies change, and takes new loads when these change. Of the laws on a small grid the transforms and the memory of
+!> samples serve again; on a large one they take less time than the motion, and their memory is needed. The numbers are those of a
+!> new balance in any case.
+module hb_cached_parts
    use hb_amplitudes, only: amplitudes_t
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_projected_laws, only: projected_laws_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: cached_linear_part_t, cached_linear_parts_t
+   public :: cached_balances_t, cached_parts_t
 
-   type :: cached_linear_part_t
+   integer, parameter :: small_grid = 4096                            ! samples of all coordinates
+
+   !> Owner of external resources: call `destroy`.
+   type :: cached_parts_t
       integer :: n_condensed = 0                                      !! number of harmonics condensed so far
       type(structure_t), private :: structure                         ! structure of the linear part
       real(wp), allocatable, private :: frequencies(:)                ! [rad/s], (n_harmonics)
       type(amplitudes_t), private :: loads                            ! [N]
       class(linear_part_t), allocatable, private :: linear             ! not allocated while it is in use
+      type(projected_laws_t), allocatable, private :: laws             ! likewise, and if they are not cached
    contains
-      procedure :: borrow => cached_linear_part_borrow
-      procedure :: give_back => cached_linear_part_give_back
-   end type cached_linear_part_t
+      procedure :: borrow => cached_parts_borrow
+      procedure :: borrow_laws => cached_parts_borrow_laws
+      procedure :: give_back => cached_parts_give_back
+      procedure :: destroy => cached_parts_destroy
+   end type cached_parts_t
 
-   !> Linear parts shared by the motions of a sweep, of the solution and of its error estimate.
-   type :: cached_linear_parts_t
-      type(cached_linear_part_t) :: narrow, wide
-   end type cached_linear_parts_t
+   !> Parts shared by the motions of a sweep, of their balances and those of their error estimates. Owner of external resources: call
+   !> `destroy`.
+   type :: cached_balances_t
+      type(cached_parts_t) :: narrow, wide
+   contains
+      procedure :: destroy => cached_balances_destroy
+   end type cached_balances_t
 
 contains
 
    !> Moves the linear part of a structure, without slopes and drives, to the caller until it is given back. Fails as
    !> `new_dynamic_stiffness` does.
-   subroutine cached_linear_part_borrow(self, structure, coordinates, frequencies, loads, linear, error, of_interior)
-      class(cached_linear_part_t), intent(inout) :: self
+   subroutine cached_parts_borrow(self, structure, coordinates, frequencies, loads, linear, error, of_interior)
+      class(cached_parts_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
@@ -61,7 +73,7 @@ contains
       if (allocated(error)) return
       self%loads = loads
       linear%support_share = 0.0_wp
-   end subroutine cached_linear_part_borrow
+   end subroutine cached_parts_borrow
 
    !> Creates a linear part.
    subroutine make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
@@ -80,16 +92,44 @@ contains
       call new_linear_part(linear, stiffness)
    end subroutine make_linear
 
-   !> Returns a linear part to the cache.
-   subroutine cached_linear_part_give_back(self, linear)
-      class(cached_linear_part_t), intent(inout) :: self
+   !> Moves the laws of the last motion to the caller, for `new_projected_laws`; none if there are none.
+   subroutine cached_parts_borrow_laws(self, laws)
+      class(cached_parts_t), intent(inout) :: self
+      type(projected_laws_t), allocatable, intent(inout) :: laws      !! none on entry
+
+      if (allocated(self%laws)) call move_alloc(self%laws, laws)
+   end subroutine cached_parts_borrow_laws
+
+   !> Returns a linear part to the cache, and laws if they are on a small grid.
+   subroutine cached_parts_give_back(self, linear, laws)
+      class(cached_parts_t), intent(inout) :: self
       class(linear_part_t), allocatable, intent(inout) :: linear
+      type(projected_laws_t), allocatable, intent(inout), optional :: laws
 
       call move_alloc(linear, self%linear)
-   end subroutine cached_linear_part_give_back
+      if (.not. present(laws)) return
+      if (.not. allocated(laws)) return
+      if (laws%transform%torus%n_total*laws%n_dofs <= small_grid) call move_alloc(laws, self%laws)
+   end subroutine cached_parts_give_back
+
+   !> Frees transforms and samples; safe to call twice.
+   subroutine cached_parts_destroy(self)
+      class(cached_parts_t), intent(inout) :: self
+
+      if (.not. allocated(self%laws)) return
+      call self%laws%destroy()
+      deallocate (self%laws)
+   end subroutine cached_parts_destroy
+
+   subroutine cached_balances_destroy(self)
+      class(cached_balances_t), intent(inout) :: self
+
+      call self%narrow%destroy()
+      call self%wide%destroy()
+   end subroutine cached_balances_destroy
 
    logical function has_same_stiffness(self, structure, coordinates, frequencies, of_interior) result(is_same)
-      type(cached_linear_part_t), intent(in) :: self
+      type(cached_parts_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: frequencies(:)
@@ -102,4 +142,4 @@ contains
       if (is_same) is_same = coordinates%equal(self%linear%coordinates)
       if (is_same) is_same = structure%has_matrices_of(self%structure)
    end function has_same_stiffness
-end module hb_cached_linear_part
+end module hb_cached_parts
