@@ -113,7 +113,7 @@ contains
       integer, parameter :: max_in_gaps = 8                          ! order, times the tuples of the set: with a single distant
                                                                       ! one those up to it would cost more than the motion
       type(tuple_union_t) :: union
-      integer :: farthest(set%n_tones), h, j(set%n_tones), k, m, s
+      integer :: farthest(set%n_tones), h, j(set%n_tones), k, last, m, s
 
       call union%reserve(set%n_tones, usual*set%n_harmonics + 4*steps_of_one_tone)
       call union%add(set%tuples)
@@ -124,9 +124,13 @@ contains
             call union%add(set%tuples + k)
             call union%add(abs(set%tuples - k))
          end do
-         associate (last => 2*min(set%highest(1), max_in_gaps*set%n_harmonics))
-            call union%add(reshape([(k, k=0, last)], [1, last + 1]))
-         end associate
+         last = 2*min(set%highest(1), max_in_gaps*set%n_harmonics)
+         call union%add(reshape([(k, k=0, last)], [1, last + 1]))
+         if (last == 2*set%highest(1)) then                           ! nothing is left
+            call new_harmonics(self, union%list(), error)
+            if (.not. allocated(error)) self%units = set%units
+            return
+         end if
       end if
       farthest = 2*set%highest + sum(abs(set%units), dim=2) - 1
       do h = 1, set%n_harmonics
