@@ -498,8 +498,7 @@ contains
       type(error_t), allocatable :: error
 
       call spend_work(self%work_of_kinks)
-      call self%sample_if_new(x)
-      call self%law_set%differentiate(error)
+      call self%differentiate(x, error)
       if (.not. allocated(error)) call self%tangent_product%prepare(self%law_set, error)
       is_ready = .not. allocated(error)
       if (allocated(error)) call move_alloc(error, self%failure)
@@ -545,8 +544,7 @@ contains
       type(error_t), allocatable :: error
       integer :: n_rounds
 
-      call self%sample_if_new(u)
-      call self%law_set%differentiate(error)
+      call self%differentiate(u, error)
       if (.not. allocated(error)) &
          call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, jacobian, error)
       if (.not. allocated(error)) then

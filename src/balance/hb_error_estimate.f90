@@ -239,12 +239,12 @@ contains
       if (is_lost .or. is_interrupted()) return
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
-      call wide%factorise_mean_tangent(slightly_later(wide, big), error, without=balance%harmonics)
-      if (allocated(error)) return
       call new_wide_problem(whole, wide, balance, problem, tangent, size_of_motion)
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
       call whole%find_residual(big, first, r, is_lost)
       if (is_lost .or. is_interrupted()) return
+      call wide%factorise_mean_tangent(slightly_later(wide, big), error, without=balance%harmonics)
+      if (allocated(error)) return
       alias = [r(whole%positions), r(size(big) + 1:)]
       call tangent%solve(problem, alias, is_lost)
       if (is_lost .or. is_interrupted()) return

@@ -56,8 +56,8 @@ module hb_wide_problem
 
 contains
 
-   !> Creates the problem of a wide balance, with the factors of its mean tangent, around a narrow one with its
-   !> tangent, which may have unknown parameters; the border of these is that of the retained harmonics.
+   !> Creates the problem of a wide balance around a narrow one with its tangent, which may have unknown parameters; the border of
+   !> these is that of the retained harmonics. Steps need the factors of the mean tangent of the wide balance.
    subroutine new_wide_problem(self, wide, balance, narrow, tangent, size_of_motion)
       type(wide_problem_t), intent(out) :: self
       type(balance_t), intent(inout), target :: wide
