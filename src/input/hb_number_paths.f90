@@ -31,7 +31,7 @@ contains
       character(:), allocatable :: path
       real(wp) :: number
       logical :: is_given
-      integer :: i, n
+      integer :: i, k, n
 
       if (allocated(document%ties)) deallocate (document%ties)
       n = document%count("tie")
@@ -54,6 +54,11 @@ contains
          end if
          call document%number_at(ties(i)%to, number, is_given)
          if (.not. is_given) call group%problem("to", trim(absence_of(document, ties(i)%to)))
+      end do
+      do i = 2, n
+         group => document%group("tie", i)
+         if (any([(ties(k)%parameter%hides(ties(i)%parameter) .or. ties(i)%parameter%hides(ties(k)%parameter), k=1, i - 1)])) &
+            call group%problem("parameter", "follows another value by an earlier &tie; leave one of them out")
       end do
       do i = 1, n
          if (any([(ties(n)%parameter%hides(ties(i)%to), n=i, size(ties))])) then

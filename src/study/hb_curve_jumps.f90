@@ -60,10 +60,10 @@ contains
                     self%n_failures < max_failures .and. abs(self%target - self%furthest) > agreement*self%range
    end subroutine curve_jumps_note
 
-   !> Restores the state at the last of the rows of a curve, and finds the first row of its part.
+   !> Restores the state at the last of the rows of a curve, and finds the first row of its part, with the request of this part.
    subroutine curve_jumps_restore(self, request, stored, first)
       class(curve_jumps_t), intent(out) :: self
-      type(curve_request_t), intent(in) :: request                    !! of the whole curve
+      type(curve_request_t), intent(inout) :: request                 !! of the whole curve; on return of the part
       type(curve_position_t), intent(in) :: stored(:)
       integer, intent(out) :: first
       integer :: i
@@ -77,6 +77,10 @@ contains
       self%part = stored(first)%branch
       self%n_before = first - 1
       self%n_rows = size(stored)
+      request%n_points = request%n_points - self%n_before
+      if (self%part == 0) return
+      request%from = stored(first)%parameter
+      request%to = self%target
    end subroutine curve_jumps_restore
 
    !> The request of the next part.

@@ -85,13 +85,11 @@ contains
       integer :: first
 
       first = 1
-      if (self%request%jumps) call self%jumps%restore(self%request, stored, first)
-      if (self%jumps%part > 0) self%part%from = stored(first)%parameter
-      self%part%n_points = self%request%n_points - self%jumps%n_before
+      if (self%request%jumps) call self%jumps%restore(self%part, stored, first)
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) &
          call move_start(self, stored(first)%parameter, error)
-      if (.not. allocated(error)) call self%curve%continue_from(self%model, self%part, rows_of_part(stored(first:), &
-                                                                                                  self%jumps%part), error)
+      if (.not. allocated(error)) &
+         call self%curve%continue_from(self%model, self%part, rows_of_part(stored(first:), self%jumps%part), error)
       self%is_done = self%curve%is_done .or. allocated(error)
       self%has_begun = .true.
       self%last_parameter = stored(size(stored))%parameter

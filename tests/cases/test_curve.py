@@ -58,9 +58,9 @@ def test_a_curve_from_its_lower_end_stays_in_its_range(tmp_path):
     assert (kind[used] == FOLD).sum() == 2
 
 
-def jumping(start, end, **further):
+def jumping(one, other, **further):
     keys = "".join(f", {key} = {value}" for key, value in further.items())
-    return DUFFING + f"&curve parameter = 'tones%frequency', from = {start}, to = {end}, jump = .true.{keys} /\n"
+    return DUFFING + f"&curve parameter = 'tones%frequency', from = {one}, to = {other}, jump = .true.{keys} /\n"
 
 
 @pytest.mark.parametrize("start, end", [(0.5, 2.5), (2.5, 0.5)])
@@ -88,6 +88,13 @@ def test_a_curve_jumps_also_after_an_interruption(tmp_path):
             file["status"][left + 1 :] = PENDING
         assert run("resume", copy.name, cwd=tmp_path).status == ALL_CONVERGED
         assert_same_bits(copy, whole)
+    down = solve(jumping(0.5, 2.5, start=2.5), tmp_path, name="down")                 # from the other end
+    behind = int(np.argmax(read(down, "curve_branch") == 1)) + 5
+    copy = shutil.copy(down, tmp_path / "left.h5")
+    with h5py.File(copy, "r+") as file:
+        file["status"][behind:] = PENDING
+    assert run("resume", "left.h5", cwd=tmp_path).status == ALL_CONVERGED
+    assert_same_bits(copy, down)
     short = solve(jumping(0.5, 2.5, points=fold + 3), tmp_path, name="short")
     run("resume", short.name, "--set", "curve%points=500", cwd=tmp_path)
     assert_same_bits(short, whole)

@@ -1,10 +1,12 @@
 """Rotors against closed forms."""
 
+import warnings
+
 import nhbm
 import numpy as np
 import pytest
 
-from nhbm import ModelError, Rotor, rotors
+from nhbm import Implausible, ModelError, Rotor, rotors
 from nhbm.rotors import at_speeds
 
 
@@ -178,3 +180,14 @@ def test_two_shafts_have_speeds_of_their_own():
     assert model.loads["unbalance_high_sin"][1] == pytest.approx([-1e-4, 0.0], abs=1e-18)
     with pytest.raises(ModelError, match="choose a shaft"):
         made.disk(0.5, 1.0, 0.1, 0.1)
+
+
+def test_a_disk_beside_the_nodes_is_doubted():
+    """It is taken at the nearest node, which may be far away."""
+    rotor = Rotor()
+    rotor.shaft([0.0, 0.5, 1.0], diameter=0.03)
+    with pytest.warns(Implausible, match="0.3 m on the shaft is not at a node: the nearest one, at 0.5 m, is taken"):
+        rotor.disk(0.3, mass=1.0, diametral=0.1, polar=0.2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rotor.bearing(1.0 - 1e-12, stiffness=1e6)

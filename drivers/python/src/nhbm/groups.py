@@ -293,8 +293,9 @@ def value_at(path: InputPath, groups: Groups) -> Any:
             raise ModelError(f"'{path.written}': there is no such &{path.group}; the model has {there}")
         labels = [other.label for other in groups.named(path.group) if other.label]
         if isinstance(path.which, str) and labels:
-            raise ModelError(f"'{path}': no group &{path.group} has the label '{path.which}'{meant(path.which, labels)}; "
-                             f"labels: {', '.join(map(repr, labels))}")
+            hint = meant(path.which, labels) or ";"
+            raise ModelError(f"'{path}': no group &{path.group} has the label '{path.which}'{hint} labels: "
+                             f"{', '.join(map(repr, labels))}")
         known = dict.fromkeys(other.name for other in groups)
         raise ModelError(f"'{path.written}': there is no such value; known groups: {', '.join(known)}")
     value = group.get(path.key, path.indices)
@@ -304,8 +305,8 @@ def value_at(path: InputPath, groups: Groups) -> Any:
         hint = f", row by row: it has one index, {path.key}({n})" if len(path.indices) > 1 else ""
         raise ModelError(f"'{path.written}': {path.key} has {n} value{'s' * (n > 1)}{hint}")
     if value is None:
-        raise ModelError(f"'{path.written}': there is no such value{meant(path.key, list(group.keys))}; "
-                         f"known keys: {', '.join(group.keys)}")
+        hint = meant(path.key, list(group.keys)) or ";"
+        raise ModelError(f"'{path.written}': there is no such value{hint} known keys: {', '.join(group.keys)}")
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -21,6 +21,7 @@ from nhbm.values import numbers_of
 VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")
 N = len(DIRECTIONS)
+_BESIDE = 1e-3  # of a shaft: as far from a node it is not there
 _MATERIALS = {"young": (1e5, 1e13, "N/m2", "2.1e11"), "density": (1.0, 3e4, "kg/m3", "7850")}  # plausible values, unit, of steel
 _LARGEST_DIAMETER = 10.0  # [m], of a shaft, plausible
 ACROSS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # i z = x' + i y' turned back: what -i Omega z does to (x, y)
@@ -273,7 +274,12 @@ class Rotor:
         z = _number("z", z)
         if not shaft.z[0] <= z <= shaft.z[-1]:
             raise ModelError(f"a disk or bearing at {z} is not on the shaft, {shaft.z[0]} to {shaft.z[-1]}")
-        return shaft, shaft.first + int(np.argmin(np.abs(shaft.z - z)))
+        nearest = int(np.argmin(np.abs(shaft.z - z)))
+        there = float(shaft.z[nearest])
+        if abs(there - z) > _BESIDE * (shaft.z[-1] - shaft.z[0]):
+            text = f"{z:g} m on the shaft is not at a node: the nearest one, at {there:g} m, is taken; give the shaft a node there"
+            warnings.warn(text, Implausible, stacklevel=3)
+        return shaft, shaft.first + nearest
 
     def _next(self, word: str) -> str:
         return f"{word}{1 + sum(name.startswith(word) for name in self._sets)}"
