@@ -233,3 +233,25 @@ def test_peaks_need_a_curve(sweep):
 
     with Results(sweep) as results, pytest.raises(ReaderError, match="no curve was followed"):
         peaks([("", results)], Measure("rms"))
+
+
+def test_parts_of_a_curve_that_jumps_are_one(tmp_path):
+    """In one colour, with a gap and an arrow from the fold to the start of the next part; the arc of each part begins at zero."""
+    path = tmp_path / "jump.h5"
+    value = np.array([1.0, 2.0, 3.0, 3.1, 4.0, 5.0])
+    coefficients = np.zeros((6, 1, 2, 2))
+    coefficients[:, 0, 1, 0] = [1.0, 2.0, 3.0, 0.5, 0.4, 0.3]
+    parameters = {"tones_frequency": ("tones%frequency", "rad/s", value)}
+    words = "&curve\n   parameter = 'tones%frequency'\n   jump = .true.\n/\n"
+    write_results(path, box(1, 1), value[:, None], coefficients, parameters=parameters, input_groups=words)
+    with h5py.File(path, "r+") as file:
+        file["tones_frequency"].attrs["moves_along"] = "curve"
+        file["curve_kind"] = np.array([START, REGULAR, FOLD, START, REGULAR, END], np.int32)
+        file["curve_kind"].attrs.update(DESCRIPTION)
+        file["curve_length"] = [0.0, 1.0, 2.0, 0.0, 1.0, 2.0]
+        file["curve_branch"] = np.array([0, 0, 0, 1, 1, 1], np.int32)
+    with Results(path) as results:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)))
+    [line] = lines(fig, "curve")
+    assert np.isnan(line.get_ydata()).sum() == 1 and np.allclose(line.get_ydata()[:3], [1.0, 2.0, 3.0])
+    assert [text.xy for ax in fig.axes for text in ax.texts if text.get_gid() == "jump"] == [(3.1, 0.5)]

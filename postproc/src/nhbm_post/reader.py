@@ -14,6 +14,7 @@ import numpy as np
 
 from nhbm.located import Located, located_kinds
 
+from .complete_input import groups
 from .errors import ReaderError, UsageError
 from .hdf5 import open_file, strings_of, text_of
 from .outcome import ANSWERS, CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
@@ -270,6 +271,11 @@ class Results:
     def curve_branch(self) -> np.ndarray:
         """Number of the branch point, or separate motion, from which each part of a curve was followed; 0: from its start."""
         return self.per_point("curve_branch") if "curve_branch" in self._file else np.zeros(self.n_points, dtype=int)
+
+    @property
+    def curve_jumps(self) -> bool:
+        """Whether a curve was followed with jumps over its folds: its parts are one curve, in their order."""
+        return any(group.get("jump") == [".true."] for group in groups(self.input_complete, "curve"))
 
     def outcome_text(self, points: Sequence[int] | None = None) -> str:
         """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as in `nhbm solve`."""

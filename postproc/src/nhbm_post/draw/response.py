@@ -92,7 +92,7 @@ class Curve:
         """(x, y, x and y of the motion after the jump): for a sweep between its branches, for a curve that was followed at its
         folds, over the value along the curve."""
         moving = self.results.curve
-        if moving is None:
+        if moving is None or (self.results.curve_jumps and self.is_over(moving)):
             before = np.flatnonzero(self.is_jump & np.isfinite(self.y[1:]) & np.isfinite(self.y[:-1]))
             forth = self.points[before] < self.points[before + 1]
             start, end = np.where(forth, before, before + 1), np.where(forth, before + 1, before)
@@ -257,7 +257,8 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     x = _positions(along)
     values = measure.values(results, dof)
     others = other_parameters(results, swept, points)
-    if moving and results.curve_branch().any():
+    is_one = moving is not None and results.curve_jumps
+    if moving and results.curve_branch().any() and not is_one:
         others.append(Parameter("curve_branch", "curve", "", results.curve_branch().astype(float)))
     groups = groups_of(others, points)
     notes = []
@@ -274,10 +275,14 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     # Branches are numbered along the fastest parameter of a sweep: along another parameter they do not describe neighbours.
     is_fastest = swept.values[0] != swept.values[min(1, results.n_points - 1)]
     branch = results.branch() if is_fastest and not moving else np.zeros(results.n_points, dtype=int)
+    if is_one:
+        branch = results.curve_branch() + 1
     if not is_fastest and not moving and others and results.branch().any():
         fastest = next(p.words for p in others[::-1] if p.values[0] != p.values[1])
         notes.append(f"jumps are known along {fastest} alone, not along {swept.words}")
     order = _along_the_arc(results) if moving else _positions(swept)
+    if is_one:
+        order = np.arange(results.n_points)
     kind = results.curve_kind() if moving else np.full(results.n_points, "")
     curves = []
     for members in groups:
