@@ -133,7 +133,8 @@ contains
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
-      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), response(:), status(:), vanishing(:)
+      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), response(:), status(:)
+      integer, allocatable :: turned(:), vanishing(:)
       type(string_t), allocatable :: names(:)                         ! of all responses, if there are several
       real(wp), allocatable :: largest(:), lengths(:)
       integer :: first_gap, i, n
@@ -185,9 +186,8 @@ contains
          if (status(i) /= outcome%locked .or. .not. is_regular_end(status(i), i, plan)) cycle
          lines = [character(max_line) :: lines, "point "//to_text(i - 1)//": "//message_of(path, i)]
       end do
-      associate (first => rows_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t))
-         if (size(first) > 0) lines = [character(max_line) :: lines, turned_back_text(size(first), plan%curve_values(first(1)))]
-      end associate
+      turned = rows_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
+      if (size(turned) > 0) lines = [character(max_line) :: lines, turned_back_text(size(turned), plan%curve_values(turned(1)))]
 
    contains
 
