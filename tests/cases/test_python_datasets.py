@@ -103,6 +103,7 @@ def test_a_point_without_a_motion_is_not_drawn():
 @pytest.mark.parametrize("wrong, message", [
     (lambda data: data.nhbm.amplitude("x1", of="power_in"), "'power_in' has no harmonics"),
     (lambda data: data.nhbm.amplitude("x1", of="power"), "there is no column 'power'"),
+    (lambda data: data.nhbm.time("x1", 0.0, of="forces"), "there is no column 'forces'; those of motions: coefficients, force_c"),
     (lambda data: data.nhbm.spectrum(over="freqency"), "over must be 'tuple' or 'frequency'"),
     (lambda data: data.nhbm.animate(frames=0), "frames must be 1 or more"),
     (lambda data: data.nhbm.report().save("page.png"), "the name must end in .html"),

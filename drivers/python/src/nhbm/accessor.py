@@ -496,7 +496,9 @@ class Accessor:
         check_found(self._dataset, name)
         if name not in self._dataset and name not in self.details:
             known = [*map(str, self._dataset.data_vars), *map(str, self.details)]
-            raise ModelError(f"there is no column '{name}'{meant(name, known)}")
+            columns = {**self._dataset.data_vars, **self.details.data_vars}
+            of_motions = [str(one) for one, column in columns.items() if "component" in column.dims]
+            raise ModelError(f"there is no column '{name}'{meant(name, known) or '; those of motions: ' + ', '.join(of_motions)}")
         column = self._dataset[name] if name in self._dataset else self.details[name]
         if not {"harmonic", "component"} <= set(column.dims):
             return column
