@@ -266,6 +266,13 @@ def friswell_2() -> list[float]:
     return whirls(rotor, 0.0) + whirls(rotor, 4000)
 
 
+@system("Friswell's rotor 5.9.4, cross-coupled bearings", f"[ROSS]({ROSS}), example 5 of its manual", "finite elements",
+        named("whirl at 4000 rpm,", "84.19790045 89.03269396 246.44121183 301.08623205 594.81950178 834.0420378"),
+        note="coupled in one direction alone, as there")  # fmt: skip
+def friswell_4() -> list[float]:
+    return whirls(two_disk_rotor(np.array([[1e6, 0.5e6], [0.0, 1e6]])), 4000)
+
+
 @system("Friswell's rotor 5.9.5, damped bearings", f"[ROSS]({ROSS}), example 6 of its manual", "finite elements",
         [(f"size of eigenvalue {k + 1}, 4000 rpm [Hz]", value) for k, value in enumerate(
             "13.69730748 14.09185971 43.60796387 52.17870498 122.36522778 149.80603898".split())])  # fmt: skip
