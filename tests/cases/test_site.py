@@ -89,6 +89,12 @@ def test_every_group_of_the_input_has_a_page(source):
     assert len(rest.split()) < 3000 and all(f"\ninput/{group}\n" in rest for group in groups) and "### `&" not in rest
 
 
+def test_inputs_of_the_gallery_have_titles(laws):
+    """Pages of laws and reports show them."""
+    inputs = list((ROOT / "inputs" / "gallery").glob("*.nml"))
+    assert not [path.name for path in inputs if laws.title(path) == path.stem]
+
+
 def test_links_follow_the_headings_that_move(source):
     """Of all pages; those to the catalogue of laws lead to one that is made later."""
     pages = {path.relative_to(source): path.read_text() for path in source.rglob("*.md")}
