@@ -32,8 +32,8 @@ module hb_cached_parts
       procedure :: destroy => cached_parts_destroy
    end type cached_parts_t
 
-   !> Parts shared by the motions of a sweep, of their balances and those of their error estimates. Owner of external resources: call
-   !> `destroy`.
+   !> Parts shared by the motions of a sweep, of their balances and those of their error estimates. Owner of external resources:
+   !> call `destroy`.
    type :: cached_balances_t
       type(cached_parts_t) :: narrow, wide
    contains
@@ -121,6 +121,7 @@ contains
       deallocate (self%laws)
    end subroutine cached_parts_destroy
 
+   !> Frees what both hold; safe to call twice.
    subroutine cached_balances_destroy(self)
       class(cached_balances_t), intent(inout) :: self
 

@@ -548,7 +548,7 @@ contains
       class(document_t), intent(in) :: self
       type(error_t), allocatable, intent(inout) :: error
       type(error_t), allocatable :: problem
-      integer :: i, n_groups
+      integer :: i, n, n_groups
 
       n_groups = 0
       do i = 1, self%groups%n
@@ -557,7 +557,8 @@ contains
                call group%refuse_unknown(problem)
             else if (group%has_problems()) then
                call group%finish(problem)
-               if (index(error%message, first_line(problem%message)) > 0) cycle
+               n = scan(problem%message//new_line("a"), new_line("a")) - 1
+               if (index(error%message, problem%message(:n)) > 0) cycle   ! the group that ended the reading
             else
                cycle
             end if
@@ -567,15 +568,6 @@ contains
          if (n_groups > max_lines) exit
          error%message = error%message//new_line("a")//problem%message
       end do
-
-   contains
-
-      pure function first_line(text) result(line)
-         character(*), intent(in) :: text
-         character(:), allocatable :: line
-
-         line = text(:scan(text//new_line("a"), new_line("a")) - 1)
-      end function first_line
    end subroutine document_finish_early
 
    !> Fails if there is more than one group of the name.

@@ -562,7 +562,7 @@ def test_values_are_read_by_path():
     for path, message in {
         "spring.gap": "'spring.gap': there is no such value; known keys: type, label",
         "law[7].gap": r"'law\[7\].gap': there is no such &law; the model has law\[0\], law\[1\]$",
-        "stop.gap": "there is no such value; known groups: structure, tones",
+        "stop.gap": "'stop.gap': no group &law has the label 'stop'; labels: 'spring', .*; known groups: structure, tones",
         "law.stiffness": "there are several groups &law",
         "tones[3]": "frequency has 1 value$",
     }.items():

@@ -291,13 +291,14 @@ def value_at(path: InputPath, groups: Groups) -> Any:
         if n > 0 and isinstance(path.which, int):
             there = ", ".join(f"{path.group}[{k}]" for k in range(n))
             raise ModelError(f"'{path.written}': there is no such &{path.group}; the model has {there}")
+        names = list(dict.fromkeys(other.name for other in groups))
+        known = f"known groups: {', '.join(names)}"
         labels = [other.label for other in groups.named(path.group) if other.label]
         if isinstance(path.which, str) and labels:
-            hint = meant(path.which, labels) or ";"
-            raise ModelError(f"'{path}': no group &{path.group} has the label '{path.which}'{hint} labels: "
-                             f"{', '.join(map(repr, labels))}")
-        known = dict.fromkeys(other.name for other in groups)
-        raise ModelError(f"'{path.written}': there is no such value; known groups: {', '.join(known)}")
+            hint = meant(path.which, labels + names) or ";"
+            raise ModelError(f"'{path.written}': no group &{path.group} has the label '{path.which}'{hint} labels: "
+                             f"{', '.join(map(repr, labels))}; {known}")
+        raise ModelError(f"'{path.written}': there is no such value; {known}")
     value = group.get(path.key, path.indices)
     if value is None and path.key in group.keys:
         whole = group.keys[path.key]
