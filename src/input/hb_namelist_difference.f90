@@ -2,8 +2,10 @@
 module hb_namelist_difference
    use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_input_keys, only: find_rule, kind_of, rule_t
+   use hb_kinds, only: wp
    use hb_namelist, only: read_namelist
-   use hb_text, only: join, split, string_t, text_builder_t, to_text
+   use hb_text, only: join, parse_real, split, string_t, text_builder_t, to_text
    implicit none
    private
    public :: list_differences
@@ -15,7 +17,8 @@ module hb_namelist_difference
 contains
 
    !> Lists a line for each key whose value differs between two inputs, or that one of them lacks; empty if there is
-   !> none. Both are texts of `write_complete_text`.
+   !> none. Both are texts of `write_complete_text`. A key that the first has by default and the second lacks is no difference: the
+   !> second was written before there was this key.
    subroutine list_differences(one, other, name_of_one, name_of_other, text)
       character(*), intent(in) :: one, other
       character(*), intent(in) :: name_of_one, name_of_other !! for the lines
@@ -53,6 +56,9 @@ contains
                   call get_value(from, group%name, group%number, trim(group%content%names%names(k)), value)
                   call get_value(to, group%name, group%number, trim(group%content%names%names(k)), its)
                   if (.not. allocated(its)) then
+                     if (is_first .and. group%number <= to%count(group%name)) then
+                        if (is_default(from, group%name, group%number, trim(group%content%names%names(k)), value)) cycle
+                     end if
                      if (is_first) call add(location, shown(value), "nothing")
                      if (.not. is_first) call add(location, "nothing", shown(value))
                   else if (is_first .and. value /= its) then
@@ -73,6 +79,34 @@ contains
          call lines%add(location//": "//trim(our_value)//" in "//name_of_one//", "//trim(their_value)//" in "//name_of_other)
       end subroutine add
    end subroutine list_differences
+
+   !> Whether a value is the default of its key in the table.
+   logical function is_default(document, name, number, key, value)
+      type(document_t), intent(in) :: document
+      character(*), intent(in) :: name, key
+      integer, intent(in) :: number                         !! of the group of that name
+      character(*), intent(in) :: value                     !! as it is spelt
+      type(rule_t) :: rule
+      character(:), allocatable :: type
+      real(wp) :: its_number
+      logical :: is_number
+
+      is_default = .false.
+      call get_value(document, name, number, "type", type)
+      if (.not. allocated(type)) type = "''"
+      call find_rule(name, type(2:len(type) - 1), key, rule)
+      if (allocated(rule%word)) then
+         is_default = value == "'"//rule%word//"'"
+      else if (allocated(rule%numbers)) then
+         if (size(rule%numbers) /= 1) return
+         if (rule%kind == kind_of%truth) then
+            is_default = value == trim(merge(".true. ", ".false.", rule%numbers(1) > 0.0_wp))
+         else
+            call parse_real(value, its_number, is_number)
+            if (is_number) is_default = abs(its_number - rule%numbers(1)) <= 0.0_wp
+         end if
+      end if
+   end function is_default
 
    !> Returns the values of a key as they are spelt, in one line; not allocated if the input does not have the key.
    subroutine get_value(document, name, number, key, value)
