@@ -4,11 +4,14 @@ row a point, CSV and files for MATLAB."""
 from __future__ import annotations
 
 import inspect
+import re
 
 import numpy as np
 import pandas
 import pytest
 import xarray as xr
+from nhbm_post.page import page_data
+from nhbm_post.reader import Results
 
 from in_process import ROOT, duffing
 
@@ -99,6 +102,23 @@ def test_a_report_is_shown_within_a_page(curve, tmp_path):
     assert "</html>" in page and "cubic_spring" in page and repr(report).startswith("<nhbm report")
     with pytest.raises(ModelError, match="save the whole result"):
         curve.isel(point=[1, 2]).nhbm.report()
+
+
+def test_a_report_has_the_state_of_contacts(tmp_path):
+    """The shares of time, of a stop those with which the motion is beyond its gap."""
+    model = duffing()
+    model.law("elastic_stop", "x1", stiffness=5.0, gap=0.2, label="stop")
+    model.law("jenkins", "x1", stiffness=0.3, limit=0.05, label="pad")
+    found = model.sweep({"tones[0]": [0.7, 0.9, 1.1]}, order=9)
+    found.nhbm.save(tmp_path / "found.h5")
+    with Results(tmp_path / "found.h5") as results:
+        rows = dict(page_data(results)[0]["points"]["rows"])
+    times = np.linspace(0.0, 2 * np.pi / 0.9, 20_000, endpoint=False)
+    share = 100 * float((found.nhbm.time("x1", times).isel(point=1) > 0.2).mean())
+    is_open, is_closed = map(float, re.fullmatch(r"open (\S+) %, closed (\S+) %", rows["Contact stop"][1]).groups())
+    assert is_closed == pytest.approx(share, abs=0.5) and is_open + is_closed == pytest.approx(100.0, abs=0.2)
+    sticks, slips = map(float, re.fullmatch(r"sticking (\S+) %, slipping (\S+) %", rows["Contact pad"][1]).groups())
+    assert 0 < sticks < slips and sticks + slips == pytest.approx(100.0, abs=0.2)
 
 
 def test_rotations_are_not_drawn_in_place_of_displacements():

@@ -32,6 +32,7 @@ _PERIODS = 32  # of the slowest of several tones: averaging time of shares, or
 _BEATS = 8  # periods of the slowest beat of two of them if that is longer
 _BEFORE = 8  # share of that time until sliders forget their start; one period for one tone and one coordinate
 _MOST = 300_000  # steps
+_OF_SLIDERS = 300  # terms of a series that take the time of a step of sliders
 _BLOCK = 2_000_000  # steps times nodes that are processed together
 
 
@@ -94,6 +95,19 @@ class Contact:
         return np.array([self.keys.get(f"{key}({i})", self.keys.get(key, 0.0)) for i in range(1, n + 1)])
 
 
+class Degrees:
+    """Stands for the structure of a result without a model: each degree of freedom is a node."""
+
+    def __init__(self, results: Results):
+        self.path, self._labels = results.path, results.labels()
+
+    def dofs_of(self, name: str) -> list[str]:
+        return [name]
+
+    def node_of(self, label: str) -> int | None:
+        return self._labels.index(label) if label in self._labels else None
+
+
 @dataclass
 class History:
     """The state of a contact at the nodes, (n_times, n_nodes); NaN for quantities that the law does not have."""
@@ -108,7 +122,7 @@ class History:
             setattr(self, name, np.broadcast_to(getattr(self, name), self.status.shape))
 
 
-def contacts(results: Results, structure: Structure, point: int) -> list[Contact]:
+def contacts(results: Results, structure: Structure | Degrees, point: int) -> list[Contact]:
     """The contacts of a result, at nodes of the structure or in tables, in the order of the input."""
     found, first = [], 0
     labels = results.laws
@@ -155,7 +169,7 @@ def _table(kind: str, texts: dict[str, list[str]], keys: dict[str, float], n_coo
     return Table(shapes, np.array(turns, dtype=int), frequency)
 
 
-def _coordinates(structure: Structure, kind: str, texts: dict[str, list[str]]) -> list[tuple[list[list[str]], list[float]]]:
+def _coordinates(structure: Structure | Degrees, kind: str, texts: dict[str, list[str]]) -> list[tuple[list[list[str]], list[float]]]:
     """For each coordinate of a law, the degrees of freedom of each of its locations, and their weights."""
     coordinates = []
     for key, weights in (("dof", ""), ("dofs", "weights"), ("second_dofs", "second_weights"), ("normal_dofs", "normal_weights")):
@@ -363,6 +377,25 @@ def summary(contact: Contact, motion: Motion, power: np.ndarray) -> dict[str, np
     for name in unknown + ["loss"] * (contact.table is not None and contact.slides):
         del values[name]
     return {name: value for name, value in values.items() if np.isfinite(value).any()}
+
+
+def work_of(found: Sequence[Contact], motion: Motion, n_harmonics: int) -> float:
+    """Work of the summaries of contacts, in terms of the series of a coordinate."""
+    work = 0.0
+    for contact in found:
+        of_step = n_harmonics * contact.n * len(contact.coordinates) + _OF_SLIDERS * contact.has_memory
+        work += motion.window / motion.step * (1 + _BEFORE * contact.has_memory) * of_step
+    return work
+
+
+def state_text(contact: Contact, values: dict[str, np.ndarray]) -> str:
+    """Shares of time of a summary, means over its nodes: `open 66 %, closed 34 %`."""
+    shares = {word: np.nanmean(values[f"{name} share"]) for word, name in (("open", "open"), ("sticking", "stick"), ("slipping", "slip"))
+              if f"{name} share" in values}  # fmt: skip
+    if list(shares) == ["open"]:
+        shares["closed"] = 1.0 - shares["open"]
+    text = ", ".join(f"{word} {100 * float(f'{share:.3g}'):.3g} %" for word, share in shares.items())
+    return text + (f" (mean of {contact.counted})" if contact.n > 1 else "")
 
 
 UNITS = {"open share": "1", "stick share": "1", "slip share": "1", "smallest gap": "m", "mean gap": "m", "largest gap": "m",

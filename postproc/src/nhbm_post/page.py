@@ -17,6 +17,7 @@ import numpy as np
 from nhbm.child_process import atomic_write
 
 from .axis_words import axis_words, with_symbol
+from .contact import Degrees, Motion, contacts, state_text, summary, work_of
 from .errors import ReaderError, UsageError
 from .measure import Measure
 from .outcome import SOLVED, sentence
@@ -31,6 +32,7 @@ _COEFFICIENTS, _POINTS, _TEXT = 300_000, 6_000, 200_000
 _LEAST = 1e-6  # harmonics that are smaller everywhere, relative to the largest, are omitted
 _N_DOFS = 60
 _N_FORCES = 12
+_CONTACT_WORK = 5e7  # terms of series, about a second
 _N_CURVES = 14
 _N_SHAPES, _N_SHAPE_HARMONICS, _SHAPE_NUMBERS = 12, 5, 120_000
 
@@ -117,7 +119,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
         "measure": len(dofs) if tones and axis and axis.path.startswith("normal_mode%") else 0,
         "tuples": tuples.tolist(),
         "events": {name: [kind.mark, kind.label, kind.plural] for name, kind in results.located_kinds.items()},
-        "points": _points(results, points, kinds),
+        "points": _points(results, points, kinds, model),
         "rows": rows,
         "coefficients": base64.b64encode(coefficients.astype("<f4").tobytes()).decode(),
         "shapes": shapes,
@@ -235,7 +237,7 @@ def _drawn(results: Results, found: list, points: list[int]) -> list[dict]:
     return [curve for curve in curves if curve["points"]]
 
 
-def _points(results: Results, points: list[int], kinds: np.ndarray) -> dict:
+def _points(results: Results, points: list[int], kinds: np.ndarray, model: Path | None) -> dict:
     """The data of the points except their motions: a list for each value, a table of the rows; each word once."""
     is_solved = np.isin(results.status[points], SOLVED)
     names = [results.status_name(point) for point in points]
@@ -249,7 +251,11 @@ def _points(results: Results, points: list[int], kinds: np.ndarray) -> dict:
         "stable": [int(stable) for stable in results.stability()[points]],
         "omega": [_numbers(omega) for omega in frequencies],
         "means": {name: sentence(name) for name in dict.fromkeys(names)},
-        "rows": [[label, texts] for label, texts in _rows(results, points, is_solved, frequencies) if any(texts)],
+        "rows": [
+            [label, texts]
+            for label, texts in (*_rows(results, points, is_solved, frequencies), *_contact_rows(results, points, is_solved, model))
+            if any(texts)
+        ],
     }
 
 
@@ -275,6 +281,29 @@ def _rows(results: Results, points: list[int], is_solved: np.ndarray, frequencie
         largest = np.abs(results.multipliers()[points])
         is_known = is_solved & np.isfinite(largest).any(axis=1)
         yield "Largest Floquet multiplier", _texts(np.nanmax(largest, axis=1, initial=0.0), is_known, ".4g", "")
+
+
+def _contact_rows(results: Results, points: list[int], is_solved: np.ndarray, model: Path | None) -> list[tuple[str, list]]:
+    """The state of each contact: the shares of time that it is open, sticks and slips, at as many points as the work allows."""
+    solved = [k for k, is_one in enumerate(is_solved) if is_one]
+    if not solved or not results.law_dofs:
+        return []
+    rows: dict[str, list[str | None]] = {}
+    try:
+        structure = structure_of(results, points[solved[0]], model) if model or has_model(results) else Degrees(results)
+        found = [one for one in contacts(results, structure, points[solved[0]]) if one.table is None]
+        work = work_of(found, Motion(results, points[solved[0]], True), len(results.tuples))
+        n = min(len(solved), int(_CONTACT_WORK / max(work, 1.0))) if found else 0
+        for k in np.unique(np.linspace(0, len(solved) - 1, n).round().astype(int)).tolist():
+            at, point = solved[k], points[solved[k]]
+            motion, power = Motion(results, point, True), np.full(len(results.laws), np.nan)
+            for contact in contacts(results, structure, point):
+                if contact.table is None:
+                    texts = rows.setdefault(f"Contact {contact.label}", [None] * len(points))
+                    texts[at] = state_text(contact, summary(contact, motion, power))
+    except (ReaderError, UsageError):  # without the model, or of degrees of freedom that are not stored
+        return []
+    return list(rows.items())
 
 
 def _texts(values: np.ndarray, is_shown: np.ndarray, digits: str, unit: str) -> list[str | None]:
