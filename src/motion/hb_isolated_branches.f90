@@ -1,7 +1,7 @@
-!> Separate motions, on none of the curves followed so far, at values given in the input: each is the start of a
+!> Isolated branches: motions on none of the curves followed so far, at values given in the input: each is the start of a
 !> curve. They are searched for from the starts of a census, by Newton's method and, where that leads to a known motion,
 !> with deflation of all known ones.
-module hb_motions_apart
+module hb_isolated_branches
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_census_starts, only: new_starts, starts_t
@@ -197,4 +197,4 @@ contains
          if (is_found .or. work_is_over()) return
       end do
    end subroutine find_other
-end module hb_motions_apart
+end module hb_isolated_branches

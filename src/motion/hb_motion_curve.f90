@@ -20,12 +20,12 @@ module hb_motion_curve
    use hb_discretisation, only: discretisation_t
    use hb_doubtful_extremes, only: remove_doubtful_extremes
    use hb_error, only: error_t
+   use hb_isolated_branches, only: search_separate
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, join, level_of, level_t, margin
    use hb_level_stability, only: allow_for_departure
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_motions_apart, only: search_separate
    use hb_observed_motion, only: observed_motion_t
    use hb_options, only: options_t
    use hb_outcome, only: is_integrated, is_solved, outcome, reason
