@@ -2,13 +2,13 @@
 !> pieces between grazes.
 module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
-   use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus
+   use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus, movement
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t
    use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
    use hb_event_search, only: find_zero, search_t, sort_by_position
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
    use hb_stability, only: max_multipliers, stability_method, stability_t
@@ -19,6 +19,10 @@ module hb_bifurcation_location
 
    ! of each kind of bifurcation
    integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]
+
+   integer, parameter :: max_divisions = 6                            ! of a piece
+   integer, parameter :: max_halvings = 4                             ! of them
+   real(wp), parameter :: far = 0.25_wp                               ! movement within which two multipliers may meet and part
 
    !> Part of the step without grazes; at grazes multipliers may jump.
    type :: piece_t
@@ -52,7 +56,7 @@ contains
       type(search_t), intent(inout) :: search
       type(piece_t) :: piece
       real(wp), allocatable :: grazes(:)
-      integer :: i, n_before
+      integer :: i
 
       call sort_by_position(self%waiting)
       grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%grazing)
@@ -71,11 +75,179 @@ contains
          call make_certain(self, piece%ends(1), piece%stability(1))
          call make_certain(self, piece%ends(2), piece%stability(2))
          if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
-         n_before = size(self%waiting)
-         call find_by_kind(self, search, piece)
-         call find_by_number(self, search, piece, n_before)
+         if (is_branch_known(self, search)) call find_pair_of_branches(self, search, piece)
+         call find_on_piece(self, search, piece, max_divisions, &
+                            movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers) > far)
       end do
    end subroutine find_bifurcations
+
+   !> Finds bifurcations from the multipliers at both ends of a piece. It is halved if multipliers move far on it, and divided where
+   !> two of them may meet, if they are outside the unit circle there: they leave it and return, with the same number at both ends.
+   recursive subroutine find_on_piece(self, search, piece, n_divisions, moves_far)
+      class(observed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      integer, intent(in) :: n_divisions                              !! permitted
+      logical, intent(in) :: moves_far                                !! a multiplier, on this piece or its neighbour
+      type(piece_t) :: parts(2)
+      complex(wp), allocatable :: before(:), behind(:)
+      real(wp) :: share
+      integer :: i, n_before
+      logical :: is_divided
+
+      if (moves_far .and. n_divisions > max_divisions - max_halvings) then
+         call divide(self, piece, 0.5_wp, parts, is_divided)
+         if (is_divided) then
+            call find_on_parts()
+            return
+         end if
+      end if
+      allocate (before, source=by_angle(piece%stability(1)%multipliers))
+      allocate (behind, source=by_angle(piece%stability(2)%multipliers))
+      do i = 0, merge(size(before), -1, size(before) == size(behind) .and. size(before) > 0 .and. n_divisions > 0)
+         share = meeting(before, behind, i, reach_on(self, piece))
+         if (.not. share > 0.0_wp) cycle
+         if (search%is_smooth) then
+            if (.not. may_be_outside(self, piece, share)) cycle
+         end if
+         call divide(self, piece, share, parts, is_divided)
+         if (.not. is_divided) cycle
+         if (any(n_outside(parts(1)%stability(2)) == [n_outside(piece%stability(1)), n_outside(piece%stability(2))])) cycle
+         call find_on_parts()
+         return
+      end do
+      n_before = size(self%waiting)
+      call find_by_kind(self, search, piece)
+      call find_by_number(self, search, piece, n_before)
+
+   contains
+
+      recursive subroutine find_on_parts()
+         logical :: move_far
+         integer :: k
+
+         move_far = maxval([(movement(parts(k)%stability(1)%multipliers, parts(k)%stability(2)%multipliers), k=1, 2)]) > far
+         do k = 1, 2
+            call find_on_piece(self, search, parts(k), n_divisions - 1, move_far)
+         end do
+      end subroutine find_on_parts
+   end subroutine find_on_piece
+
+   !> Distance that a multiplier may move on a piece, from that on it and on the step before.
+   pure real(wp) function reach_on(self, piece) result(reach)
+      class(observed_motion_t), intent(in) :: self
+      type(piece_t), intent(in) :: piece
+
+      reach = far
+      if (self%at_point%speed >= 0.0_wp) reach = self%at_point%speed*(piece%ends(2) - piece%ends(1))
+      reach = max(reach, movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers))
+   end function reach_on
+
+   !> Whether the number of multipliers outside the unit circle may be another one at a place of a smooth step than at both ends
+   !> of the piece.
+   logical function may_be_outside(self, piece, share)
+      class(observed_motion_t), intent(inout), target :: self
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: share                                   !! of the piece
+      type(stability_t) :: there
+      real(wp) :: x(size(self%curve%x))
+      logical :: is_there
+
+      associate (position => piece%ends(1) + share*(piece%ends(2) - piece%ends(1)))
+         call point_between(self%curve, position/self%curve%last_step, x, is_there)
+      end associate
+      may_be_outside = .false.
+      if (is_there) call self%find_stability(x, self%model%options%stability%tolerance, there)
+      if (allocated(there%multipliers)) may_be_outside = n_outside(there) /= n_outside(piece%stability(1)) .and. &
+                                                         n_outside(there) /= n_outside(piece%stability(2))
+   end function may_be_outside
+
+   !> Divides a piece in two, if the multipliers there are known.
+   subroutine divide(self, piece, share, parts, is_divided)
+      class(observed_motion_t), intent(inout), target :: self
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: share                                   !! of the piece, of its first part
+      type(piece_t), intent(out) :: parts(2)
+      logical, intent(out) :: is_divided
+
+      parts = piece
+      associate (position => parts(1)%ends(2), there => parts(1)%stability(2))
+         call evaluate_stability_at(self, piece%ends(1) + share*(piece%ends(2) - piece%ends(1)), &
+                                    self%model%options%stability%tolerance, position, there)
+         is_divided = there%resolves_circle()
+         if (is_divided) call make_certain(self, position, there)
+         is_divided = there%resolves_circle()
+         parts(2)%ends(1) = position
+         parts(2)%stability(1) = there
+      end associate
+   end subroutine divide
+
+   !> Share of a piece at which complex multiplier number `i` at its start would meet the next one, if they moved towards each
+   !> other at constant speed; none, 0, unless they are as close at both ends as multipliers move on the piece, or their
+   !> magnitudes show that they have changed places.
+   pure real(wp) function meeting(before, behind, i, reach)
+      complex(wp), intent(in) :: before(:), behind(:)                 !! in the upper half-plane, by their angles; same size
+      integer, intent(in) :: i                                        !! see `gap_behind`
+      real(wp), intent(in) :: reach                                   !! of a multiplier on the piece
+      real(wp), parameter :: as_close = 3.0_wp                        ! two of them move, and faster than before
+      real(wp) :: gaps(2)
+
+      gaps = [gap_behind(before, i), gap_behind(behind, i)]
+      meeting = 0.0_wp
+      if (sum(gaps) <= as_close*reach .or. have_changed_places()) meeting = gaps(1)/sum(gaps)
+
+   contains
+
+      !> Whether both are more like the other one at the other end.
+      pure logical function have_changed_places()
+         have_changed_places = .false.
+         if (i < 1 .or. i >= size(before)) return
+         associate (a => abs(before(i:i + 1)), b => abs(behind(i:i + 1)))
+            have_changed_places = abs(a(1) - b(2)) + abs(a(2) - b(1)) < 0.5_wp*(abs(a(1) - b(1)) + abs(a(2) - b(2)))
+         end associate
+      end function have_changed_places
+   end function meeting
+
+   !> Angle [rad] between a multiplier and the next one: number 0 is the conjugate of the first, and the last is followed by its
+   !> conjugate.
+   pure real(wp) function gap_behind(multipliers, i) result(gap)
+      complex(wp), intent(in) :: multipliers(:)                       !! in the upper half-plane, by their angles
+      integer, intent(in) :: i
+      real(wp) :: angles(2)
+
+      angles = 0.0_wp
+      if (i > 0) angles(1) = angle_of(multipliers(i))
+      if (i < size(multipliers)) angles(2) = angle_of(multipliers(i + 1))
+      if (i == 0) angles(1) = -angles(2)
+      if (i == size(multipliers)) angles(2) = two_pi - angles(1)
+      gap = angles(2) - angles(1)
+   end function gap_behind
+
+   !> The complex multipliers in the upper half-plane, by their angles.
+   pure function by_angle(multipliers) result(sorted)
+      complex(wp), intent(in) :: multipliers(:)
+      complex(wp), allocatable :: sorted(:)
+      complex(wp) :: moved
+      integer :: i, k
+
+      sorted = pack(multipliers, aimag(multipliers) > 0.0_wp)
+      do i = 2, size(sorted)
+         moved = sorted(i)
+         k = i - 1
+         do while (k >= 1)
+            if (angle_of(sorted(k)) <= angle_of(moved)) exit
+            sorted(k + 1) = sorted(k)
+            k = k - 1
+         end do
+         sorted(k + 1) = moved
+      end do
+   end function by_angle
+
+   elemental real(wp) function angle_of(multiplier)
+      complex(wp), intent(in) :: multiplier
+
+      angle_of = atan2(aimag(multiplier), real(multiplier))
+   end function angle_of
 
    !> Whether multipliers with errors, taken as they are, would have passed the unit circle.
    pure logical function seem_different(a, b)
@@ -120,12 +292,11 @@ contains
       integer :: kind
 
       do kind = bifurcation%branch, bifurcation%torus
+         if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (minval(abs(at_ends)) <= rounding) cycle
-         if (kind == bifurcation%branch .and. is_branch_known(self, search)) then
-            call find_pair_of_branches(self, search, piece, at_ends)
-         else if (at_ends(1)*at_ends(2) < 0.0_wp) then
+         if (at_ends(1)*at_ends(2) < 0.0_wp) then
             call find_zero_of_kind(self, search, kind, piece, at_ends)
          else
             call find_pair_of_kind(self, search, kind, piece, at_ends)
@@ -158,20 +329,25 @@ contains
    end subroutine find_pair_of_kind
 
    !> Finds two branch points on a step whose determinant has the same sign at both ends: it has the other sign where a
-   !> multiplier is beyond 1. One that passes 1 twice is real and closest to 1 at both ends.
-   subroutine find_pair_of_branches(self, search, piece, at_ends)
+   !> multiplier is beyond 1. One that passes 1 twice is closest to 1 at both ends.
+   subroutine find_pair_of_branches(self, search, piece)
       class(observed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
-      real(wp), intent(in) :: at_ends(2)                              !! functions of the multipliers
       type(branch_event_t) :: branch
-      real(wp) :: ends(2, 2), position, value, x(size(self%curve%x))
+      real(wp) :: at_ends(2), ends(2, 2), position, value, x(size(self%curve%x))
       integer :: i
       logical :: is_found, is_there
 
-      if (size(search%folds, 2) > 0 .or. search%has_branched .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
-      if (.not. (is_branch(piece%stability(1)%multipliers) .and. is_branch(piece%stability(2)%multipliers))) return
-      call find_place_between(self, search, bifurcation%branch, piece, at_ends, position, is_found)
+      if (size(search%folds, 2) > 0 .or. search%has_branched) return
+      at_ends = [(bifurcation_value(bifurcation%branch, piece%stability(i)%multipliers), i=1, 2)]
+      if (minval(abs(at_ends)) <= rounding .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
+      if (piece%ends(2) - piece%ends(1) < self%curve%last_step) return
+      if (is_branch(piece%stability(1)%multipliers) .and. is_branch(piece%stability(2)%multipliers)) then
+         call find_place_between(self, search, bifurcation%branch, piece, at_ends, position, is_found)
+      else
+         call find_meeting_at_one()
+      end if
       if (is_found) call self%curve%point_at(position, x, is_found)
       if (.not. is_found) return
       branch = branch_event_t(curve_kind%branch, .true.)              ! only a sign
@@ -182,6 +358,22 @@ contains
          call find_zero(self, search, branch, [3 - 2*i, 2*i - 3]*self%curve%orientation, is_found, ends(:, i))
          if (is_found) call sharpen(self, bifurcation%branch, ends(:, i), is_there)
       end do
+
+   contains
+
+      !> Finds a place where a complex multiplier that is closest to 1 at both ends may have met its conjugate and be beyond 1.
+      subroutine find_meeting_at_one()
+         complex(wp), allocatable :: before(:), behind(:)
+         real(wp) :: share
+
+         is_found = .false.
+         allocate (before, source=by_angle(piece%stability(1)%multipliers))
+         allocate (behind, source=by_angle(piece%stability(2)%multipliers))
+         if (size(before) == 0 .or. size(before) /= size(behind) .or. .not. search%is_smooth) return
+         share = meeting(before, behind, 0, reach_on(self, piece))
+         if (share > 0.0_wp) is_found = may_be_outside(self, piece, share)
+         position = share*self%curve%last_step
+      end subroutine find_meeting_at_one
    end subroutine find_pair_of_branches
 
    !> Finds a place where the function of a kind has the other sign than at both ends of a piece. Multipliers in the middle are
@@ -203,9 +395,9 @@ contains
 
       is_found = .false.
       position = 0.0_wp
-      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near .or. piece%ends(2) - piece%ends(1) < self%curve%last_step) return
+      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near) return
       if (kind /= bifurcation%doubling .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
-      call point_between(self%curve, 0.5_wp, x, is_found)
+      call point_between(self%curve, 0.5_wp*sum(piece%ends)/self%curve%last_step, x, is_found)
       if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
       is_found = .false.
       if (.not. allocated(there%multipliers)) return
@@ -214,7 +406,7 @@ contains
       between = parabola_between(products, bifurcation_product(kind, there%multipliers))
       if (.not. may_change_sign(products, between)) return
       change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, is_product=.true.)
-      call find_other_sign(self%curve, change, products, between, position, value, is_found)
+      call find_other_sign(self%curve, change, piece%ends, products, between, position, value, is_found)
    end subroutine find_place_between
 
    !> Finds the zero of the function of a kind on a piece.

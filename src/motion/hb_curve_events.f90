@@ -23,6 +23,7 @@ module hb_curve_events
       real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
       integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_impact_curve)
       type(stability_t) :: stability                                  !! without multipliers if none are searched for
+      real(wp) :: speed = -1.0_wp                                     !! of the multipliers on the step to here; -1: not known
    end type event_values_t
 
    !> A fold: the value's component of the tangent is zero.

@@ -1,6 +1,7 @@
 !> A step of a curve of motions. Its length is limited so that the corrector converges and the events on it can be
 !> located.
 module hb_curve_step
+   use hb_bifurcation, only: movement
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: event_values_t
    use hb_curve_points, only: add_waiting, waiting_t
@@ -93,6 +94,8 @@ contains
             curve%units = units
          end do
       end associate
+      if (allocated(self%at_point%stability%multipliers) .and. allocated(at_end%stability%multipliers)) &
+         at_end%speed = movement(self%at_point%stability%multipliers, at_end%stability%multipliers)/self%curve%last_step
       self%at_point = at_end
    end subroutine step
 

@@ -96,17 +96,19 @@ contains
          minval(sign(1.0_wp, at_ends(1))*between) < close*minval(abs(at_ends))
    end function may_change_sign
 
-   !> Searches on the last step for a point at which the function of an event has the other sign than at both ends.
-   subroutine find_other_sign(curve, event, at_ends, between, position, value, is_found)
+   !> Searches on the last step, or a part of it, for a point at which the function of an event has the other sign than at both
+   !> ends.
+   subroutine find_other_sign(curve, event, ends, at_ends, between, position, value, is_found)
       type(curve_t), intent(inout) :: curve
       class(event_t), intent(in) :: event
+      real(wp), intent(in) :: ends(2)                                 !! positions on the step
       real(wp), intent(in) :: at_ends(2)                              !! of the function, with the same sign
       real(wp), intent(in) :: between(:)                              !! expected, at equal distances
       real(wp), intent(out) :: position                               !! on the step
       real(wp), intent(out) :: value                                  !! of the function there
       logical, intent(out) :: is_found
       integer, parameter :: max_points = 12
-      real(wp), parameter :: margin = 1.0e-3_wp                       ! of the step, beside its ends
+      real(wp), parameter :: margin = 1.0e-3_wp                       ! of this part, beside its ends
       class(event_t), allocatable :: sought
       real(wp) :: at(3), expected, sense, values(3), x(size(curve%x))
       integer :: i
@@ -115,7 +117,7 @@ contains
       is_found = .false.
       sense = sign(1.0_wp, at_ends(1))
       allocate (sought, source=event)
-      at = [0.0_wp, share(minloc(sense*between, dim=1), size(between)), 1.0_wp]*curve%last_step
+      at = ends(1) + [0.0_wp, share(minloc(sense*between, dim=1), size(between)), 1.0_wp]*(ends(2) - ends(1))
       values = sense*[at_ends(1), 0.0_wp, at_ends(2)]
       position = at(2)
       do i = 1, max_points
@@ -127,8 +129,8 @@ contains
          if (is_found) return
          call insert(position, sense*value)
          call find_vertex(position, expected)
-         if (position <= margin*curve%last_step .or. position >= (1.0_wp - margin)*curve%last_step) return
-         if (expected > close*values(2) .or. minval(abs(position - at)) <= sqrt(epsilon(1.0_wp))*curve%last_step) return
+         if (min(position - ends(1), ends(2) - position) <= margin*(ends(2) - ends(1))) return
+         if (expected > close*values(2) .or. minval(abs(position - at)) <= sqrt(epsilon(1.0_wp))*(ends(2) - ends(1))) return
       end do
 
    contains
@@ -161,7 +163,7 @@ contains
 
          slope = (values(2) - values(1))/(at(2) - at(1))
          curvature = ((values(3) - values(2))/(at(3) - at(2)) - slope)/(at(3) - at(1))
-         vertex = -1.0_wp
+         vertex = at(1)
          lowest = huge(1.0_wp)
          if (.not. curvature > 0.0_wp) return
          vertex = 0.5_wp*(at(1) + at(2) - slope/curvature)

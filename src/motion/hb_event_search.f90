@@ -40,7 +40,7 @@ contains
 
       n = size(self%waiting)
       if (may_change_sign(at_ends, between)) then
-         call find_other_sign(self%curve, event, at_ends, between, middle, value, is_found)
+         call find_other_sign(self%curve, event, [0.0_wp, self%curve%last_step], at_ends, between, middle, value, is_found)
          if (.not. is_found) return
          call find_zero(self, search, event, [at_ends(1), value], is_found, [0.0_wp, middle])
          call find_zero(self, search, event, [value, at_ends(2)], is_found, [middle, self%curve%last_step])

@@ -6,7 +6,7 @@
 !> separate motions. Each point has all results of a motion. Source: docs/user/curves.md; docs/why/theory.md, section
 !> 6.7.
 module hb_motion_curve
-   use hb_bifurcation, only: angle_of_pair
+   use hb_bifurcation, only: angle_of_pair, movement
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
@@ -32,6 +32,7 @@ module hb_motion_curve
    use hb_point, only: solve_point
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solver_types, only: report_t
+   use hb_stability, only: stability_t
    use hb_system, only: system_t
    use hb_tangent_solver, only: find_null_vector
    use hb_threads, only: use_threads
@@ -248,6 +249,7 @@ contains
          self%course%n_exhausted = last%n_exhausted
          call self%update_units()
          call self%evaluate_here(self%at_point)
+         call restore_speed(self, stored)
          if (model%options%accuracy%is_on .and. last%kind == curve_kind%regular) then
             call self%describe(waiting_t(last%kind, x=self%curve%x), result, error)
             self%estimate = estimate_of(result)
@@ -255,6 +257,30 @@ contains
       end associate
       self%is_done = self%n_reported >= request%n_points
    end subroutine motion_curve_continue_from
+
+   !> Restores the speed of the multipliers on the last step, unless the set has changed.
+   subroutine restore_speed(self, stored)
+      class(motion_curve_t), intent(inout), target :: self
+      type(curve_position_t), intent(in) :: stored(:)
+      type(stability_t) :: there
+      integer :: i
+      logical :: is_same
+
+      associate (last => stored(size(stored)))
+         do i = size(stored) - 1, 1, -1
+            if (stored(i)%step > 0.0_wp .and. stored(i)%branch == last%branch .and. stored(i)%length*last%length >= 0.0_wp) exit
+         end do
+         if (i == 0 .or. .not. allocated(self%at_point%stability%multipliers)) return
+         is_same = size(stored(i)%unknowns) == size(last%unknowns) .and. (allocated(stored(i)%tuples) .eqv. allocated(last%tuples))
+         if (is_same .and. allocated(last%tuples)) is_same = all(stored(i)%tuples == last%tuples)
+         if (is_same .and. allocated(last%n_samples)) is_same = all(stored(i)%n_samples == last%n_samples)
+         if (.not. is_same) return
+         call self%find_stability(stored(i)%unknowns, self%model%options%stability%tolerance, there)
+         if (.not. allocated(there%multipliers)) return
+         self%at_point%speed = movement(there%multipliers, self%at_point%stability%multipliers)/ &
+                               abs(last%length - stored(i)%length)
+      end associate
+   end subroutine restore_speed
 
    !> Restores where branches begin, and the motions that were met.
    subroutine restore_origins(self, discretisation, stored)

@@ -11,7 +11,8 @@ module hb_bifurcation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: angle_of_pair, bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus
+   public :: angle_of_pair, bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus, &
+      movement
 
    type :: bifurcation_t
       integer :: branch = 1                                           !! a multiplier 1
@@ -124,6 +125,21 @@ contains
          end do
       end do
    end function angle_of_pair
+
+   !> Largest distance of a multiplier of one motion from the nearest one of another, relative to those outside the unit circle.
+   pure real(wp) function movement(before, behind)
+      complex(wp), intent(in) :: before(:), behind(:)
+      integer :: i
+
+      movement = 0.0_wp
+      if (min(size(before), size(behind)) == 0) return
+      do i = 1, size(before)
+         movement = max(movement, minval(abs(behind - before(i)))/max(1.0_wp, abs(before(i))))
+      end do
+      do i = 1, size(behind)
+         movement = max(movement, minval(abs(before - behind(i)))/max(1.0_wp, abs(behind(i))))
+      end do
+   end function movement
 
    !> Number of multipliers without half a pair at the end.
    pure integer function n_in_pairs(multipliers) result(n)

@@ -26,7 +26,7 @@ STOP = """
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
 UNUSED, PENDING, COLLAPSED = 17, 0, 10
-FOLD, GRAZE = 3, 11
+FOLD, BRANCH, DOUBLING, TORUS, GRAZE = 3, 7, 8, 9, 11
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 
 

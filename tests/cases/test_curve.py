@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
-from curve_models import DUFFING, FOLD, PENDING, SOLUTION, STOP, UNUSED, assert_same_bits
+from curve_models import BRANCH, DOUBLING, DUFFING, FOLD, PENDING, SOLUTION, STOP, TORUS, UNUSED, assert_same_bits
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, read, run, solve
 
 STEPS = "points = 300, max_step = 0.1"
@@ -31,6 +31,26 @@ MANY_FOLDS = """
 &curve parameter = 'tones%frequency', from = 2.1, to = 0.2, points = 250 /
 """
 RIDGE = "parameter = 'load(1)%cos', from = 0.18, to = 0.1, follow = 'fold'"
+
+
+# Between two points of a curve multipliers meet, leave the unit circle and return.
+DOUBLINGS = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.249, damping = 0.0228, stiffness = 1.671 /
+&load dof = 'x1', tuple = 1, cos = 0.2168 /
+&law type = 'elastic_stop', dof = 'x1', stiffness = 6.597, gap = 0.1107, two_sided = .false. /
+"""
+BRANCHES = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.163, damping = 0.021, stiffness = 2.15 /
+&load dof = 'x1', tuple = 1, cos = 0.812 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 4.677 /
+"""
+TORI = """
+&structure type = 'matrices', n_dofs = 2
+   mass = 1.7, 0.0, 0.0, 0.529, damping = 0.0331, -0.003, -0.003, 0.0139, stiffness = 2.471, -0.789, -0.789, 1.72 /
+&load dof = 'x1', tuple = 1, cos = 0.662 /
+&law type = 'elastic_stop', dof = 'x1', stiffness = 5.408, gap = 0.0763, two_sided = .false. /
+&law type = 'polynomial', dof = 'x1', stiffness = 0.0, 0.426, 0.891 /
+"""
 
 
 @pytest.fixture(scope="module")
@@ -176,6 +196,23 @@ def test_a_curve_says_that_it_begins_at_the_other_end(tmp_path):
     for verb in (("solve", "pumped.nml"), ("info", "pumped.h5")):
         told = run(*verb, cwd=tmp_path).stdout
         assert "point 0: no motion was found at 20.0; the curve begins at the other end of its range" in told
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "order", "ends"),
+    [(DOUBLINGS, DOUBLING, 15, (0.52, 2.54)), (BRANCHES, BRANCH, 7, (0.61, 1.6)), (TORI, TORUS, 15, (0.47, 4.1))],
+    ids=["doublings", "branches", "tori"],
+)
+def test_events_depend_neither_on_steps_nor_direction(tmp_path, model, kind, order, ends):
+    text = f"{model}&tones frequency = 1.0 /\n&harmonics order = {order} /\n"
+    found = []
+    for keys, begin, end in [(", max_step = 0.01", *ends), ("", *ends), ("", *ends[::-1]), (", max_step = 0.1", *ends)]:
+        curve = f"&curve parameter = 'tones%frequency', from = {begin}, to = {end}, points = 2000{keys} /\n"
+        value, kinds = read(solve(text + curve, tmp_path), "tones_frequency", "curve_kind")
+        found.append(np.sort(value[kinds == kind]))
+    assert len(found[0]) >= 2
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], rtol=1e-6)
 
 
 def test_curves_of_a_family_are_those_of_single_runs(family, tmp_path):
