@@ -76,10 +76,18 @@ contains
          call make_certain(self, piece%ends(2), piece%stability(2))
          if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
          if (is_branch_known(self, search)) call find_pair_of_branches(self, search, piece)
-         call find_on_piece(self, search, piece, max_divisions, &
+         call find_on_piece(self, search, piece, merge(max_divisions, 0, are_all_stored(piece)), &
                             movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers) > far)
       end do
    end subroutine find_bifurcations
+
+   !> Whether the multipliers at both ends are all that there are: of many only the largest are stored, others at one end than at the
+   !> other, and do not tell how far any has moved.
+   pure logical function are_all_stored(piece)
+      type(piece_t), intent(in) :: piece
+
+      are_all_stored = max(size(piece%stability(1)%multipliers), size(piece%stability(2)%multipliers)) < max_multipliers
+   end function are_all_stored
 
    !> Finds bifurcations from the multipliers at both ends of a piece. It is halved if multipliers move far on it, and divided where
    !> two of them may meet, if they are outside the unit circle there: they leave it and return, with the same number at both ends.
@@ -367,6 +375,7 @@ contains
          real(wp) :: share
 
          is_found = .false.
+         if (.not. are_all_stored(piece)) return
          allocate (before, source=by_angle(piece%stability(1)%multipliers))
          allocate (behind, source=by_angle(piece%stability(2)%multipliers))
          if (size(before) == 0 .or. size(before) /= size(behind) .or. .not. search%is_smooth) return
