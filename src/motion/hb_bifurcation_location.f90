@@ -202,6 +202,7 @@ contains
 
       gaps = [gap_behind(before, i), gap_behind(behind, i)]
       meeting = 0.0_wp
+      if (.not. sum(gaps) > 0.0_wp) return                            ! one multiplier twice, as of equal parts
       if (sum(gaps) <= as_close*reach .or. have_changed_places()) meeting = gaps(1)/sum(gaps)
 
    contains
