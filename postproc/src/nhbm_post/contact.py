@@ -169,7 +169,9 @@ def _table(kind: str, texts: dict[str, list[str]], keys: dict[str, float], n_coo
     return Table(shapes, np.array(turns, dtype=int), frequency)
 
 
-def _coordinates(structure: Structure | Degrees, kind: str, texts: dict[str, list[str]]) -> list[tuple[list[list[str]], list[float]]]:
+def _coordinates(
+    structure: Structure | Degrees, kind: str, texts: dict[str, list[str]]
+) -> list[tuple[list[list[str]], list[float]]]:
     """For each coordinate of a law, the degrees of freedom of each of its locations, and their weights."""
     coordinates = []
     for key, weights in (("dof", ""), ("dofs", "weights"), ("second_dofs", "second_weights"), ("normal_dofs", "normal_weights")):
@@ -390,8 +392,8 @@ def work_of(found: Sequence[Contact], motion: Motion, n_harmonics: int) -> float
 
 def state_text(contact: Contact, values: dict[str, np.ndarray]) -> str:
     """Shares of time of a summary, means over its nodes: `open 66 %, closed 34 %`."""
-    shares = {word: np.nanmean(values[f"{name} share"]) for word, name in (("open", "open"), ("sticking", "stick"), ("slipping", "slip"))
-              if f"{name} share" in values}  # fmt: skip
+    names = {"open": "open share", "sticking": "stick share", "slipping": "slip share"}
+    shares = {word: np.nanmean(values[name]) for word, name in names.items() if name in values}
     if list(shares) == ["open"]:
         shares["closed"] = 1.0 - shares["open"]
     text = ", ".join(f"{word} {100 * float(f'{share:.3g}'):.3g} %" for word, share in shares.items())
