@@ -98,7 +98,7 @@ def opened(path: str | Path) -> xr.Dataset:
     groups = Groups.of_text(source.text)
     for name in varies:
         if name in CENSUS:
-            kind = object if data[name].dtype.kind == "O" else np.int32
+            kind = np.int32 if data[name].dtype.kind in "iuf" else object  # texts: of a type that depends on versions
             data[name] = data[name].dims, data[name].values.astype(kind), described_find(name)
         else:
             data[name].attrs.update(described(path_of(str(data[name].attrs["parameter"])), groups))
