@@ -81,8 +81,8 @@ contains
       end do
    end subroutine find_bifurcations
 
-   !> Whether the multipliers at both ends are all that there are: of many only the largest are stored, others at one end than at the
-   !> other, and do not tell how far any has moved.
+   !> Whether the multipliers at both ends are all that there are: of many only the largest are stored, others at one end than at
+   !> the other, and do not tell how far any has moved.
    pure logical function are_all_stored(piece)
       type(piece_t), intent(in) :: piece
 
