@@ -8,7 +8,8 @@ module hb_bifurcation_location
    use hb_curve_points, only: add_waiting, waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
    use hb_event_search, only: find_zero, search_t, sort_by_position
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: wp
+   use hb_multiplier_meetings, only: by_angle, meeting
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
    use hb_stability, only: max_multipliers, stability_method, stability_t
@@ -189,74 +190,6 @@ contains
          parts(2)%stability(1) = there
       end associate
    end subroutine divide
-
-   !> Share of a piece at which complex multiplier number `i` at its start would meet the next one, if they moved towards each
-   !> other at constant speed; none, 0, unless they are as close at both ends as multipliers move on the piece, or their
-   !> magnitudes show that they have changed places.
-   pure real(wp) function meeting(before, behind, i, reach)
-      complex(wp), intent(in) :: before(:), behind(:)                 !! in the upper half-plane, by their angles; same size
-      integer, intent(in) :: i                                        !! see `gap_behind`
-      real(wp), intent(in) :: reach                                   !! of a multiplier on the piece
-      real(wp), parameter :: as_close = 3.0_wp                        ! two of them move, and faster than before
-      real(wp) :: gaps(2)
-
-      gaps = [gap_behind(before, i), gap_behind(behind, i)]
-      meeting = 0.0_wp
-      if (.not. sum(gaps) > 0.0_wp) return                            ! one multiplier twice, as of equal parts
-      if (sum(gaps) <= as_close*reach .or. have_changed_places()) meeting = gaps(1)/sum(gaps)
-
-   contains
-
-      !> Whether both are more like the other one at the other end.
-      pure logical function have_changed_places()
-         have_changed_places = .false.
-         if (i < 1 .or. i >= size(before)) return
-         associate (a => abs(before(i:i + 1)), b => abs(behind(i:i + 1)))
-            have_changed_places = abs(a(1) - b(2)) + abs(a(2) - b(1)) < 0.5_wp*(abs(a(1) - b(1)) + abs(a(2) - b(2)))
-         end associate
-      end function have_changed_places
-   end function meeting
-
-   !> Angle [rad] between a multiplier and the next one: number 0 is the conjugate of the first, and the last is followed by its
-   !> conjugate.
-   pure real(wp) function gap_behind(multipliers, i) result(gap)
-      complex(wp), intent(in) :: multipliers(:)                       !! in the upper half-plane, by their angles
-      integer, intent(in) :: i
-      real(wp) :: angles(2)
-
-      angles = 0.0_wp
-      if (i > 0) angles(1) = angle_of(multipliers(i))
-      if (i < size(multipliers)) angles(2) = angle_of(multipliers(i + 1))
-      if (i == 0) angles(1) = -angles(2)
-      if (i == size(multipliers)) angles(2) = two_pi - angles(1)
-      gap = angles(2) - angles(1)
-   end function gap_behind
-
-   !> The complex multipliers in the upper half-plane, by their angles.
-   pure function by_angle(multipliers) result(sorted)
-      complex(wp), intent(in) :: multipliers(:)
-      complex(wp), allocatable :: sorted(:)
-      complex(wp) :: moved
-      integer :: i, k
-
-      sorted = pack(multipliers, aimag(multipliers) > 0.0_wp)
-      do i = 2, size(sorted)
-         moved = sorted(i)
-         k = i - 1
-         do while (k >= 1)
-            if (angle_of(sorted(k)) <= angle_of(moved)) exit
-            sorted(k + 1) = sorted(k)
-            k = k - 1
-         end do
-         sorted(k + 1) = moved
-      end do
-   end function by_angle
-
-   elemental real(wp) function angle_of(multiplier)
-      complex(wp), intent(in) :: multiplier
-
-      angle_of = atan2(aimag(multiplier), real(multiplier))
-   end function angle_of
 
    !> Whether multipliers with errors, taken as they are, would have passed the unit circle.
    pure logical function seem_different(a, b)
