@@ -1,4 +1,5 @@
-# Finds an HDF5 without MPI, for a program without MPI: its processes write one file.
+# Finds HDF5 for a program without MPI: its processes write one file. One that was built with MPI serves as well: it is opened by its serial
+# drivers alone, and MPI is linked because the library calls it.
 
 # Leaves the reason in `result` if there is none, else an empty text. A wheel takes static libraries where there are any: the shared
 # ones of Debian bring libcurl, OpenSSL and Kerberos, for files in the cloud.
@@ -22,6 +23,11 @@ macro(hb_find_serial_hdf5 result)
    if(NOT HDF5_FOUND)
       set(${result} "no HDF5 with its Fortran interface was found (Debian: libhdf5-dev; elsewhere -DHDF5_ROOT=...)")
    elseif(HDF5_IS_PARALLEL)
-      set(${result} "the HDF5 that was found needs MPI; install a serial one (Debian: libhdf5-dev; elsewhere -DHDF5_ROOT=...)")
+      find_package(MPI COMPONENTS C)
+      if(MPI_C_FOUND)
+         set_property(TARGET HDF5::HDF5 APPEND PROPERTY INTERFACE_LINK_LIBRARIES MPI::MPI_C)
+      else()
+         set(${result} "the HDF5 that was found needs MPI, which was not found; install a serial one (Debian: libhdf5-dev; elsewhere -DHDF5_ROOT=...)")
+      endif()
    endif()
 endmacro()

@@ -1,5 +1,5 @@
 # The program without MPI: it needs none and an HDF5 without, gives the bits of the one with MPI, and passes the tests of runs that end
-# early. Skipped where there is no such HDF5 (Debian: libhdf5-dev). Takes some minutes.
+# early. Skipped where HDF5 needs MPI, too. Takes some minutes.
 set(build ${FOLDER}/build)
 file(REMOVE_RECURSE ${FOLDER})
 execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT} -B ${build} -DHB_MPI=OFF -DCMAKE_BUILD_TYPE=Release

@@ -17,7 +17,7 @@ def main() -> int:
 
         return main_in_child_process()
     if not PROGRAM.exists():
-        reason = "it was built without the program (HDF5 was not found: libhdf5-dev of Debian; then pip install again)"
+        reason = "it was built without the program (HB_LIBRARY_ONLY); pip install it again without this setting"
     else:
         try:
             os.execv(PROGRAM, ["nhbm", *sys.argv[1:]])
