@@ -13,6 +13,7 @@ module arguments
    type :: arguments_t
       character(:), allocatable :: verb
       character(:), allocatable :: input                              !! path of the input file, or of a result file
+      type(string_t), allocatable :: more_inputs(:)                   !! of info: further result files
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
@@ -60,7 +61,7 @@ contains
       logical :: has_value
       logical :: options_ended                                        !! by `--`: only words follow
 
-      allocate (self%overrides(0), self%given(0))
+      allocate (self%overrides(0), self%given(0), self%more_inputs(0))
       options_ended = .false.
       i = 1
       do while (i <= size(words))
@@ -93,6 +94,8 @@ contains
          self%verb = word
       else if (.not. allocated(self%input)) then
          self%input = word
+      else if (self%verb == "info") then
+         call add_string(self%more_inputs, word)
       else if (self%verb == "keys") then
          call fail(error, "unexpected argument '"//word//"'; several words need quotes: nhbm keys '"//self%input//" "//word//"'")
       else

@@ -24,7 +24,8 @@ module command_table
    type(verb_t), parameter :: verbs(15) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the remaining points of an interrupted run"), &
-      verb_t("info", "RESULT", "print the contents of a result file, and whether it is complete"), &
+      verb_t("info", "RESULT", "print the contents of a result file, and whether it is complete; of several files, such as "// &
+         "those of an array of jobs, one line each"), &
       verb_t("why", "RESULT", "explain points that failed: attempts, residuals, remedy, and a command to try; "// &
          "without RESULT: all statuses"), &
       verb_t("check", "INPUT", "read and check the input with all points, print its sizes and natural frequencies, test "// &

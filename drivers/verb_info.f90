@@ -3,7 +3,7 @@ module verb_info
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use arguments, only: arguments_t
    use console, only: say
-   use exit_status, only: incomplete, success
+   use exit_status, only: bad_input, incomplete, success
    use explanation, only: status_lines
    use hb_attempts, only: is_fallback
    use hb_branches, only: jumps_between
@@ -20,7 +20,7 @@ module verb_info
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
    use hb_tones, only: tones_t
-   use next_step, only: command_for_cut_curve, run_names_t
+   use next_step, only: command_for_cut_curve, run_names_t, shell_word
    use run_texts, only: curve_lines, found_frequency, max_line, stability_text
    implicit none
    private
@@ -34,36 +34,95 @@ contains
       type(comm_t), intent(in) :: comm
       integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
+
+      status = success
+      if (rank_of(comm) == 0) then
+         if (size(options%more_inputs) > 0) then
+            call list_files(options, status)
+         else
+            call describe_file(options, status, error)
+         end if
+      end if
+      call share_error(comm, error)
+      status = max_over(comm, status)
+   end subroutine run_info
+
+   !> Writes what is in one file.
+   subroutine describe_file(options, status, error)
+      type(arguments_t), intent(in) :: options
+      integer, intent(inout) :: status
+      type(error_t), allocatable, intent(out) :: error
       type(record_t) :: record
       type(document_t), target :: document
       type(run_names_t) :: names
       type(sweep_plan_t) :: plan
       type(tones_t) :: tones
 
-      status = success
-      if (rank_of(comm) == 0) then
-         call read_result(options%input, record, document, plan, names, error)
-         if (.not. allocated(error)) call read_tones(tones, document, error)
-         if (.not. allocated(error)) then
-            call note_curve_values(options%input, plan, error)
-            call write_origin(record, options%input)
-            call write_parameters(plan)
-            call write_statuses(record, names, plan, document)
-            call write_found(record, tones)
-            call write_stability(record)
-            call write_jumps(record, plan, options%input)
-            if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(names, plan, document, error)
-            call write_worst(record, plan)
-            call write_times(record, plan)
-            if (options%wants_check .and. .not. allocated(error)) call record%check_rows(options%input, error)
-            call write_rest(record, options%input)
-            if (allocated(record%is_damaged) .and. .not. allocated(error)) call report_damage(record, options%input, error)
-            if (size(open_points(record, .false.)) > 0) status = incomplete
+      call read_result(options%input, record, document, plan, names, error)
+      if (.not. allocated(error)) call read_tones(tones, document, error)
+      if (allocated(error)) return
+      call note_curve_values(options%input, plan, error)
+      call write_origin(record, options%input)
+      call write_parameters(plan)
+      call write_statuses(record, names, plan, document)
+      call write_found(record, tones)
+      call write_stability(record)
+      call write_jumps(record, plan, options%input)
+      if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(names, plan, document, error)
+      call write_worst(record, plan)
+      call write_times(record, plan)
+      if (options%wants_check .and. .not. allocated(error)) call record%check_rows(options%input, error)
+      call write_rest(record, options%input)
+      if (allocated(record%is_damaged) .and. .not. allocated(error)) call report_damage(record, options%input, error)
+      if (size(open_points(record, .false.)) > 0) status = incomplete
+   end subroutine describe_file
+
+   !> Writes a line for each file and the sum of their points; the status is that of the worst file.
+   subroutine list_files(options, status)
+      type(arguments_t), intent(in) :: options
+      integer, intent(inout) :: status
+      type(string_t) :: paths(size(options%more_inputs) + 1)
+      type(record_t) :: record
+      type(error_t), allocatable :: error
+      integer :: i, n_points, n_solved, n_left, n_unreadable, total(3)
+      character(:), allocatable :: end_of_line
+
+      paths(1)%value = options%input
+      paths(2:) = options%more_inputs
+      total = 0
+      n_unreadable = 0
+      do i = 1, size(paths)
+         call read_record(record, paths(i)%value, error)
+         if (.not. allocated(error) .and. options%wants_check) call record%check_rows(paths(i)%value, error)
+         if (allocated(error)) then
+            n_unreadable = n_unreadable + 1
+            call say(paths(i)%value//": "//error%message)
+            cycle
          end if
+         n_points = count(record%status /= outcome%unused)
+         n_solved = count(is_solved(record%status))
+         n_left = size(open_points(record, .false.))
+         total = total + [n_points, n_solved, n_left]
+         end_of_line = ", complete"
+         if (n_left > 0) end_of_line = ", "//to_text(n_left)//" left: nhbm resume "//shell_word(paths(i)%value)
+         call say(paths(i)%value//": "//number_of(n_points, "point")//", "//to_text(n_solved)//" solved"//end_of_line)
+      end do
+      call say(number_of(size(paths), "file")//": "//number_of(total(1), "point")//", "//to_text(total(2))//" solved, "// &
+         to_text(total(3))//" left"//unreadable_text(n_unreadable))
+      if (n_unreadable > 0) then
+         status = bad_input
+      else if (total(3) > 0) then
+         status = incomplete
       end if
-      call share_error(comm, error)
-      status = max_over(comm, status)
-   end subroutine run_info
+   end subroutine list_files
+
+   pure function unreadable_text(n) result(text)
+      integer, intent(in) :: n
+      character(:), allocatable :: text
+
+      text = ""
+      if (n > 0) text = ", "//number_of(n, "file")//" unreadable"
+   end function unreadable_text
 
    !> Reads a result file and the input in it, with the values of its first point.
    subroutine read_result(path, record, document, plan, names, error)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ended_runs import GAPS, QUICK, ended, write
-from program import ALL_CONVERGED, INCOMPLETE, NOT_ALL_CONVERGED, read, run
+from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, read, run
 
 
 def test_info_of_a_run_that_is_not_complete(tmp_path):
@@ -85,3 +85,18 @@ def test_the_time_of_a_point_is_a_mean_over_solved_points(tmp_path):
     total, each = float(line.split()[1]), float(line.split(",")[1].split()[0])
     n_points = int(np.sum(np.isfinite(read(tmp_path / "case.h5", "truncation_estimate"))))
     assert abs(each * n_points - total) < 0.02 * total, line
+
+
+def test_info_of_several_files_is_a_line_each_and_the_worst_status(tmp_path):
+    """The parts of an array of jobs: complete, cut and missing ones in one call."""
+    left = ended(tmp_path, QUICK + GAPS)
+    source = write(tmp_path, QUICK)
+    assert run("solve", source, "-o", "whole.h5", cwd=tmp_path).status == ALL_CONVERGED
+    assert run("info", "whole.h5", "whole.h5", cwd=tmp_path).status == ALL_CONVERGED
+    done = run("info", "whole.h5", left, cwd=tmp_path)
+    assert done.status == INCOMPLETE, done.stderr
+    assert len(done.stdout.splitlines()) == 3, done.stdout
+    assert f"nhbm resume {left}" in done.stdout
+    (tmp_path / "no.h5").write_text("no result")
+    done = run("info", "whole.h5", "no.h5", left, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "no.h5" in done.stdout, done.stdout
