@@ -62,21 +62,3 @@ def test_lines_are_compared():
     compare(["a", "...", "c"], "a\nb\nc\n", "page")
     with pytest.raises(AssertionError, match="the page has"):
         compare(["c", "a"], "a\nb\nc\n", "page")
-
-
-def test_manual_is_short():
-    """Words of the manual outside of code: of its prose, and of all that is written by hand, tables included. Theory and validation
-    (docs/why) are no part of it, nor are the tables that `tests/keys` writes, of keys and of laws: a new row there needs no word
-    less elsewhere. The prose is that of all pages which the site has for users."""
-    manual = [page for folder in ("user", "start", "howto") for page in ROOT.glob(f"docs/{folder}/*.md")]
-    others = [ROOT / name for name in ("README.md", "docs/README.md", "docs/site/index.md", "postproc/README.md")]
-    text, of_others = (
-        "\n".join(re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE) for page in pages)
-        for pages in (manual, others)
-    )
-    head = r"(key \| type \| unit \| default \| range \| meaning|law \| coordinates \| force \| smooth)"
-    by_hand = re.sub(rf"^\| {head} \|\n(\|.*\n)*", "", text, flags=re.MULTILINE)
-    prose = re.sub(r"^\|.*$", "", f"{by_hand}\n{of_others}", flags=re.MULTILINE)
-    for what, words, limit in (("all that is written by hand", by_hand, 31647), ("prose", prose, 25000)):
-        n = sum(bool(re.search(r"\w", word)) for word in words.split())
-        assert n <= limit, f"docs/user, start and howto: {what} has {n} words, {n - limit} too many; cut as many elsewhere in them"
