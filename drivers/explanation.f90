@@ -289,11 +289,11 @@ contains
       text = ""
       ! 0: from time integration; the largest number: never evaluated
       if (record%residual(point) > 0.0_wp .and. record%residual(point) < huge(1.0_wp)) then
-         text = " Its residual is "//rounded(record%residual(point))//" of the forces"
+         text = " Remaining imbalance: "//rounded(record%residual(point))//" times the forces"
          if (is_solved(record%status(point)) .and. has_tolerance()) then
             text = text//", enough for the tolerance."                ! hb_thresholds, well_solved
          else
-            text = text//" (tolerance: "//rounded(limit("solver", "tolerance"))//")."
+            text = text//" (allowed: "//rounded(limit("solver", "tolerance"))//")."
          end if
       end if
       if (is_solved(record%status(point))) then

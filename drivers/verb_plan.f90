@@ -59,8 +59,8 @@ contains
          n = study%model%discretisation%harmonics%n_harmonics
          most = bytes_per_point
          call row_of_study(study, bytes_per_point, n_datasets, n)
-         text = " with "//number_of(n, "harmonic")//" a point; for "//to_text(size(study%tuples, 2))//", "// &
-                size_text(n_points*most)//" are reserved during the run, as a sparse file"
+         text = " with "//number_of(n, "harmonic")//" a point; the file looks "//size_text(n_points*most)// &
+                " large until the run ends, with room for "//to_text(size(study%tuples, 2))//" harmonics that is not written"
       end if
       call say(rounded(n_points)//" point"//trim(merge("s", " ", n_points > 1.0_wp))//" of "//to_text(nint(bytes_per_point))// &
                " B in "//to_text(n_datasets)//" datasets: "//size_text(n_points*bytes_per_point)//text)

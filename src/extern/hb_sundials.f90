@@ -182,8 +182,8 @@ contains
       found = found_c
       is_event = flag > 0
       if (flag < 0 .and. self%handle%is_stuck) then
-         call fail(error, "cvode at t = "//to_text(t)//": steps are as small as rounding of the time, "// &
-                   "as before a force without bound")
+         call fail(error, "cvode at t = "//to_text(t)//" s: the steps become as small as rounding; the force becomes infinite "// &
+                   "there (pull-in, contact with a singularity?)")
       else if (flag < 0) then
          call fail(error, "cvode at t = "//to_text(t)//": "//self%handle%message)
       end if

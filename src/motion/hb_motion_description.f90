@@ -225,8 +225,8 @@ contains
       if (result%status /= outcome%converged .or. result%level_estimate <= limit) return
       result%status = outcome%truncated
       result%reason = reason%growth
-      result%message = "disturbances grow "//rounded(result%stability%growth)//" times within a period of the slowest tone "// &
-                       "before they decay, and so may errors, up to "//rounded(result%level_estimate)//" of the motion"
+      result%message = "the motion is extremely sensitive: its error may be "//rounded(result%level_estimate)//" of it, "// &
+                       "because disturbances grow "//rounded(result%stability%growth)//" times within the slowest period"
    end subroutine allow_for_growth
 
    !> Calls the stability finder of the model; without one the stability is unknown.

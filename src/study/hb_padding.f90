@@ -51,9 +51,9 @@ contains
          call row_of_study(study, wide, n_datasets, size(record%tuples, 2))
          if (narrow < 0.5_wp*wide .and. record%n_points*(wide - narrow) > worth_it) then
             if (record%n_points > many .and. .not. has_time) then
-               call progress%say("complete; without time to remove its unused room, which nhbm resume "//path//" does")
+               call progress%say("complete; no time was left to compact it, which nhbm resume "//path//" does")
             else
-               if (record%n_points > many) call progress%say("removing unused room from "//path)
+               if (record%n_points > many) call progress%say("compacting "//path)
                source%rows = [(i, i=1, record%n_points)]
                call make_file(path, layout, plan, .true., error, source)
             end if

@@ -102,14 +102,14 @@ def test_the_room_of_many_points_is_removed_with_a_word_and_within_the_time(tmp_
     (tmp_path / "many.nml").write_text(text + "&sweep parameter = 'load(1)%cos', from = 0.1, to = 0.2, n = 1001 /\n")
     with subprocess.Popen(command("solve", "many.nml"), cwd=tmp_path, env=environment(), stderr=subprocess.PIPE,
                           stdout=subprocess.DEVNULL, text=True) as process:  # fmt: skip
-        assert any("removing unused room from many.h5" in line and process.kill() is None for line in process.stderr)
+        assert any("compacting many.h5" in line and process.kill() is None for line in process.stderr)
     with h5py.File(tmp_path / "many.h5") as file:
         reserved, before = file["coefficients"].shape[2], file["coefficients"][:, :, :5]
     late = run("resume", "many.h5", "--time-limit", "1e-9", cwd=tmp_path)
-    assert late.status == ALL_CONVERGED and "complete; without time to remove its unused room" in late.stderr, late
+    assert late.status == ALL_CONVERGED and "no time was left to compact it" in late.stderr, late
     with h5py.File(tmp_path / "many.h5") as file:
         assert file["coefficients"].shape[2] == reserved
-    assert "removing unused room from many.h5" in run("resume", "many.h5", cwd=tmp_path).stderr
+    assert "compacting many.h5" in run("resume", "many.h5", cwd=tmp_path).stderr
     with h5py.File(tmp_path / "many.h5") as file:
         assert file["coefficients"].shape[2] < 0.1 * reserved
         np.testing.assert_array_equal(file["coefficients"][:, :, :5], before[:, :, : file["coefficients"].shape[2]])
