@@ -12,13 +12,14 @@ module hb_mpi
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_text, only: to_text
-   use mpi_f08, only: comm_t => MPI_Comm, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm_dup, &
-      MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, MPI_Comm_set_errhandler, MPI_Comm_size, MPI_Comm_split_type, &
-      MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Error_string, MPI_ERRORS_ARE_FATAL, MPI_ERRORS_RETURN, &
-      MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_Gather, MPI_INFO_NULL, MPI_Init, MPI_Initialized, MPI_INTEGER, &
-      MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, &
-      MPI_Win_flush, MPI_Win_free, MPI_Win_lock, MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, MPI_Win_unlock, &
-      MPI_Win_unlock_all, operator(/=), operator(==)
+   use mpi_f08, only: comm_t => MPI_Comm, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, &
+      MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, MPI_Comm_set_errhandler, MPI_Comm_size, &
+      MPI_Comm_split_type, MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Error_string, &
+      MPI_ERRORS_ARE_FATAL, MPI_ERRORS_RETURN, MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_Gather, &
+      MPI_Get_library_version, MPI_INFO_NULL, MPI_Init, MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, MPI_MAX, &
+      MPI_MAX_ERROR_STRING, MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_NO_OP, MPI_SUCCESS, MPI_SUM, MPI_Win, &
+      MPI_Win_allocate, MPI_Win_flush, MPI_Win_free, MPI_Win_lock, MPI_Win_lock_all, MPI_WIN_NULL, &
+      MPI_Win_set_errhandler, MPI_Win_unlock, MPI_Win_unlock_all, operator(/=), operator(==)
    implicit none
    private
    public :: barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, is_alone, max_over, &
@@ -90,14 +91,28 @@ contains
       call MPI_Initialized(is_started)
       if (is_started .or. .not. is_launched()) return
       ! OMPIO opens an unused shared file pointer through a semaphore of the machine with the name of the file: a
-      ! leftover one would hang the run. ROMIO creates none before it is used.
-      call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
+      ! leftover one would hang the run. ROMIO creates none before it is used; Open MPI has none from version 6 on.
+      if (has_romio()) call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
       call hb_set_default("HOME"//c_null_char, "/"//c_null_char)       ! without one, Open MPI 5 ends the process
       call ieee_get_status(floating_point)
       call ieee_set_halting_mode(ieee_all, .false.)                   ! Open MPI 5 divides by zero when it looks for networks
       call MPI_Init()
       call ieee_set_status(floating_point)
    end subroutine start_mpi
+
+   !> Whether MPI is an Open MPI with ROMIO beside its own OMPIO: before version 6. Other kinds do not read its settings.
+   logical function has_romio()
+      character(*), parameter :: begin = "Open MPI v"
+      character(MPI_MAX_LIBRARY_VERSION_STRING) :: version
+      integer :: length, major, status
+
+      call MPI_Get_library_version(version, length)                    ! the standard permits it before MPI_Init
+      has_romio = index(version, begin) == 1
+      if (.not. has_romio) return
+      read (version(len(begin) + 1:len(begin) + scan(version(len(begin) + 1:), ".") - 1), *, iostat=status) major
+      has_romio = status == 0
+      if (has_romio) has_romio = major < 6
+   end function has_romio
 
    logical function is_launched()
       integer :: i, status

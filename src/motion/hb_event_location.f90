@@ -68,7 +68,9 @@ contains
             call find_junction(self)
          end if
          call add_waiting(self%waiting, curve_kind%regular, curve%last_step, curve%x)
-         self%waiting(size(self%waiting))%stability = at_end%stability
+         associate (n => size(self%waiting))                          ! gfortran 16.2 loses `self` in an index on the left
+            self%waiting(n)%stability = at_end%stability
+         end associate
       end associate
       call sort_by_position(self%waiting)
       ! the tolerance was different: a stored curve has this one

@@ -271,7 +271,7 @@ contains
    end subroutine dynamic_stiffness_adopt_loads
 
    !> The condensed part of some harmonics, without slopes and without the data for `recover`.
-   pure function dynamic_stiffness_restricted_to(self, retained) result(part)
+   function dynamic_stiffness_restricted_to(self, retained) result(part)
       class(dynamic_stiffness_t), intent(in) :: self
       integer, intent(in) :: retained(:)                              !! numbers of the harmonics
       type(dynamic_stiffness_t) :: part

@@ -35,7 +35,7 @@ module hb_integration_loads
 contains
 
    !> Stores the nonzero columns of amplitudes c = cos - i sin.
-   pure subroutine new_integration_loads(self, amplitudes, frequencies)
+   subroutine new_integration_loads(self, amplitudes, frequencies)
       type(integration_loads_t), intent(out) :: self
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
