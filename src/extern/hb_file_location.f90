@@ -2,7 +2,8 @@
 !> renamed to it when complete.
 module hb_file_location
    use hb_error, only: error_t, fail
-   use hb_operating_system, only: exists, file_kind, kind_of_file, link_file, remove_file, rename_file
+   use hb_operating_system, only: exists, file_kind, held_file_t, hold_file, kind_of_file, link_file, remove_file, rename_file, &
+      unlock_file
    use hb_text, only: to_text
    implicit none
    private
@@ -33,11 +34,13 @@ contains
    end subroutine check_source
 
    !> Fails if a file of this name cannot or must not be created.
-   subroutine check_target(path, overwrite, error)
+   subroutine check_target(path, overwrite, error, is_own)
       character(*), intent(in) :: path
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: is_own          !! this run holds the file; default: no
       character(:), allocatable :: folder
+      type(held_file_t) :: held
       integer :: kind
 
       folder = path(:index(path, "/", back=.true.))
@@ -58,16 +61,24 @@ contains
       else if (kind /= file_kind%none .and. .not. overwrite) then
          call fail(error, "it exists; give --overwrite or another --output")
       end if
+      if (allocated(error) .or. kind == file_kind%none) return
+      if (present(is_own)) then
+         if (is_own) return
+      end if
+      call hold_file(path, held, error)                                ! fails while another run writes to it
+      if (allocated(error)) error%message = error%message//"; give another --output"
+      call unlock_file(held%descriptor)
    end subroutine check_target
 
    !> Gives a finished file its final name, atomically.
-   subroutine give_final_name(temporary, path, overwrite, error)
+   subroutine give_final_name(temporary, path, overwrite, error, is_own)
       character(*), intent(in) :: temporary, path
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: is_own          !! this run holds the file; default: no
       logical :: ok
 
-      call check_target(path, overwrite, error)                       ! the name may have been taken in the meantime
+      call check_target(path, overwrite, error, is_own)               ! the name may have been taken in the meantime
       if (allocated(error)) return
       if (.not. overwrite) then
          ! another run may have created the file at this moment: link refuses then, rename would not

@@ -45,7 +45,7 @@ contains
       integer :: descriptor
       logical :: ok
 
-      call check_target(path, overwrite, error)
+      call check_target(path, overwrite, error, is_own=present(source))
       if (allocated(error)) return
       temporary = path//".part"
       call lock_file(temporary, descriptor, error)
@@ -66,7 +66,7 @@ contains
             ") or give another --output: "//error%message
       else
          call finish_file(descriptor)
-         call give_final_name(temporary, path, overwrite, error)
+         call give_final_name(temporary, path, overwrite, error, is_own=present(source))
       end if
       if (allocated(error)) call remove_file(temporary)
       call note_unfinished("")

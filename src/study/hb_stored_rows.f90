@@ -63,6 +63,8 @@ contains
       integer, allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
       integer, intent(in), optional :: point                          !! from 1
+
+      if (allocated(error)) return                                    ! the columns are perhaps not listed
       call self%file%get(name, values, error, self%plan%extents_of(self%plan%columns(self%plan%index_of(name))), point)
    end subroutine stored_file_fetch_integers
 
@@ -73,10 +75,12 @@ contains
       real(wp), allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
       integer, intent(in), optional :: point                          !! from 1
+
+      if (allocated(error)) return                                    ! the columns are perhaps not listed
       call self%file%get(name, values, error, self%plan%extents_of(self%plan%columns(self%plan%index_of(name))), point)
    end subroutine stored_file_fetch_reals
 
-   !> Reads the tuples of a point: its own, or those of the file.
+   !> Reads the tuples of a point: its own, or those of the file; no effect after an error.
    subroutine stored_file_get_tuples(self, point, tuples, error)
       class(stored_file_t), intent(in) :: self
       integer, intent(in) :: point                                    !! from 1
@@ -85,6 +89,7 @@ contains
       integer, allocatable :: n_harmonics(:), values(:)
       integer :: n
 
+      if (allocated(error)) return
       n = self%plan%length_of("harmonic")
       if (self%file%has("tuples")) then
          call self%fetch("tuples", values, error, point)
@@ -96,7 +101,7 @@ contains
       if (.not. allocated(error)) tuples = reshape(values, [self%plan%length_of("tone"), n])
    end subroutine stored_file_get_tuples
 
-   !> Reads the position of a point on its curve; if it is on no curve, only this information.
+   !> Reads the position of a point on its curve; if it is on no curve, only this information. No effect after an error.
    subroutine stored_file_get_position(self, point, position, error, parameter)
       class(stored_file_t), intent(in) :: self
       integer, intent(in) :: point                                    !! from 1
@@ -106,6 +111,7 @@ contains
       real(wp), allocatable :: value(:)
       integer :: n
 
+      if (allocated(error)) return
       value = [0.0_wp]
       if (present(parameter)) call self%file%get(parameter, value, error, [self%plan%length_of("point")], point)
       if (allocated(error)) return

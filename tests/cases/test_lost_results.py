@@ -115,6 +115,8 @@ def test_two_runs_do_not_write_to_one_file(tmp_path):
             time.sleep(0.01)
         done = run("resume", "case.h5", "--quiet", cwd=tmp_path)
         assert done.status == BAD_INPUT and "another run" in done.stderr, (done.status, done.stderr)
+        other = run("solve", "case.nml", "-o", "case.h5", "--overwrite", "--quiet", "--set", "sweep(1)%values=0.1", cwd=tmp_path)
+        assert other.status == BAD_INPUT and "another run" in other.stderr, (other.status, other.stderr)
         (tmp_path / "go").touch()
         assert first.wait(600) == ALL_CONVERGED
     finally:
