@@ -17,7 +17,7 @@ hb_test_packages=(python3-venv python3-scipy python3-xarray python3-h5netcdf pyt
 hb_optional_packages=(python3-cvxopt python3-meshio calculix-ccx)
 # Beside these for long tests: a browser, for pages of results, and an HDF5 without MPI.
 # shellcheck disable=SC2034
-hb_long_packages=(chromium libhdf5-dev)
+hb_long_packages=(chromium libhdf5-dev calculix-ccx-test)
 # What a wheel is built from beside the packages of the build.
 # shellcheck disable=SC2034
 hb_wheel_packages=(libhdf5-dev python3-venv ca-certificates git g++ ninja-build pkg-config binutils)

@@ -1,13 +1,16 @@
 """CalculiX itself: its eigenfrequencies and those of its matrices as we import them, to the digits that it prints."""
 
+import gzip
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import LinearOperator, eigs, splu
 
-from nhbm import cyclic, importing
+from nhbm import ModelError, cyclic, importing, meshes
 from nhbm.factors import lowest_modes
 
 pytestmark = pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX (calculix-ccx) is not installed")
@@ -46,7 +49,7 @@ def test_frequencies_agree_with_calculix(block, tmp_path):
     write_input(tmp_path / "matrices.inp", block, ", SOLVER=MATRIXSTORAGE")
     run(tmp_path, "matrices")
     model = importing.from_calculix(tmp_path / "matrices")
-    importing.add_mesh(model, tmp_path / "matrices.inp")
+    meshes.add_mesh(model, tmp_path / "matrices.inp")
     assert len(model.dofs_of("tip.z")) == len(block.sets["right"])
     ours = np.sqrt(lowest_modes(model.stiffness, model.mass, 6)[0])
     np.testing.assert_allclose(ours, printed, rtol=1e-6)  # seven digits are printed
@@ -106,9 +109,74 @@ def test_nodal_diameters_agree_with_calculix(tmp_path):
     write_sector(tmp_path / "matrices.inp", "*BOUNDARY\nHUB, 1, 3\n*STEP\n*FREQUENCY, SOLVER=MATRIXSTORAGE\n6\n*END STEP")
     run(tmp_path, "matrices")
     model = importing.from_calculix(tmp_path / "matrices")
-    importing.add_mesh(model, tmp_path / "matrices.inp")
+    meshes.add_mesh(model, tmp_path / "matrices.inp")
     sector = cyclic.sector_of(model, N, "left", "right")
     for diameter in range(5):
         printed = [float(frequency) for number, frequency in rows if int(number) == diameter]
         ours = cyclic.frequencies(sector, diameter, 2)
         np.testing.assert_allclose(np.repeat(ours, 2), printed, rtol=1e-6)  # seven digits are printed
+
+
+EXAMPLES = Path("/usr/share/doc/calculix-ccx-test/examples/test")  # of the Debian package calculix-ccx-test
+DIGITS = 1e-13  # of the numbers in .sti and .mas, relative
+
+
+def text_of(path):
+    opened = gzip.open if path.suffix == ".gz" else open
+    with opened(path, "rt", errors="replace") as file:
+        return file.read()
+
+
+def modal_decks():
+    """Examples with a modal step whose elements are solids, springs, dashpots and masses."""
+    found = []
+    for path in sorted([*EXAMPLES.glob("*.inp"), *EXAMPLES.glob("*.inp.gz")]):
+        text = re.sub(r"^\*\*.*\n", "", text_of(path).upper(), flags=re.MULTILINE)
+        kinds = set(re.findall(r"^\*ELEMENT.*?TYPE\s*=\s*(\w+)", text, re.MULTILINE))
+        if re.search(r"^\*FREQUENCY", text, re.MULTILINE) and all(re.match("C3D|SPRING|DASHPOT|MASS", kind) for kind in kinds):
+            found.append(path)
+    return found
+
+
+def frequencies_printed(path):
+    """Of each modal step, those above zero [rad/s]."""
+    parts = path.read_text().split("E I G E N V A L U E   O U T P U T")[1:]
+    tables = [part.split("P A R T I C I P A T I O N")[0] for part in parts]
+    row = r"^ +\d+((?: +-?\d\.\d+E[+-]\d+){3,4}) *$"
+    found = [[float(line.split()[-3]) for line in re.findall(row, table, re.MULTILINE)] for table in tables]
+    return [np.array([value for value in values if value > 0]) for values in found]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not EXAMPLES.is_dir(), reason="the examples of CalculiX (calculix-ccx-test) are not installed")
+@pytest.mark.parametrize("path", modal_decks(), ids=lambda path: path.name.split(".")[0])
+def test_examples_of_calculix(path, tmp_path):
+    """The lowest frequency is that of CalculiX's modal step, to its seven digits and what the digits of .sti leave of it; a cyclic
+    sector, whose matrices are those of one nodal diameter, is refused for that."""
+    text = text_of(path)
+    for name in re.findall(r"INPUT\s*=\s*([^\s,]+)", text, re.IGNORECASE):
+        for other in EXAMPLES.glob(f"{name}*"):
+            (tmp_path / name).write_text(text_of(other))
+    (tmp_path / "modes.inp").write_text(text)
+    stored = re.sub(r"(?mi)^\*FREQUENCY.*", "*FREQUENCY, SOLVER=MATRIXSTORAGE", text)
+    (tmp_path / "matrices.inp").write_text(stored)
+    run(tmp_path, "matrices")
+    if re.search(r"(?mi)^\*CYCLIC SYMMETRY MODEL", text):
+        with pytest.raises(ModelError, match=r"CYCLIC SYMMETRY MODEL there are twice as many rows"):
+            importing.from_calculix(tmp_path / "matrices")
+        return
+    run(tmp_path, "modes")
+    printed = frequencies_printed(tmp_path / "modes.dat")
+    model = importing.from_calculix(tmp_path / "matrices")
+    meshes.add_mesh(model, tmp_path / "matrices.inp")
+    assert np.isfinite(model.coordinates[model.dof_node]).any() and len(model.cell_types) > 0
+    stiffness, mass = model.stiffness.tocsc(), model.mass.tocsc()
+    shift = 1e-10 * abs(stiffness.diagonal()).max() / abs(mass.diagonal()).max()
+    factors = splu((stiffness + shift * mass).tocsc())
+    values, vectors = eigs(LinearOperator(stiffness.shape, matvec=lambda x: factors.solve(mass @ x)), min(6, model.n_dofs - 2))
+    squares = (1 / values - shift).real  # the mass of C3D20R is semi-definite
+    lowest = min((k for k in range(len(squares)) if squares[k] > 0), key=lambda k: squares[k])
+    shape = abs(vectors[:, lowest].real)
+    spread = DIGITS * (shape @ abs(stiffness) @ shape) / abs(vectors[:, lowest].real @ mass @ vectors[:, lowest].real)
+    ours = np.sqrt(squares[lowest])
+    assert min(abs(ours - step[0]) for step in printed) < 1e-6 * ours + 0.5 * spread / ours

@@ -10,7 +10,7 @@ import pytest
 import scipy.io
 import scipy.sparse as sp
 
-from nhbm import ModelError, Structure, importing
+from nhbm import ModelError, Structure, importing, meshes
 from nhbm.command import main
 
 DIGITS = "{:d} {:d} {:.17g}\n"
@@ -75,7 +75,6 @@ def test_abaqus_in_its_own_order(chain, tmp_path):
 
 
 def test_nastran(chain, tmp_path):
-    pytest.importorskip("pyNastran")
     lines = []
     for card, matrix in (("KAAX", chain.stiffness), ("MAAX", chain.mass)):
         lines.append(f"DMIG,{card},0,6,2,0\n")
@@ -97,7 +96,6 @@ def nastran(tmp_path, text, stiffness="KAAX"):
 
 
 def test_nastran_with_its_other_decks(tmp_path):
-    pytest.importorskip("pyNastran")
     model = nastran(tmp_path, f"SOL 103\nCEND\nBEGIN BULK\nGRID,1,,0.,0.,0.\n{K_AND_M}ENDDATA\n")
     assert model.labels == ["n1.z"] and model.stiffness[0, 0] == 2.0 and model.mass[0, 0] == 4.0
 
@@ -107,13 +105,17 @@ def test_nastran_with_its_other_decks(tmp_path):
     [
         ("0,6,2,0\nDMIG,KAAX,1,3,,1,3,2.", "0,6,4,0\nDMIG,KAAX,1,3,,1,3,2.,1.", "DMIG 'KAAX' is complex"),
         ("KAAX,0,6,2,0", "KAAX,0,9,2,0,,,1", "DMIG 'KAAX' has the form 9"),
-        ("1,3,,1,3,2.", "1,3,,1,3,", "is no bulk data that pyNastran reads"),
-        ("DMIG,KAAX,0,6,2,0\n", "hello world\n1 2 3\n", "is no bulk data that pyNastran reads"),
+        ("1,3,,1,3,2.", "1,3,,1,3,", "DMIG: field 8 is '', not a number"),
+        ("1,3,,1,3,2.", "1,3,,1,9,2.", "DMIG: 1, 9 is no point from 1 with a component from 0 to 6"),
+        ("1,3,,1,3,2.", "1,3,,,3,2.", "a term has no grid point"),
+        ("1,3,,1,3,2.", "1,3,,1,3,2.,\n,1,3,2.", "'KAAX' has the term of 1, 3 and 1, 3 twice"),
+        ("1,3,,1,3,2.", "1,3,,1,3,2..", "DMIG: field 8 is '2..', not a number"),
+        ("DMIG,KAAX,0,6,2,0\n", "", "DMIG: a column of 'KAAX', which has no line with its form before it"),
+        ("DMIG,KAAX,0,6,2,0\n", "1 2 3\n", "line 1: '1 2 3' continues no entry"),
         ("KAAX", "KX", "has no DMIG 'KAAX'; it has KX, MAAX"),
     ],
 )
 def test_nastran_that_is_not_right_is_named(tmp_path, capsys, old, new, message):
-    pytest.importorskip("pyNastran")
     with pytest.raises(ModelError, match=re.escape(message)) as raised:
         nastran(tmp_path, K_AND_M.replace(old, new))
     assert "\n" not in str(raised.value) and capsys.readouterr().out == ""
@@ -147,19 +149,19 @@ def test_physical_groups_of_gmsh_are_sets(tmp_path):
     (tmp_path / "wire.msh").write_text(GMSH)
     unit = sp.identity(3)
     model = Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z", "n2.z", "n3.z"]))
-    importing.add_mesh(model, tmp_path / "wire.msh")
+    meshes.add_mesh(model, tmp_path / "wire.msh")
     assert {name: nodes.tolist() for name, nodes in model.sets.items()} == {"tip": [2], "wire": [0, 1, 2]}
     assert model.dofs_of("tip.z") == [2]
     nameless = Structure(mass=unit, stiffness=unit, labels=["x1", "x2", "x3"])
     with pytest.raises(ModelError, match="no degree of freedom stands at a node of .*wire.msh': --labels gives"):
-        importing.add_mesh(nameless, tmp_path / "wire.msh")
+        meshes.add_mesh(nameless, tmp_path / "wire.msh")
 
 
 def test_mesh_gives_points_cells_and_sets(chain, tmp_path):
     nodes = "".join(f"{10 * i}, {i}.0, 0.5, 0.0\n" for i in range(1, 4))
     (tmp_path / "mesh.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=T3D2\n1, 10, 20\n2, 20, 30\n*NSET, NSET=TIP\n30\n")
     model = Structure(mass=sp.identity(2), stiffness=sp.identity(2), **importing.nodes_of_labels(["n30.z", "n20.z"]))
-    importing.add_mesh(model, tmp_path / "mesh.inp")
+    meshes.add_mesh(model, tmp_path / "mesh.inp")
     assert model.node_numbers.tolist() == [10, 20, 30]
     assert model.coordinates[model.dof_node].tolist() == [[3.0, 0.5, 0.0], [2.0, 0.5, 0.0]]
     assert model.dofs_of("tip.z") == [0]
@@ -238,7 +240,7 @@ ALWAYS = {
         (NPZ, "bad.npz", npz(data=["a", "b"]), "the matrix is of type <U1, not real"),
         (NPZ, "bad.npz", npz(data=[1.0, 2.0j]), "the matrix is complex, not real"),
         (CALCULIX, "job.dof", "", "names no degree of freedom"),
-        (CALCULIX, "job.dof", "1.3\n1.3\n", "degrees of freedom 1 and 2 both have the label 'n1.z'"),
+        (CALCULIX, "job.dof", "1.3\n1.3\n", "names n1.z more than once: CalculiX expands beams, shells, plane elements"),
         (CALCULIX, "job.sti", "", "holds no entries"),
         (CALCULIX, "job.sti", b"\xff\xfe", "is no text"),
         (CALCULIX, "job.sti", "0 1 2.0\n", "has an entry in row 0, column 1 of 2; they count from 1"),
@@ -258,7 +260,7 @@ ALWAYS = {
         (LABELS, "labels", "a\n2\n", "label 2 is '2', it must begin with a letter"),
         (LABELS, "labels", b"\xff\xfe", "is no text"),
         ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n7, 0.0, 0.0, 0.0\n", "node 1 of the matrices is not in the mesh"),
-        ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n1,0.,0.\n2,", "is no mesh that meshio reads"),
+        ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n1,0.,0.\n2,x", "line 3: '2,x' is no node with its position"),
         ([*MESH, "--mesh=bad.msh"], "bad.msh", "hello", "is no mesh that meshio reads: Error: Couldn't read file bad.msh"),
     ],
 )  # fmt: skip
@@ -317,11 +319,16 @@ def test_loads_and_paths_of_output_are_checked(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err == "nhbm-model: file 'nowhere/out.h5': there is no folder 'nowhere'\n"
 
 
-def test_nodes_that_calculix_adds_are_explained(tmp_path):
-    model = Structure(
-        mass=sp.identity(2), stiffness=sp.identity(2), labels=["n1.x", "n9.x"], node_numbers=np.array([1, 9]),
-        coordinates=np.full((2, 3), np.nan), dof_node=np.arange(2), dof_direction=["x", "x"],
-    )  # fmt: skip
-    (tmp_path / "m.inp").write_text("*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n*ELEMENT, TYPE=T3D2\n1, 1, 2\n")
-    with pytest.raises(ModelError, match="node 9 of the matrices .*1 are missing; CalculiX gives elements such as"):
-        importing.add_mesh(model, tmp_path / "m.inp")
+@pytest.mark.parametrize("kind", ["C3D8I", "C3D8"])
+def test_nodes_that_calculix_adds_have_no_place(tmp_path, kind):
+    """Those of C3D8I have numbers above all others; other nodes that are missing belong to another mesh."""
+    nodes = "".join(f"{n}, {n}., {n % 3}., {n % 2}.\n" for n in range(1, 9))
+    (tmp_path / "m.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE={kind}\n1, 1, 2, 3, 4, 5, 6, 7, 8\n")
+    unit = sp.identity(2)
+    model = Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.x", "n9.x"]))
+    if kind == "C3D8":
+        with pytest.raises(ModelError, match="node 9 of the matrices is not in the mesh .*1 are missing"):
+            meshes.add_mesh(model, tmp_path / "m.inp")
+        return
+    assert meshes.add_mesh(model, tmp_path / "m.inp") == ["1 nodes, from 9 on, are of the solver's own, without a position"]
+    assert model.coordinates[model.dof_node[0]].tolist() == [1.0, 1.0, 1.0] and np.isnan(model.coordinates[model.dof_node[1]]).all()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import scipy.sparse as sp
 
-from nhbm import ModelError, command, examples, importing
+from nhbm import ModelError, command, examples, importing, meshes
 from nhbm.structure import Structure
 
 PROJECT = (Path(__file__).resolve().parents[3] / "pyproject.toml").read_text()
@@ -16,7 +16,7 @@ PROJECT = (Path(__file__).resolve().parents[3] / "pyproject.toml").read_text()
 def mesh(folder):
     (folder / "wire.msh").write_text("")
     unit = sp.identity(1)
-    importing.add_mesh(Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z"])), folder / "wire.msh")
+    meshes.add_mesh(Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z"])), folder / "wire.msh")
 
 
 def picture(folder):
@@ -38,7 +38,6 @@ def file(folder):
     [
         ("meshio", "meshio", "fe", mesh),
         ("skfem", "scikit-fem", "fe", lambda folder: examples.plate()),
-        ("pyNastran", "pyNastran", "nastran", lambda folder: importing.from_nastran(folder, {})),
         ("matplotlib", "matplotlib", "plot", picture),
         ("h5netcdf", "h5netcdf", "", file),
     ],

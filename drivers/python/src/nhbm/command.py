@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
+from nhbm import __version__, assembly, cyclic, examples, importing, meshes, reduction, rotors, shells
 from nhbm.arguments import Parser
 from nhbm.checks import check
 from nhbm.child_process import is_input, run_in_child_process
@@ -80,7 +80,8 @@ def parser() -> argparse.ArgumentParser:
     for name in MATRICES:
         verb.add_argument(f"--{name}", metavar="FILE", help=f"{name} matrix: Matrix Market (.mtx) or SciPy's .npz")
     verb.add_argument("--labels", metavar="FILE", help="names of the degrees of freedom, such as n12.z, one per line")
-    verb.add_argument("--mesh", metavar="FILE", help="coordinates, cells and sets, in any format of meshio")
+    verb.add_argument("--mesh", metavar="FILE", help="coordinates, cells and sets: .inp, .bdf, .msh, others of meshio")
+    verb.add_argument("--in-order", action="store_true", help="node k is the k-th of a mesh whose format has no numbers of nodes")
     verb.add_argument("--set", action="append", default=[], metavar="NAME=N,N,...", help="a node set by node numbers")
     _loads(verb)
     verb.add_argument("--units", default="m kg s", help="unit system, for information only (default: m kg s)")
@@ -248,7 +249,8 @@ def run_import(options: Any) -> int:
         labels = importing.read_labels(options.labels) if options.labels else None
         model = importing.from_matrices(given, labels, source=", ".join(given.values()), **more)
     if options.mesh:
-        importing.add_mesh(model, options.mesh)
+        for note in meshes.add_mesh(model, options.mesh, options.in_order):
+            print(f"{options.mesh}: {note}")
     for text in options.set:
         name, numbers = _named("--set", text, "NAME=N,N,...")
         index = {int(number): i for i, number in enumerate(model.node_numbers)}

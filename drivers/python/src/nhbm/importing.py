@@ -1,13 +1,12 @@
-"""Matrices and meshes of other programs: Matrix Market, npz, CalculiX, Abaqus, Nastran; meshes by meshio."""
+"""Matrices of other programs: Matrix Market, npz, CalculiX, Abaqus, Nastran."""
 
 from __future__ import annotations
 
 import bz2
-import contextlib
 import gzip
-import io
 import zipfile
 import zlib
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +14,17 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from nhbm.errors import ModelError, imported
+from nhbm import bulk_data
+from nhbm.errors import ModelError
+from nhbm.meshes import DIRECTIONS, name_frames
 from nhbm.structure import Structure, check_labels
 
-DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 ANGLES = ("rx", "ry", "rz")
 _OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open}  # as mmread takes them
 _CONSTRAINED = 1e30  # [N/m]: what Abaqus adds to the stiffness of constrained degrees of freedom, 1e36, and no structure has
 _COORDINATES = {3: "it may be of FORMAT=COORDINATE, which has no nodes; write FORMAT=MATRIX INPUT, the default"}
+_CYCLIC = ("; of a *CYCLIC SYMMETRY MODEL there are twice as many rows, real and imaginary parts of one nodal diameter: write "
+           "the sector without it, and nhbm-model wheel has all diameters")  # fmt: skip
 _SMALL, _MOST_COMPRESSED = 2**26, 50  # bytes, and bytes a compressed byte, of matrices; those of finite elements have up to 30
 
 
@@ -153,18 +155,23 @@ def from_calculix(stem: Any, **more: Any) -> Structure:
         labels.append(f"n{node}.{DIRECTIONS[int(direction)]}")
     if not labels:
         raise ModelError(f"file '{files['labels']}' names no degree of freedom")
+    repeated = next((label for label, n in Counter(labels).items() if n > 1), "")
+    if repeated:
+        raise ModelError(f"file '{files['labels']}' names {repeated} more than once: CalculiX expands beams, shells, plane elements "
+                         "to nodes of its own, which have the numbers of yours; model the part by solid elements")  # fmt: skip
     n = len(_checked(labels, files["labels"]))
-    matrices = {name: _triangle(files[name], n) for name in ("stiffness", "mass")}
+    matrices = {name: _triangle(files[name], n, _CYCLIC) for name in ("stiffness", "mass")}
     return Structure(**matrices, **nodes_of_labels(labels), **more)
 
 
-def _triangle(path: Any, n: Any) -> sp.csr_matrix:
-    """Symmetric matrix of which one triangle stands in a file as row, column, value."""
+def _triangle(path: Any, n: Any, hint: str = "") -> sp.csr_matrix:
+    """Symmetric matrix of which one triangle stands in a file as row, column, value. `hint`: why it may have more than `n` rows."""
     table = _table(path, 3, 2)
     outside = ((table[:, :2] < 1) | (table[:, :2] > n)).any(axis=1)
     if outside.any():
         i, j = table[np.argmax(outside), :2]
-        raise ModelError(f"file '{path}' has an entry in row {i:.0f}, column {j:.0f} of {n}; they count from 1")
+        raise ModelError(f"file '{path}' has an entry in row {i:.0f}, column {j:.0f} of {n}; they count from 1"
+                         + hint * bool(table[:, :2].max() == 2 * n))  # fmt: skip
     row, column = (table[:, :2].astype(np.int64) - 1).T
     return _symmetric(row, column, table[:, 2], n)
 
@@ -212,104 +219,25 @@ def from_abaqus(paths: dict[str, Path], **more: Any) -> Structure:
 
 
 def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
-    """Structure of DMIG matrices in a bulk data or punch file (needs pyNastran)."""
-    read_bdf = imported("pyNastran.bdf.bdf", "DMIG is read with").read_bdf
-    is_punch = "BEGIN BULK" not in _existing(path).read_text(errors="replace").upper()
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints unknown lines
-            bulk = read_bdf(str(path), validate=False, punch=is_punch, xref=False, debug=None)
-    except (Exception, SystemExit) as error:  # it raises whatever it meets
-        why = " ".join(str(error).split()) or type(error).__name__
-        raise ModelError(f"file '{path}' is no bulk data that pyNastran reads: {why}") from None
-    entries, pairs = {}, set()
+    """Structure of DMIG matrices in bulk data or a punch file."""
+    found, entries = bulk_data.read_dmig(path), {}
     for name, card in names.items():
-        if card not in bulk.dmig:
-            raise ModelError(f"file '{path}' has no DMIG '{card}'; it has {', '.join(bulk.dmig) or 'none'}")
-        form = bulk.dmig[card].matrix_form
-        if form not in (1, 6):
-            raise ModelError(f"file '{path}': DMIG '{card}' has the form {form}, not 1 (square) or 6 (symmetric)")
-        entry, rows, columns = bulk.dmig[card].get_matrix(is_sparse=True, apply_symmetry=True)
-        matrix = sp.coo_matrix(entry)
-        if np.iscomplexobj(matrix.data):
+        if card.upper() not in found:
+            raise ModelError(f"file '{path}' has no DMIG '{card}'; it has {', '.join(found) or 'none'}")
+        dmig = entries[name] = found[card.upper()]
+        if dmig.form not in (1, 6):
+            raise ModelError(f"file '{path}': DMIG '{card}' has the form {dmig.form}, not 1 (square) or 6 (symmetric)")
+        if dmig.is_complex:
             raise ModelError(f"file '{path}': DMIG '{card}' is complex; give its imaginary part as --structural")
-        entries[name] = (matrix, rows, columns)
-        pairs |= {tuple(map(int, pair)) for pair in (*rows.values(), *columns.values())}
-    index = {pair: i for i, pair in enumerate(sorted(pairs))}
-    matrices = {}
-    for name, (matrix, rows, columns) in entries.items():
-        row = [index[tuple(map(int, rows[i]))] for i in matrix.row]
-        column = [index[tuple(map(int, columns[i]))] for i in matrix.col]
-        matrices[name] = sp.csr_matrix((matrix.data, (row, column)), shape=(len(index),) * 2)
+        if not dmig.entries:
+            raise ModelError(f"file '{path}': DMIG '{card}' has no terms")
+    pairs = sorted({pair for dmig in entries.values() for both in dmig.entries for pair in both})
+    index = {pair: i for i, pair in enumerate(pairs)}
+    matrices = {name: dmig.matrix(index) for name, dmig in entries.items()}
     labels = [f"n{node}.{DIRECTIONS.get(direction, 's')}" for node, direction in index]
-    return Structure(**matrices, **nodes_of_labels(labels), **more)
-
-
-def add_mesh(model: Structure, path: Any) -> None:
-    """Reads coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
-    if (model.dof_node < 0).all():
-        raise ModelError(f"no degree of freedom stands at a node of '{path}': --labels gives names such as n12.z")
-    meshio = imported("meshio", "meshes are read with")
-    meshio_to_vtk_type = imported("meshio._vtk_common", "meshes are read with").meshio_to_vtk_type
-    path = _existing(path)
-    output = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
-            mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio's readers raise whatever they meet, or print it and exit
-        why = output.getvalue() if isinstance(error, SystemExit) else str(error)
-        raise ModelError(f"file '{path}' is no mesh that meshio reads: {' '.join(why.split())}") from None
-    numbers = np.asarray(mesh.point_gids) if getattr(mesh, "point_gids", None) is not None else _abaqus_numbers(path)
-    if numbers is None or len(numbers) != len(mesh.points):
-        numbers = np.arange(1, len(mesh.points) + 1)
-    index = {int(number): i for i, number in enumerate(numbers)}
-    missing = [int(number) for number in model.node_numbers if int(number) not in index]
-    if missing:
-        hint = ""
-        if len(missing) < len(model.node_numbers) and min(missing) > max(index):
-            hint = "; CalculiX gives elements such as C3D8I, beams and shells nodes of its own, C3D8, C3D10 and C3D20 have none"
-        raise ModelError(f"node {missing[0]} of the matrices is not in the mesh '{path}' ({len(missing)} are missing{hint})")
-    old = np.array([index[int(number)] for number in model.node_numbers], dtype=np.int64)
-    model.dof_node = np.array([old[node] if node >= 0 else -1 for node in model.dof_node])
-    model.node_numbers = np.asarray(numbers, dtype=np.int64)
-    model.coordinates = np.hstack([mesh.points, np.zeros((len(mesh.points), 3 - mesh.points.shape[1]))])
-    types, starts, nodes = [], [0], []
-    for block in mesh.cells:
-        for cell in block.data:
-            types.append(meshio_to_vtk_type[block.type])
-            nodes.extend(cell)
-            starts.append(len(nodes))
-    model.cell_types, model.cell_starts, model.cell_nodes = (np.array(a, dtype=np.int64) for a in (types, starts, nodes))
-    moving = set(model.dof_node.tolist())
-    for name, members in (mesh.point_sets | _physical_groups(mesh)).items():
-        moving_nodes = [int(node) for node in np.unique(members) if int(node) in moving]
-        if moving_nodes:
-            model.sets[name.lower()] = np.array(moving_nodes)
-    model.validate()
-
-
-def _physical_groups(mesh: Any) -> dict[str, np.ndarray]:
-    """Nodes of the named physical groups of Gmsh."""
-    tags = mesh.cell_data.get("gmsh:physical", [])
-    found = {}
-    for name, (tag, _) in mesh.field_data.items():
-        members = [np.asarray(block.data)[np.asarray(tag_of) == tag].ravel() for block, tag_of in zip(mesh.cells, tags)]
-        found[name] = np.unique(np.concatenate(members)) if members else np.zeros(0, dtype=int)
-    return found
-
-
-def _abaqus_numbers(path: Path) -> np.ndarray | None:
-    """Numbers of the nodes of an input file of Abaqus or CalculiX, in the order of the file."""
-    if path.suffix != ".inp":
-        return None
-    numbers, inside = [], False
-    for line in path.read_text().splitlines():
-        if line.startswith("**") or not line.strip():
-            continue
-        if line.startswith("*"):
-            inside = line.upper().replace(" ", "").split(",")[0] == "*NODE"
-        elif inside:
-            numbers.append(int(line.split(",")[0]))
-    return np.array(numbers)
+    model = Structure(**matrices, **nodes_of_labels(labels), **more)
+    name_frames(model, bulk_data.frames_of(path))
+    return model
 
 
 def _table(path: Any, n_columns: Any, n_whole: Any, hints: dict[int, str] | None = None) -> np.ndarray:

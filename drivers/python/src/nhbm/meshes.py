@@ -1,0 +1,177 @@
+"""Meshes of other programs: nodes by their numbers, cells of VTK, sets of nodes in their order; what structures take of them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nhbm.errors import ModelError, check_file, imported
+from nhbm.structure import Structure
+
+DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
+
+
+@dataclass
+class Mesh:
+    """Nodes, cells and sets as a file has them, by the numbers of the nodes."""
+
+    numbers: np.ndarray | None  # of the nodes; None: the format has none
+    points: np.ndarray  # (nodes, 3), nan where it is not known
+    cells: list[tuple[int, list[int]]] = field(default_factory=list)  # VTK type, numbers of its nodes
+    sets: dict[str, list[int]] = field(default_factory=dict)  # numbers of nodes, in the order of the file
+    frames: dict[int, str] = field(default_factory=dict)  # nodes whose degrees of freedom are not along x, y, z: why
+    notes: list[str] = field(default_factory=list)  # what the file has and this does not
+    adds_nodes: bool = False  # whether its elements get nodes that the file does not list
+
+
+def read_mesh(path: Any) -> Mesh:
+    """Mesh of a file, its format by the end of the name: decks of Abaqus and CalculiX (.inp), bulk data of Nastran (.bdf, .dat,
+    .nas, .fem, .pch, .asm), all others by meshio."""
+    from nhbm import bulk_data, decks
+
+    path = Path(path)
+    check_file(path)
+    readers = {".inp": decks.read_deck}
+    readers |= dict.fromkeys((".bdf", ".dat", ".nas", ".fem", ".pch", ".asm"), bulk_data.read_mesh)
+    return readers.get(path.suffix.lower(), _by_meshio)(path)
+
+
+def add_mesh(model: Structure, path: Any, in_order: bool = False) -> list[str]:
+    """Adds coordinates, cells and sets of nodes of a mesh to a structure, nodes by their numbers; returns notes on what was left
+    out. `in_order`: node k is the k-th of the file, where its format has no numbers."""
+    if (model.dof_node < 0).all():
+        raise ModelError(f"no degree of freedom stands at a node of '{path}': --labels gives names such as n12.z")
+    mesh = read_mesh(path)
+    if mesh.numbers is None:
+        if not in_order:
+            raise ModelError(f"file '{path}' has no numbers of nodes, but the matrices name node {model.node_numbers[0]}; if node "
+                             "k is the k-th of the file, say so by --in-order")  # fmt: skip
+        mesh.numbers = np.arange(1, len(mesh.points) + 1)
+        mesh.cells = [(kind, [node + 1 for node in cell]) for kind, cell in mesh.cells]
+        mesh.sets = {name: [node + 1 for node in members] for name, members in mesh.sets.items()}
+    index = {int(number): i for i, number in enumerate(mesh.numbers)}
+    missing = [int(number) for number in model.node_numbers if int(number) not in index]
+    notes = [*mesh.notes, *name_frames(model, mesh.frames)]
+    if missing:
+        is_of_solver = mesh.adds_nodes and min(missing) > max(index)
+        if not is_of_solver:
+            raise ModelError(f"node {missing[0]} of the matrices is not in the mesh '{path}' ({len(missing)} are missing)")
+        notes.append(f"{len(missing)} nodes, from {missing[0]} on, are of the solver's own, without a position")
+        index |= {number: len(index) + i for i, number in enumerate(missing)}
+        mesh.numbers = np.concatenate([mesh.numbers, missing])
+        mesh.points = np.vstack([mesh.points, np.full((len(missing), 3), np.nan)])
+    old = np.array([index[int(number)] for number in model.node_numbers], dtype=np.int64)
+    model.dof_node = np.array([old[node] if node >= 0 else -1 for node in model.dof_node])
+    model.node_numbers = np.asarray(mesh.numbers, dtype=np.int64)
+    model.coordinates = mesh.points
+    model.cell_types = np.array([kind for kind, _ in mesh.cells], dtype=np.int64)
+    model.cell_starts = np.cumsum([0, *(len(cell) for _, cell in mesh.cells)]).astype(np.int64)
+    model.cell_nodes = np.array([index[node] for _, cell in mesh.cells for node in cell], dtype=np.int64)
+    moving = set(model.dof_node.tolist())
+    held = []
+    for name, members in mesh.sets.items():
+        known = dict.fromkeys(index[node] for node in members if node in index)
+        kept = [node for node in known if node in moving]
+        if kept:
+            model.sets[name.lower()] = np.array(kept)
+        if len(kept) < len(known):
+            held.append(f"{name.lower()} ({len(known) - len(kept)} of {len(known)})")
+    if held:
+        notes.append(f"nodes without a degree of freedom are left out of sets: {', '.join(held)}")
+    model.validate()
+    return notes
+
+
+def name_frames(model: Structure, frames: dict[int, str]) -> list[str]:
+    """Degrees of freedom along axes that are not the global ones are called d1 to d6 instead of x to rz; returns notes."""
+    wanted = {direction: f"d{k}" for k, direction in DIRECTIONS.items()}
+    notes: dict[str, None] = {}
+    for i, node in enumerate(model.dof_node):
+        number = int(model.node_numbers[node]) if node >= 0 else -1
+        if number in frames and model.dof_direction[i] in wanted:
+            model.dof_direction[i] = wanted[model.dof_direction[i]]
+            model.labels[i] = f"n{number}.{model.dof_direction[i]}"
+            notes[frames[number]] = None
+    shown = list(notes)[:3] + [f"so do {len(notes) - 3} more"] * (len(notes) > 3)
+    return [f"{note}: its directions are called d1 to d6" if note in notes else note for note in shown]
+
+
+def _by_meshio(path: Path) -> Mesh:
+    """Any format of meshio; numbers of nodes where the format is that of Gmsh."""
+    meshio = imported("meshio", "meshes are read with")
+    to_vtk = imported("meshio._vtk_common", "meshes are read with").meshio_to_vtk_type
+    output = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio's readers raise whatever they meet, or print it and exit
+        why = output.getvalue() if isinstance(error, SystemExit) else str(error)
+        raise ModelError(f"file '{path}' is no mesh that meshio reads: {' '.join(why.split())}") from None
+    numbers = _numbers_of_gmsh(path) if path.suffix == ".msh" else None
+    if numbers is not None and len(numbers) != len(mesh.points):
+        numbers = None
+    names = np.arange(len(mesh.points)) if numbers is None else numbers
+    cells = [(int(to_vtk[block.type]), names[cell].tolist()) for block in mesh.cells for cell in block.data]
+    groups = mesh.point_sets | _physical_groups(mesh)
+    sets = {name: names[np.unique(np.asarray(members, dtype=np.int64))].tolist() for name, members in groups.items()}
+    points = np.hstack([mesh.points, np.zeros((len(mesh.points), 3 - mesh.points.shape[1]))])
+    return Mesh(numbers, points, cells, sets)
+
+
+def _physical_groups(mesh: Any) -> dict[str, np.ndarray]:
+    """Nodes of the named physical groups of Gmsh."""
+    tags = mesh.cell_data.get("gmsh:physical", [])
+    found = {}
+    for name, (tag, _) in mesh.field_data.items():
+        members = [np.asarray(block.data)[np.asarray(tag_of) == tag].ravel() for block, tag_of in zip(mesh.cells, tags)]
+        found[name] = np.unique(np.concatenate(members)) if members else np.zeros(0, dtype=int)
+    return found
+
+
+def _numbers_of_gmsh(path: Path) -> np.ndarray | None:
+    """Numbers (tags) of the nodes of a file of Gmsh, in its order: format 2.2 and 4.1, text or binary."""
+    data = path.read_bytes()
+    try:
+        version, is_binary = data.split(b"$MeshFormat", 1)[1].split()[:2]
+        body = data.split(b"$Nodes", 1)[1].split(b"\n", 1)[1]
+        if version.startswith(b"2"):
+            return _tags_of_gmsh_2(body, is_binary == b"1")
+        if version.startswith(b"4.1"):
+            return _tags_of_gmsh_4(body, is_binary == b"1")
+    except (IndexError, ValueError, struct.error):
+        raise ModelError(f"file '{path}': its section $Nodes is damaged") from None
+    return None
+
+
+def _tags_of_gmsh_2(body: bytes, is_binary: bool) -> np.ndarray:
+    first, rest = body.split(b"\n", 1)
+    n = int(first)
+    if is_binary:
+        return np.frombuffer(rest, np.dtype([("tag", "<i4"), ("x", "<f8", 3)]), n)["tag"].astype(np.int64)
+    return np.array([int(line.split()[0]) for line in rest.split(b"\n", n)[:n]], dtype=np.int64)
+
+
+def _tags_of_gmsh_4(body: bytes, is_binary: bool) -> np.ndarray:
+    """Blocks of the entities of the geometry: their tags, then their positions, with up to three parameters."""
+    found: list[np.ndarray] = []
+    if is_binary:
+        (n_blocks, *_), at = struct.unpack_from("<4Q", body), 32
+        for _ in range(n_blocks):
+            dimension, _, is_parametric = struct.unpack_from("<3i", body, at)
+            (n,) = struct.unpack_from("<Q", body, at + 12)
+            found.append(np.frombuffer(body, "<u8", n, at + 20))
+            at += 20 + n * 8 * (4 + (dimension if is_parametric else 0))
+    else:
+        lines = body.split(b"$EndNodes")[0].split(b"\n")
+        row = 1
+        for _ in range(int(lines[0].split()[0])):
+            n = int(lines[row].split()[3])
+            found.append(np.array([int(line) for line in lines[row + 1 : row + 1 + n]]))
+            row += 1 + 2 * n
+    return np.concatenate([np.zeros(0), *found]).astype(np.int64)
