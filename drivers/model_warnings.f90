@@ -189,7 +189,7 @@ contains
                    to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
          else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp .and. &
                   2*sum([(size(model%system%laws(i)%law%dofs), i=1, size(model%system%laws))]) < structure%n_dofs) then
-            text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each frequency "// &
+            text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each point "// &
                    "anew; a reduced model of it, created once, is much faster:"//new_line("a")// &
                    "   nhbm-model reduce "//structure%model_file//" --keep "//named_dofs(document)//" --up-to "// &
                    to_text(real(ceiling(1.01_wp*highest), wp))//" -o small.h5"

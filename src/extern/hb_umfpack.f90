@@ -13,6 +13,7 @@ module hb_umfpack
    integer(c_int), parameter :: is_good = 0                                         ! UMFPACK_OK; positive is a warning
    integer, parameter :: n_control = 20, n_info = 90
    integer, parameter :: strategy = 6, symmetric_strategy = 3                        ! UMFPACK_STRATEGY, counted from 1
+   integer, parameter :: refinement_steps = 8                                       ! UMFPACK_IRSTEP, likewise
 
    type :: umfpack_t
       private
@@ -105,17 +106,21 @@ contains
                                    info) == is_good
    end function umfpack_factorise
 
-   !> Solves A x = b, or A**H x = b, in place, with one or two steps of refinement.
-   subroutine umfpack_solve(self, b, of_transpose)
+   !> Solves A x = b, or A**H x = b, in place, with one or two steps of refinement unless these are not wanted.
+   subroutine umfpack_solve(self, b, of_transpose, is_refined)
       class(umfpack_t), intent(in), target :: self
       complex(wp), intent(inout), contiguous, target :: b(:)          !! (n)
       logical, intent(in) :: of_transpose                             !! conjugate transpose
+      logical, intent(in), optional :: is_refined                     !! default true
       complex(c_double_complex), allocatable, target :: x(:)
       real(c_double) :: control(n_control), info(n_info)
       integer(c_int) :: status
 
       allocate (x(self%n))
       call umfpack_zi_defaults(control)
+      if (present(is_refined)) then
+         if (.not. is_refined) control(refinement_steps) = 0.0_c_double
+      end if
       status = umfpack_zi_solve(merge(of_conjugate_transpose, of_matrix, of_transpose), self%first, self%row, c_loc(self%value), &
                                 c_null_ptr, c_loc(x), c_null_ptr, c_loc(b), c_null_ptr, self%numeric, control, info)
       b = x

@@ -63,6 +63,7 @@ contains
       type(variation_t), target :: variation
       type(error_t), allocatable :: error
       real(wp) :: limit
+      integer :: n_transfers                                          ! at least, for a verdict
 
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       limit = self%max_work(config, work_allowed)
@@ -70,7 +71,9 @@ contains
          call assess_structure(stability, structure, motion, limit)
          return
       end if
-      stability%is_too_costly = min_work(structure%n_dofs) > limit  ! for any motion: the mass matrix is then not inverted
+      n_transfers = 1
+      if (motion%tones%n_tones > 1) n_transfers = min(config%min_periods, few_periods)
+      stability%is_too_costly = n_transfers*min_work(structure%n_dofs) > limit ! any motion: the mass matrix is then not inverted
       if (stability%is_too_costly) return
       if (allocated(structure%parts)) then
          call assess_with_parts(stability, variation, motion, structure, laws, limit)

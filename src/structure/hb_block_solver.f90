@@ -7,7 +7,8 @@
 !> Blocks that are diagonal except for a border are factorised as such (hb_arrow_factors), narrow ones as band
 !> matrices (hb_narrow_band, or LAPACK), if necessary in another order of the unknowns, large ones
 !> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
-!> row exchanges. Rows and columns are scaled once by the magnitudes on the diagonal, so that the verdict "singular"
+!> row exchanges. Solutions of the last two at many frequencies are taken from one space (hb_solution_space), where that
+!> has them; factors follow where it does not. Rows and columns are scaled once by the magnitudes on the diagonal, so that the verdict "singular"
 !> does not depend on units.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
@@ -15,6 +16,7 @@ module hb_block_solver
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
    use hb_narrow_band, only: factorise_narrow, narrow_order, solve_narrow, widest_narrow
    use hb_small_lu, only: factorise_small, largest_small, solve_small
+   use hb_solution_space, only: pays_to_span, solution_space_t
    use hb_structure_block, only: structure_block_t
    use hb_umfpack, only: umfpack_t
    implicit none
@@ -45,7 +47,12 @@ module hb_block_solver
       integer, allocatable, private :: pivots(:)
       integer, allocatable, private :: by_column(:)          !! entries column by column, of a sparse block
       integer, allocatable, private :: first(:)              !! (n + 1), of each column among these
-      type(umfpack_t), private :: factors                    !! of a sparse block, between `begin` and `end`
+      type(umfpack_t), private :: factors                    !! of a sparse block, until `end`
+      logical, private :: is_analysed = .false.              !! the pattern of a sparse block
+      type(solution_space_t), private :: space
+      logical, private :: is_in_space = .false.              !! the last solution, there are no factors
+      real(wp), private :: highest_frequency = 0.0_wp        !! [rad/s], for which the block is scaled
+      real(wp), private :: frequency = 0.0_wp, drive = 0.0_wp !! of the last `solve`
       integer, allocatable :: held(:)                        !! rows with springs at zero frequency; not allocated: none
       real(wp), allocatable :: unsupported(:)                !! (n_rhs), of the last solution with springs: their largest force,
                                                              !! relative to the right-hand side
@@ -56,6 +63,8 @@ module hb_block_solver
       procedure :: begin => block_solver_begin
       procedure :: end => block_solver_end
       procedure :: hold_free => block_solver_hold_free
+      procedure :: learn => block_solver_learn
+      procedure :: prefers_space => block_solver_prefers_space
       procedure :: solve => block_solver_solve
       procedure :: solve_again => block_solver_solve_again
       procedure, private :: assemble => block_solver_assemble
@@ -74,6 +83,7 @@ contains
 
       self%n = n
       self%n_rhs = n_rhs
+      self%highest_frequency = highest_frequency
       allocate (self%rhs(n, n_rhs + 1))
       if (n == 0) return
       self%entries = block
@@ -175,20 +185,52 @@ contains
       end do
    end function starts
 
-   !> Must be called before the first `solve`: orders the rows of a sparse block, once for all frequencies. `end`
-   !> frees its memory.
-   subroutine block_solver_begin(self)
+   !> Must be called before the first `solve` of some frequencies; `end` frees memory that this and what follows takes. Of
+   !> many frequencies the solutions may come from a space, which depends on nothing before.
+   subroutine block_solver_begin(self, n_frequencies)
       class(block_solver_t), intent(inout) :: self
-      logical :: is_done
+      integer, intent(in) :: n_frequencies
 
-      if (self%is_sparse) is_done = self%factors%analyse(self%first, self%entries%row(self%by_column))
+      self%is_in_space = .false.
+      if (self%arrow%is_arrow .or. self%is_banded) return
+      if (.not. pays_to_span(self%n, self%n_rhs, n_frequencies)) return
+      if (self%is_sparse) then
+         call self%space%begin(self%n, self%entries, self%highest_frequency, self%first, self%by_column)
+      else
+         call self%space%begin(self%n, self%entries, self%highest_frequency)
+      end if
    end subroutine block_solver_begin
 
-   !> Frees the memory of a sparse block.
+   !> Whether solutions come from a space, which is the smaller the higher the first frequency is.
+   pure logical function block_solver_prefers_space(self) result(prefers)
+      class(block_solver_t), intent(in) :: self
+
+      prefers = self%space%is_on
+   end function block_solver_prefers_space
+
+   !> Prepares the space for some of the systems to be solved.
+   subroutine block_solver_learn(self, frequencies, drives, rhs)
+      class(block_solver_t), intent(inout) :: self
+      real(wp), intent(in) :: frequencies(:), drives(:)      !! as those of `solve`, (n_systems)
+      complex(wp), intent(in) :: rhs(:, :, :)                !! (n, n_rhs, n_systems)
+      complex(wp) :: scaled(size(rhs, 1), size(rhs, 2), size(rhs, 3))
+      integer :: i, k
+
+      do k = 1, size(rhs, 3)
+         do i = 1, size(rhs, 2)
+            scaled(:, i, k) = self%scale*rhs(:, i, k)
+         end do
+      end do
+      call self%space%learn(frequencies, drives, scaled)
+   end subroutine block_solver_learn
+
+   !> Frees the memory of a sparse block and of the space.
    subroutine block_solver_end(self)
       class(block_solver_t), intent(inout) :: self
 
       call self%factors%destroy()
+      self%is_analysed = .false.
+      call self%space%end()
    end subroutine block_solver_end
 
    !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and returns a measure of the distance of S from a
@@ -204,29 +246,18 @@ contains
       real(wp), intent(in) :: drive                          !! [rad**2/s**2]
       real(wp), intent(out) :: reciprocal_condition          !! from 0, singular (rhs is undefined then), to 1
       real(wp) :: growth, norm
-      integer :: i, info
+      integer :: i
       logical :: is_singular
 
       reciprocal_condition = 1.0_wp
       if (self%n == 0) return
-      call self%assemble(frequency, drive, norm)
+      self%frequency = frequency
+      self%drive = drive
+      self%is_in_space = .false.
+      if (self%space%is_on .and. .not. has_springs(self, frequency)) call solve_in_space(self)
+      if (self%is_in_space) return
+      call factorise(self, norm, is_singular)
       reciprocal_condition = 0.0_wp
-      if (self%is_arrow) then
-         is_singular = .false.
-      else if (self%is_sparse) then
-         is_singular = .not. self%factors%factorise(self%s(self%by_column))
-      else if (self%is_narrow) then
-         call factorise_narrow(self%matrix, self%n_lower, self%n_upper, self%pivots, is_singular)
-      else if (self%is_banded) then
-         call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
-                     self%pivots, info)
-         is_singular = info > 0
-      else if (self%n <= largest_small) then
-         call factorise_small(self%matrix, self%pivots, is_singular)
-      else
-         call zgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
-         is_singular = info > 0
-      end if
       if (is_singular) return
 
       do i = 1, self%n_rhs
@@ -257,6 +288,56 @@ contains
          self%rhs(:, i) = self%scale*self%rhs(:, i)
       end do
    end subroutine block_solver_solve
+
+   !> Solves at the present frequency in the space, if it has the solutions and these are no sign of a nearly singular matrix:
+   !> then `is_in_space`, otherwise the right-hand sides are unchanged.
+   subroutine solve_in_space(self)
+      class(block_solver_t), intent(inout) :: self
+      complex(wp) :: b(self%n, self%n_rhs)
+      real(wp) :: forces(self%n_rhs), motions(self%n_rhs)
+      integer :: i
+
+      do i = 1, self%n_rhs
+         b(:, i) = self%scale*self%rhs(:, i)
+      end do
+      forces = norm2(abs(b), dim=1)
+      call self%space%solve(self%frequency, self%drive, b, self%is_in_space)
+      if (.not. self%is_in_space) return
+      motions = norm2(abs(b), dim=1)
+      self%is_in_space = all(self%space%size_of_terms(self%frequency, self%drive)*motions <= suspicious_growth*forces)
+      if (.not. self%is_in_space) return
+      do i = 1, self%n_rhs
+         self%rhs(:, i) = self%scale*b(:, i)
+      end do
+   end subroutine solve_in_space
+
+   !> Factorises S at the present frequency; `norm` is the largest row sum of its terms before cancellation.
+   subroutine factorise(self, norm, is_singular)
+      class(block_solver_t), intent(inout) :: self
+      real(wp), intent(out) :: norm
+      logical, intent(out) :: is_singular
+      integer :: info
+
+      call self%assemble(self%frequency, self%drive, norm)
+      if (self%is_arrow) then
+         is_singular = .false.
+      else if (self%is_sparse) then
+         if (.not. self%is_analysed) self%is_analysed = self%factors%analyse(self%first, self%entries%row(self%by_column))
+         is_singular = .not. self%is_analysed
+         if (self%is_analysed) is_singular = .not. self%factors%factorise(self%s(self%by_column))
+      else if (self%is_narrow) then
+         call factorise_narrow(self%matrix, self%n_lower, self%n_upper, self%pivots, is_singular)
+      else if (self%is_banded) then
+         call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
+                     self%pivots, info)
+         is_singular = info > 0
+      else if (self%n <= largest_small) then
+         call factorise_small(self%matrix, self%pivots, is_singular)
+      else
+         call zgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
+         is_singular = info > 0
+      end if
+   end subroutine factorise
 
    !> Holds the free motions of a block that is singular at zero frequency by springs, which act there from now on.
    !> Each row is that with the largest amplitude of a motion that the rows before leave free: the response to a force in no
@@ -302,12 +383,19 @@ contains
       has_springs = allocated(self%held) .and. (self%is_held .or. .not. abs(frequency) > 0.0_wp)
    end function has_springs
 
-   !> Solves S X = rhs(:, 1:n_rhs) in place at the frequency of the last `solve`, with its factors.
+   !> Solves S X = rhs(:, 1:n_rhs) in place at the frequency of the last `solve`, with its factors or in the space.
    subroutine block_solver_solve_again(self)
       class(block_solver_t), intent(inout) :: self
+      real(wp) :: norm
+      logical :: is_singular
       integer :: i
 
       if (self%n == 0) return
+      if (self%is_in_space) then
+         call solve_in_space(self)
+         if (self%is_in_space) return
+         call factorise(self, norm, is_singular)
+      end if
       do i = 1, self%n_rhs
          self%rhs(:, i) = self%scale*self%rhs(:, i)
       end do

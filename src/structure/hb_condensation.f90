@@ -50,6 +50,8 @@ module hb_condensation
       real(wp), private :: drive = 0.0_wp                             ! likewise
       real(wp), private :: highest_frequency = 0.0_wp                 ! [rad/s]
    contains
+      procedure :: begin => condensation_begin
+      procedure :: end => condensation_end
       procedure :: eliminate => condensation_eliminate
       procedure :: get_block => condensation_get_block
       procedure :: can_share => condensation_can_share
@@ -98,7 +100,55 @@ contains
          allocate (self%full_lr(coordinates%n, n_interior), source=(0.0_wp, 0.0_wp))
    end subroutine new_condensation
 
-   !> Eliminates the interior of harmonic h: computes P_c, and stores T, y and the entries of S_lr; `solver` must have begun.
+   !> Must be called before some harmonics are eliminated, `end` afterwards; returns the order in which they take the least time.
+   subroutine condensation_begin(self, harmonics, frequencies, drives, order)
+      class(condensation_t), intent(inout) :: self
+      integer, intent(in) :: harmonics(:)                             !! their numbers, (n)
+      real(wp), intent(in) :: frequencies(:), drives(:)               !! [rad/s], [rad**2/s**2], of all harmonics
+      integer, intent(out) :: order(:)                                !! positions in `harmonics`, (n)
+      integer, parameter :: n_first = 8                               ! harmonics whose solutions are found together
+      complex(wp), allocatable :: forces(:, :, :)
+      integer :: chosen(min(n_first, size(harmonics))), i, k, n
+
+      n = size(harmonics)
+      order = [(i, i=1, n)]
+      call self%solver%begin(n)
+      if (.not. self%solver%prefers_space()) return
+      order = descending(abs(frequencies(harmonics)))
+      chosen = harmonics(order([(1 + ((n - 1)*(i - 1))/max(1, size(chosen) - 1), i=1, size(chosen))]))
+      allocate (forces(size(self%interior), size(self%positions) + 1, size(chosen)))
+      do i = 1, size(chosen)
+         k = findloc(self%loads%harmonics, chosen(i), dim=1)
+         call self%rl%evaluate(frequencies(chosen(i)), drives(chosen(i)), self%s_rl)
+         call store_forces(self, k, forces(:, :, i))
+      end do
+      call self%solver%learn(frequencies(chosen), drives(chosen), forces)
+   end subroutine condensation_begin
+
+   !> Frees the memory that eliminations took.
+   subroutine condensation_end(self)
+      class(condensation_t), intent(inout) :: self
+
+      call self%solver%end()
+   end subroutine condensation_end
+
+   !> Positions of numbers in descending order; equal ones remain in their order.
+   pure function descending(numbers) result(order)
+      real(wp), intent(in) :: numbers(:)
+      integer :: order(size(numbers)), i, k
+
+      do i = 1, size(numbers)                                         ! insertion sort: solutions take far longer
+         k = i
+         do while (k > 1)
+            if (numbers(order(k - 1)) >= numbers(i)) exit
+            order(k) = order(k - 1)
+            k = k - 1
+         end do
+         order(k) = i
+      end do
+   end function descending
+
+   !> Eliminates the interior of harmonic h: computes P_c, and stores T, y and the entries of S_lr; between `begin` and `end`.
    subroutine condensation_eliminate(self, h, frequency, drive, load, magnitude, is_singular)
       class(condensation_t), intent(inout) :: self
       integer, intent(in) :: h
@@ -203,14 +253,14 @@ contains
 
       associate (solver => self%solver, n_law => size(self%positions))
          limit = max(lowest_condition, real(size(self%interior), wp)*epsilon(1.0_wp))
-         call store_forces()
+         call store_forces(self, k, solver%rhs(:, :n_law + 1))
          call solver%solve(frequency, self%drive, reciprocal_condition)
          is_singular = reciprocal_condition < limit
          if (abs(frequency) > 0.0_wp) return
          if (is_singular .and. .not. allocated(solver%held)) then
             call hold_free(self, limit, is_singular)
             if (is_singular) return
-            call store_forces()
+            call store_forces(self, k, solver%rhs(:, :n_law + 1))
             call solver%solve(frequency, self%drive, reciprocal_condition)
             is_singular = reciprocal_condition < limit
          end if
@@ -219,21 +269,21 @@ contains
          if (solver%unsupported(n_law + 1) > unstressed) &
             self%drifting = self%interior(solver%held(maxloc(abs(solver%rhs(solver%held, n_law + 1)), dim=1)))
       end associate
-
-   contains
-
-      subroutine store_forces()
-         integer :: e
-
-         associate (rhs => self%solver%rhs, n_law => size(self%positions), rl => self%rl)
-            rhs(:, :n_law + 1) = (0.0_wp, 0.0_wp)
-            do e = 1, rl%n_entries
-               rhs(rl%row(e), rl%column(e)) = self%s_rl(e)
-            end do
-            if (k > 0) rhs(:, n_law + 1) = self%loads%values(self%interior, k)
-         end associate
-      end subroutine store_forces
    end subroutine solve_interior
+
+   !> The right-hand sides of the interior: columns of S_rl, which has been evaluated, and the loads.
+   pure subroutine store_forces(self, k, rhs)
+      class(condensation_t), intent(in) :: self
+      integer, intent(in) :: k                                        !! of the loads; 0: none
+      complex(wp), intent(out) :: rhs(:, :)                           !! (n_interior, n_law + 1)
+      integer :: e
+
+      rhs = (0.0_wp, 0.0_wp)
+      do e = 1, self%rl%n_entries
+         rhs(self%rl%row(e), self%rl%column(e)) = self%s_rl(e)
+      end do
+      if (k > 0) rhs(:, size(rhs, 2)) = self%loads%values(self%interior, k)
+   end subroutine store_forces
 
    !> Holds the free motions of the interior at zero frequency; not if they exert forces on the coordinates.
    subroutine hold_free(self, limit, is_singular)

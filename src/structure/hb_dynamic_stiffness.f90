@@ -293,11 +293,13 @@ contains
       type(condensation_t), intent(inout) :: condensation
       real(wp), intent(in) :: frequencies(:), drives(:)
       type(error_t), allocatable, intent(out) :: error
-      integer :: h, k
+      integer :: h, i, k
+      integer :: order(self%n_harmonics)
       logical :: is_singular
 
-      call condensation%solver%begin()
-      do h = 1, self%n_harmonics
+      call condensation%begin([(h, h=1, self%n_harmonics)], frequencies, drives, order)
+      do i = 1, self%n_harmonics
+         h = order(i)
          call condensation%eliminate(h, frequencies(h), drives(h), self%load(:, h), self%magnitude(:, h), is_singular)
          if (is_singular) then
             call fail(error, trim(singular_text(frequencies(h), self%n_law > 0)))
@@ -322,7 +324,7 @@ contains
             if (allocated(self%motion_slope)) self%motion_slope(:, :, 2, h) = condensation%solver%rhs(:, :self%n_law + 1)
          end if
       end do
-      call condensation%solver%end()
+      call condensation%end()
       self%free_dofs = condensation%free_dofs()
    end subroutine condense
 

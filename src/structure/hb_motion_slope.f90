@@ -42,7 +42,7 @@ contains
       type(condensation_t) :: condensation
       complex(wp), allocatable :: condensed(:, :)
       complex(wp) :: load(coordinates%n)
-      integer :: h, i, n
+      integer :: h, i, k, n, order(size(harmonics))
       real(wp) :: magnitude(coordinates%n)
 
       call new_condensation(condensation, structure, coordinates, moving%loads, maxval([0.0_wp, abs(moving%frequencies)]), &
@@ -53,8 +53,9 @@ contains
       allocate (condensed(condensation%pattern%n_rows, n))
       is_singular = .false.
       slope = (0.0_wp, 0.0_wp)
-      call condensation%solver%begin()
-      do i = 1, size(harmonics)
+      call condensation%begin(harmonics, moving%frequencies, moving%drives, order)
+      do k = 1, size(harmonics)
+         i = order(k)
          h = harmonics(i)
          call condensation%eliminate(h, moving%frequencies(h), moving%drives(h), load, magnitude, is_singular)
          if (is_singular) exit
@@ -65,7 +66,7 @@ contains
          end associate
          slope(coordinates%positions, i) = motion_slope(:, h)
       end do
-      call condensation%solver%end()
+      call condensation%end()
       call coordinates%motion_from(slope)
    end subroutine find_motion_slope
 end module hb_motion_slope

@@ -503,7 +503,7 @@ def test_a_large_model_is_said_to_be_and_the_command_makes_a_small_one(net):
     dashpot."""
     (net / "large.nml").write_text(NET)
     told = run("check", "large.nml", cwd=net).stdout
-    assert "1200 degrees of freedom, which are condensed at each frequency anew" in told
+    assert "1200 degrees of freedom, which are condensed at each point anew" in told
     (command,) = (line.strip() for line in told.splitlines() if "nhbm-model reduce" in line)
     assert "--keep stops.z,edge.z,n100.z,n1111.z" in command
     reduce(net, command)
