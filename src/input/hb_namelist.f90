@@ -175,6 +175,7 @@ contains
             texts(i)%value = quote(requested%texts(i)%value)
          end do
       case default
+         text = ""
          allocate (texts(merge(size(requested%numbers), 0, all(ieee_is_finite(requested%numbers)))))
          do i = 1, size(texts)
             is_repeated = i > 1                             ! matrices have long rows of equal numbers; zeros have signs

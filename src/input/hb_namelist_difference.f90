@@ -86,7 +86,7 @@ contains
       character(*), intent(in) :: name, key
       integer, intent(in) :: number                         !! of the group of that name
       character(*), intent(in) :: value                     !! as it is spelt
-      type(rule_t) :: rule
+      type(rule_t), allocatable :: rule
       character(:), allocatable :: type
       real(wp) :: its_number
       logical :: is_number
@@ -94,6 +94,7 @@ contains
       is_default = .false.
       call get_value(document, name, number, "type", type)
       if (.not. allocated(type)) type = "''"
+      allocate (rule)
       call find_rule(name, type(2:len(type) - 1), key, rule)
       if (allocated(rule%word)) then
          is_default = value == "'"//rule%word//"'"
