@@ -212,6 +212,20 @@ def _frames(cards: list[Card]) -> dict[int, str]:
             for point, system in along.items() if system > 0}  # fmt: skip
 
 
+def external_rows(path: Any) -> list[tuple[int, int]]:
+    """Point and component (0: a scalar point, such as a mode) of each row of an external superelement, by its entry EXTRN."""
+    found: list[tuple[int, int]] = []
+    for card in read_cards(path):
+        if card.name == "EXTRN":
+            for k in range(0, len(card.fields), 2):
+                if card.field(k):
+                    components = card.field(k + 1) or "0"
+                    found += [(card.whole(k), int(c)) for c in components if c.isdigit()]
+    if not found:
+        raise ModelError(f"file '{path}' has no EXTRN, which names the rows of an external superelement; that is in its .pch")
+    return found
+
+
 def _scalar_points(card: Card) -> list[int]:
     words = [word for word in card.fields if word]
     if len(words) == 3 and words[1].upper() == "THRU":

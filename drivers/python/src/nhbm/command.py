@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nhbm import __version__, assembly, cyclic, examples, importing, meshes, reduction, rotors, shells
+from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
 from nhbm.arguments import Parser
 from nhbm.checks import check
 from nhbm.child_process import is_input, run_in_child_process
@@ -77,11 +77,20 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--calculix", metavar="STEM", help="STEM.sti, STEM.mas and STEM.dof of SOLVER=MATRIXSTORAGE")
     verb.add_argument("--abaqus", action="store_true", help="the matrices are Abaqus' MATRIX INPUT (.mtx)")
     verb.add_argument("--nastran", metavar="FILE", help="bulk data or punch file; the matrices are names of its DMIG")
+    verb.add_argument("--ansys", metavar="FILE", help="assembled matrices of Ansys (.full)")
+    verb.add_argument("--substructure", metavar="FILE", help="Abaqus' SUBSTRUCTURE MATRIX OUTPUT (.mtx)")
+    verb.add_argument("--op4", metavar="FILE", help="OUTPUT4 of Nastran; the matrices are names in it, kaa#2 for the second kaa")
+    verb.add_argument("--matlab", metavar="FILE", help="a .mat file; the matrices are names of its variables")
+    verb.add_argument("--ross", metavar="FILE", help="a rotor of ROSS (.toml)")
+    verb.add_argument("--speed", type=float, metavar="RAD/S", help="of the rotor, where its bearings depend on it")
+    verb.add_argument("--frequency", type=float, metavar="RAD/S", help="of the whirl, for tables of bearings (default: the speed)")
     for name in MATRICES:
-        verb.add_argument(f"--{name}", metavar="FILE", help=f"{name} matrix: Matrix Market (.mtx) or SciPy's .npz")
-    verb.add_argument("--labels", metavar="FILE", help="names of the degrees of freedom, such as n12.z, one per line")
-    verb.add_argument("--mesh", metavar="FILE", help="coordinates, cells and sets: .inp, .bdf, .msh, others of meshio")
+        verb.add_argument(f"--{name}", metavar="FILE", help=f"{name} matrix: Matrix Market (.mtx), Harwell-Boeing (.hb), .npz")
+    verb.add_argument("--labels", metavar="FILE",
+                      help="names of degrees of freedom, such as n12.z, a line each; Ansys' mapping; Nastran's EXTRN")  # fmt: skip
+    verb.add_argument("--mesh", metavar="FILE", help="coordinates, cells and sets: .inp, .bdf, .cdb, .msh, others of meshio")
     verb.add_argument("--in-order", action="store_true", help="node k is the k-th of a mesh whose format has no numbers of nodes")
+    verb.add_argument("--drop-empty", action="store_true", help="leave out rows that have neither mass nor stiffness")
     verb.add_argument("--set", action="append", default=[], metavar="NAME=N,N,...", help="a node set by node numbers")
     _loads(verb)
     verb.add_argument("--units", default="m kg s", help="unit system, for information only (default: m kg s)")
@@ -235,29 +244,18 @@ def _write(model: Structure, options: Any) -> None:
 
 
 def run_import(options: Any) -> int:
-    given = {name: getattr(options, name) for name in MATRICES if getattr(options, name)}
-    more = {"unit_system": options.units}
-    if options.calculix:
-        model = importing.from_calculix(options.calculix, source=f"CalculiX: {options.calculix}", **more)
-    elif not {"mass", "stiffness"} <= set(given):
-        raise ModelError("give --mass and --stiffness, or --calculix")
-    elif options.nastran:
-        model = importing.from_nastran(options.nastran, given, source=f"Nastran: {options.nastran}", **more)
-    elif options.abaqus:
-        model = importing.from_abaqus(given, source="Abaqus: " + ", ".join(given.values()), **more)
-    else:
-        labels = importing.read_labels(options.labels) if options.labels else None
-        model = importing.from_matrices(given, labels, source=", ".join(given.values()), **more)
-    if options.mesh:
-        for note in meshes.add_mesh(model, options.mesh, options.in_order):
-            print(f"{options.mesh}: {note}")
+    sets = {}
     for text in options.set:
         name, numbers = _named("--set", text, "NAME=N,N,...")
-        index = {int(number): i for i, number in enumerate(model.node_numbers)}
         try:
-            model.sets[name] = np.array([index[int(number)] for number in numbers.split(",")])
-        except (KeyError, ValueError) as error:
-            raise ModelError(f"--set {text}: there is no node {str(error).rpartition(':')[2].strip()}") from None
+            sets[name] = [int(number) for number in numbers.split(",")]
+        except ValueError:
+            raise ModelError(f"--set {text}: give NAME=N,N,..., with numbers of nodes") from None
+    names = (*MATRICES, *importing.OPTIONS)
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    model = importing.from_files(sets=sets, **given)
+    for note in model.notes:
+        print(note)
     _add_loads(model, options.load)
     model.validate()
     _write(model, options)

@@ -6,7 +6,7 @@ import os
 import stat
 from typing import Any
 
-_EXTRAS = {"matplotlib": "plot", "meshio": "fe", "skfem": "fe"}  # of pyproject.toml
+_EXTRAS = {"matplotlib": "plot", "meshio": "fe", "pyyeti": "op4", "ross": "ross", "skfem": "fe"}  # of pyproject.toml
 
 
 class ModelError(Exception):

@@ -1,9 +1,10 @@
-"""Matrices of other programs: Matrix Market, npz, CalculiX, Abaqus, Nastran."""
+"""Structures of files of other programs."""
 
 from __future__ import annotations
 
 import bz2
 import gzip
+import re
 import zipfile
 import zlib
 from collections import Counter
@@ -14,12 +15,14 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from nhbm import bulk_data
-from nhbm.errors import ModelError
-from nhbm.meshes import DIRECTIONS, name_frames
-from nhbm.structure import Structure, check_labels
+from nhbm import bulk_data, matrix_files, substructures
+from nhbm.errors import ModelError, among
+from nhbm.meshes import DIRECTIONS, add_mesh, name_frames
+from nhbm.structure import MATRICES, Structure, check_labels
 
 ANGLES = ("rx", "ry", "rz")
+OPTIONS = ("calculix", "abaqus", "nastran", "ansys", "substructure", "op4", "matlab", "ross", "labels", "mesh", "in_order",
+           "drop_empty", "speed", "frequency", "units")  # fmt: skip
 _OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open}  # as mmread takes them
 _CONSTRAINED = 1e30  # [N/m]: what Abaqus adds to the stiffness of constrained degrees of freedom, 1e36, and no structure has
 _COORDINATES = {3: "it may be of FORMAT=COORDINATE, which has no nodes; write FORMAT=MATRIX INPUT, the default"}
@@ -28,15 +31,140 @@ _CYCLIC = ("; of a *CYCLIC SYMMETRY MODEL there are twice as many rows, real and
 _SMALL, _MOST_COMPRESSED = 2**26, 50  # bytes, and bytes a compressed byte, of matrices; those of finite elements have up to 30
 
 
-def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **more: Any) -> Structure:
-    """Structure of matrices in Matrix Market (.mtx, .mm) or npz files, one a matrix."""
-    matrices = {name: read_matrix(path) for name, path in paths.items()}
-    if labels is None:
-        labels = [f"x{i + 1}" for i in range(next(iter(matrices.values())).shape[0])]
-    for name, matrix in matrices.items():
-        if matrix.shape[0] != len(labels):
-            raise ModelError(f"file '{paths[name]}': matrix '{name}' has {matrix.shape[0]} rows, there are {len(labels)} labels")
-    return Structure(**matrices, **nodes_of_labels(labels), **more)
+def from_files(  # noqa: PLR0913
+    calculix: Any = None, abaqus: bool = False, nastran: Any = None, ansys: Any = None, substructure: Any = None, op4: Any = None,
+    matlab: Any = None, ross: Any = None, labels: Any = None, mesh: Any = None, in_order: bool = False, drop_empty: bool = False,
+    sets: dict[str, list[int]] | None = None, speed: float | None = None, frequency: float | None = None, units: str = "m kg s",
+    **matrices: Any,
+) -> Structure:  # fmt: skip
+    """Structure of files of another program; the arguments are the options of `nhbm-model import`, docs/user/programs.md."""
+    unknown = next((name for name in matrices if name not in MATRICES), "")
+    if unknown:
+        raise ModelError(f"there is no option and no matrix '{unknown}'{among(unknown, [*MATRICES])}")
+    given = {name: value for name, value in matrices.items() if value}
+    programs = {"calculix": calculix, "nastran": nastran, "ansys": ansys, "substructure": substructure, "op4": op4,
+                "matlab": matlab, "ross": ross}  # fmt: skip
+    chosen = [name for name, value in programs.items() if value is not None] + ["abaqus"] * bool(abaqus)
+    if len(chosen) > 1:
+        raise ModelError(f"give one of --{' and --'.join(chosen)}")
+    program = chosen[0] if chosen else ""
+    needs_names = program in ("", "abaqus", "nastran", "op4", "matlab")
+    if needs_names and not {"mass", "stiffness"} <= set(given):
+        of_program = f"the names of matrices of {programs[program]}" if program in programs else ""
+        raise ModelError(f"give --mass and --stiffness, {of_program or 'or a file of a program, such as --calculix or --ansys'}")
+    if not needs_names and given:
+        raise ModelError(f"--{next(iter(given))} does not belong to --{program}, which has its own matrices")
+    if (speed is not None or frequency is not None) and program != "ross":
+        raise ModelError("--speed and --frequency belong to --ross")
+    names = labels if labels is None or isinstance(labels, list) else read_labels(labels)
+    if names is not None and program not in ("", "op4", "matlab"):
+        raise ModelError(f"--labels does not belong to --{program}, which names its degrees of freedom")
+    more: dict[str, Any] = {"unit_system": units}
+    if program == "calculix":
+        model = from_calculix(calculix, source=f"CalculiX: {calculix}", **more)
+    elif program == "nastran":
+        model = from_nastran(nastran, given, source=f"Nastran: {nastran}", **more)
+    elif program == "abaqus":
+        model = from_abaqus(given, source="Abaqus: " + ", ".join(map(str, given.values())), **more)
+    elif program == "ansys":
+        model = _from_ansys(ansys, more)
+    elif program == "substructure":
+        found, pairs = substructures.read_substructure(substructure)
+        rows = [f"n{node}.{DIRECTIONS[direction]}" for node, direction in pairs]
+        model = Structure(**found, **nodes_of_labels(_checked(rows, substructure)), source=f"Abaqus: {substructure}", **more)
+    elif program == "ross":
+        model = _from_ross(ross, speed, frequency, more)
+    else:
+        reader = {"op4": matrix_files.read_output4, "matlab": matrix_files.read_matlab}.get(program)
+        path = programs.get(program)
+        read = {name: read_matrix(file) for name, file in given.items()} if reader is None else reader(path, given)
+        for name in {"mass", "stiffness"} - set(read):
+            raise ModelError(f"file '{path}': '{given[name]}' is a single zero")
+        model = _with_labels(read, names, ", ".join(map(str, given.values())) if reader is None else f"{program}: {path}", more)
+        if labels is not None and not isinstance(labels, list) and Path(labels).suffix.lower() in (".asm", ".pch", ".bdf"):
+            model.notes += name_frames(model, bulk_data.frames_of(labels))
+    _drop_empty(model, drop_empty)
+    if mesh is not None:
+        model.notes += [f"{mesh}: {note}" for note in add_mesh(model, mesh, in_order)]
+    _add_sets(model, sets or {})
+    model.validate()
+    return model
+
+
+def _from_ansys(path: Any, more: dict[str, Any]) -> Structure:
+    from nhbm import ansys
+
+    found, rows, held = ansys.read_full(path)
+    labels = [f"n{node}.{direction}" for node, direction in rows]
+    model = Structure(**found, **nodes_of_labels(_checked(labels, path)), source=f"Ansys: {path}", **more)
+    if held:
+        shown = ", ".join(f"n{node}.{direction}" for node, direction in held[:3]) + ", ..." * (len(held) > 3)
+        model.notes.append(f"{path}: {len(held)} constrained degrees of freedom are left out: {shown}")
+    return model
+
+
+def _from_ross(rotor: Any, speed: float | None, frequency: float | None, more: dict[str, Any]) -> Structure:
+    from nhbm import ross_rotors
+
+    found, rows, positions = ross_rotors.read_rotor(rotor, speed, frequency)
+    labels = [f"n{node}.{direction}" for node, direction in rows]
+    source = f"ROSS: {rotor}" if isinstance(rotor, (str, Path)) else "ROSS"
+    model = Structure(**found, **nodes_of_labels(labels), source=source, **more)
+    model.coordinates = positions
+    model.cell_types = np.full(len(positions) - 1, 3)
+    model.cell_starts = 2 * np.arange(len(positions))
+    order = np.argsort(positions[:, 2], kind="stable")
+    model.cell_nodes = np.column_stack([order[:-1], order[1:]]).ravel()
+    return model
+
+
+def _with_labels(read: dict[str, Any], names: list[str] | None, source: str, more: dict[str, Any]) -> Structure:
+    """Structure of matrices and names of their rows, which are made valid."""
+    n = next(iter(read.values())).shape[0]
+    given = names or [f"x{i + 1}" for i in range(n)]
+    for name, matrix in read.items():
+        if matrix.shape[0] != len(given):
+            raise ModelError(f"{source}: matrix '{name}' has {matrix.shape[0]} rows, there are {len(given)} labels")
+    labels = _checked(valid_labels(given), "labels") if names else given
+    model = Structure(**read, **nodes_of_labels(labels), source=source, **more)
+    if labels != given:
+        model.original_labels = given
+        one, made = next((a, b) for a, b in zip(given, labels) if a != b)
+        model.notes.append(f"labels were made valid, such as {one}: {made}; the model file keeps the original ones")
+    return model
+
+
+def _drop_empty(model: Structure, is_wanted: bool) -> None:
+    """Rows without mass and stiffness are named, or left out."""
+    entries = sum(abs(matrix) + abs(matrix).T for matrix in model.matrices().values())
+    empty = np.flatnonzero(np.asarray(entries.sum(axis=1)).ravel() == 0)
+    if not len(empty):
+        return
+    first = model.labels[empty[0]]
+    which = f"{len(empty)} of {model.n_dofs} degrees of freedom, the first of which is {first} (row {empty[0] + 1}),"
+    why = "as constrained ones that a file keeps"
+    if not is_wanted:
+        model.notes.append(f"{which} have neither mass nor stiffness, {why}; --drop-empty leaves them out")
+        return
+    if len(empty) == model.n_dofs:
+        raise ModelError("all rows of the matrices are empty")
+    model.notes.append(f"{which} have neither mass nor stiffness, {why}, and are left out")
+    kept = np.setdiff1d(np.arange(model.n_dofs), empty)
+    for name, matrix in model.matrices().items():
+        setattr(model, name, sp.csr_matrix(matrix[kept][:, kept]))
+    for name in ("labels", "units", "dof_direction", "original_labels"):
+        values = getattr(model, name)
+        setattr(model, name, None if values is None else [values[i] for i in kept])
+    model.dof_node = np.asarray(model.dof_node)[kept]
+
+
+def _add_sets(model: Structure, sets: dict[str, list[int]]) -> None:
+    index = {int(number): i for i, number in enumerate(model.node_numbers)}
+    for name, numbers in sets.items():
+        absent = next((number for number in numbers if number not in index), None)
+        if absent is not None:
+            raise ModelError(f"set {name}: there is no node {absent}")
+        model.sets[name] = np.array([index[number] for number in numbers])
 
 
 def read_matrix(path: Any) -> sp.csr_matrix:
@@ -46,25 +174,19 @@ def read_matrix(path: Any) -> sp.csr_matrix:
         _check_size(path)
         if path.suffix == ".npy":
             raise ValueError("it is a dense array of NumPy; scipy.sparse.save_npz writes one that is read here, as .npz")
-        if path.suffix != ".npz" and not _has_sizes(path):
+        if path.suffix.lower() in matrix_files.HARWELL_BOEING:
+            matrix = matrix_files.read_harwell_boeing(path)
+        elif path.suffix != ".npz" and not _has_sizes(path):
             raise ValueError("it ends before the line with the sizes")
-        matrix = sp.load_npz(path) if path.suffix == ".npz" else scipy.io.mmread(path)
+        else:
+            matrix = sp.load_npz(path) if path.suffix == ".npz" else scipy.io.mmread(path)
         if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
             matrix.check_format()  # indices, which SciPy does not look at when it loads them
         matrix = sp.csr_matrix(matrix)
     except (ValueError, TypeError, OSError, KeyError, IndexError, MemoryError, EOFError, NotImplementedError, zipfile.BadZipFile,
             zlib.error) as error:  # fmt: skip
         raise ModelError(f"file '{path}' holds no sparse matrix: {error}{_of_abaqus(path)}") from None
-    if matrix.dtype.kind not in "fiub":
-        kind = "complex" if matrix.dtype.kind == "c" else f"of type {matrix.dtype}"
-        raise ModelError(f"file '{path}': the matrix is {kind}, not real; give an imaginary part of K as --structural")
-    if matrix.shape[0] != matrix.shape[1] or 0 in matrix.shape:
-        raise ModelError(f"file '{path}': the matrix is {matrix.shape[0]} x {matrix.shape[1]}, not square")
-    if not np.isfinite(matrix.data).all():
-        at = matrix.tocoo()
-        e = int(np.argmin(np.isfinite(at.data)))
-        raise ModelError(f"file '{path}': the entry in row {at.row[e] + 1}, column {at.col[e] + 1} is not a finite number")
-    return matrix
+    return matrix_files.checked(matrix, path)
 
 
 def _of_abaqus(path: Path) -> str:
@@ -105,8 +227,33 @@ def _has_sizes(path: Path) -> bool:
 
 
 def read_labels(path: Any) -> list[str]:
-    """Labels, a line each."""
-    return _checked(_text(path).split(), path)
+    """Labels, a line each; of Ansys' mapping file row, node and direction a line, of Nastran's .asm and .pch the entry EXTRN."""
+    path = Path(path)
+    if path.suffix.lower() in (".asm", ".pch", ".bdf"):
+        found = [f"n{point}.{DIRECTIONS.get(component, 's')}" for point, component in bulk_data.external_rows(path)]
+        return _checked(found, path)
+    text = _text(path)
+    rows = [match.groups() for match in re.finditer(r"^\s*(\d+)\s+(\d+)\s+([A-Za-z]+)\s*$", text, re.MULTILINE)]
+    if rows:
+        if [int(row) for row, _, _ in rows] != list(range(1, len(rows) + 1)):
+            raise ModelError(f"file '{path}': rows must count from 1 to {len(rows)}")
+        return [f"{node}.{direction}" for _, node, direction in rows]
+    return text.split()
+
+
+def valid_labels(given: list[str]) -> list[str]:
+    """Labels as the input needs them: node and direction, `11.1`, `12:UX`, `1X+`, become `n11.x`; others that do not begin by a
+    letter get a d in front."""
+    found = []
+    for label in given:
+        match = re.fullmatch(r"[nN]?(\d+)[.:_ ]?(?:(ROT|R|U|)([XYZ])\+?|(?<=[.:_ ])([1-6]))", label.upper())
+        if match and match[4]:
+            found.append(f"n{match[1]}.{DIRECTIONS[int(match[4])]}")
+        elif match:
+            found.append(f"n{match[1]}.{'r' if match[2] in ('R', 'ROT') else ''}{match[3].lower()}")
+        else:
+            found.append(label if label[:1].isalpha() else f"d{label}")
+    return found
 
 
 def _checked(labels: list[str], path: Any) -> list[str]:
@@ -157,8 +304,8 @@ def from_calculix(stem: Any, **more: Any) -> Structure:
         raise ModelError(f"file '{files['labels']}' names no degree of freedom")
     repeated = next((label for label, n in Counter(labels).items() if n > 1), "")
     if repeated:
-        raise ModelError(f"file '{files['labels']}' names {repeated} more than once: CalculiX expands beams, shells, plane elements "
-                         "to nodes of its own, which have the numbers of yours; model the part by solid elements")  # fmt: skip
+        raise ModelError(f"file '{files['labels']}' names {repeated} twice: CalculiX expands beams, shells, plane elements to "
+                         "nodes of its own, which have the numbers of yours; model the part by solid elements")  # fmt: skip
     n = len(_checked(labels, files["labels"]))
     matrices = {name: _triangle(files[name], n, _CYCLIC) for name in ("stiffness", "mass")}
     return Structure(**matrices, **nodes_of_labels(labels), **more)

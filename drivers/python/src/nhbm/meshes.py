@@ -32,12 +32,12 @@ class Mesh:
 
 def read_mesh(path: Any) -> Mesh:
     """Mesh of a file, its format by the end of the name: decks of Abaqus and CalculiX (.inp), bulk data of Nastran (.bdf, .dat,
-    .nas, .fem, .pch, .asm), all others by meshio."""
-    from nhbm import bulk_data, decks
+    .nas, .fem, .pch, .asm), Ansys (.cdb), all others by meshio."""
+    from nhbm import ansys, bulk_data, decks
 
     path = Path(path)
     check_file(path)
-    readers = {".inp": decks.read_deck}
+    readers = {".inp": decks.read_deck, ".cdb": ansys.read_cdb}
     readers |= dict.fromkeys((".bdf", ".dat", ".nas", ".fem", ".pch", ".asm"), bulk_data.read_mesh)
     return readers.get(path.suffix.lower(), _by_meshio)(path)
 

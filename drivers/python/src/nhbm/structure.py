@@ -73,6 +73,8 @@ class Structure:
     source: str = ""
     recovery: Recovery | Any = None  # None: there is none
     up_to: float | None = None  # frequencies that a reduced model is for [rad/s]
+    original_labels: list[str] | None = None  # as another program has them
+    notes: list[str] = field(default_factory=list)  # what an import has left out or changed; not part of the file
 
     def __repr__(self) -> str:
         parts = [f"{self.n_dofs} degrees of freedom", f"{self.stiffness.nnz} entries of the stiffness"]
@@ -223,6 +225,27 @@ class Structure:
             file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
         if self.up_to is not None:
             file["up_to"] = np.array([self.up_to])
+        if self.original_labels is not None:
+            file.create_dataset("original_labels", data=self.original_labels, dtype=texts)
+
+    @classmethod
+    def from_files(cls, **options: Any) -> Structure:
+        """A structure from files of another program, as `nhbm-model import` makes it.
+
+        Parameters
+        ----------
+        **options
+            Those of `nhbm-model import` by their names: ``ansys="file.full"``, ``mesh="file.cdb"``, ``ross=rotor`` (also an
+            object), ``speed=700.0`` [rad/s], ``stiffness=...``, ``labels=...`` (also a list), ``sets={"tip": [12, 13]}``, ...
+
+        Returns
+        -------
+        Structure
+            With `notes` on what was left out. ModelError where something is missing.
+        """
+        from nhbm.importing import from_files
+
+        return from_files(**options)
 
     @classmethod
     def read(cls, path: Any) -> Structure:
@@ -277,6 +300,8 @@ class Structure:
             more["recovery"] = Recovery(matrix, node, _texts(file, "recovery/direction"))
         if "up_to" in file:
             more["up_to"] = float(_values(file, "up_to")[0])
+        if "original_labels" in file:
+            more["original_labels"] = _texts(file, "original_labels")
         return cls(
             labels=labels,
             units=_texts(file, "units"),
