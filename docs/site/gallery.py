@@ -69,7 +69,7 @@ def draw(source: Path, picture: Path) -> str:
             try:
                 done = subprocess.run(list(map(str, step)), cwd=folder, capture_output=True, text=True, timeout=LIMIT)
             except subprocess.TimeoutExpired:
-                return f"not drawn: {step[0]} takes longer than {LIMIT:.0f} s"
+                return f"left out: {step[0]} takes longer than {LIMIT:.0f} s here"
             allowed = (0, 4) if step[:2] == ["nhbm", "solve"] else (0,)  # points without a motion are drawn as such
             if done.returncode not in allowed or (step is steps[-1] and not picture.exists()):
                 return f"not drawn: {done.stderr.strip().splitlines()[-1]}"
