@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.rotors import Rotor as Rotor
     from nhbm.session import Session as Session
     from nhbm.structure import Structure as Structure
+    from nhbm.universal_files import read_uff as read_uff
 
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use
@@ -39,6 +40,7 @@ _LATER = {  # what needs NumPy and more is imported at the first use
     "Beam": "builders", "Chain": "builders",
     "Jeffcott": "builders", "Matrices": "builders", "ModalBeam": "builders", "RotorStator": "builders", "Rotor": "rotors",
     "Session": "session", "Structure": "structure", "input_keys": "keys",
+    "read_uff": "universal_files",
 }  # fmt: skip
 __all__ = ["ModelError", "__version__", *_LATER]
 

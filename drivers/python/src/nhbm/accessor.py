@@ -140,6 +140,24 @@ class Accessor:
 
         tables.write_mat(self._dataset, Path(path))
 
+    def to_uff(self, path: str | Path, dof: str, tuple_: Any = 1, force: float | None = None) -> None:
+        """Writes a harmonic of the displacement over the frequency as a universal file (dataset 58), for test software.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; an existing one is replaced.
+        dof : str
+            Degree of freedom; node and direction of a name such as "n12.z" are those of the file.
+        tuple_ : int or tuple
+            Which harmonic.
+        force : float, optional
+            Amplitude of the load [N]: written is the receptance; default: the displacement [m], as a spectrum.
+        """
+        from nhbm import tables
+
+        tables.write_uff(self._dataset, Path(path), dof, tuple_, force)
+
     def orbit(self, dof: str | None = None, other: str | None = None) -> Any:
         """Draws a motion in the phase plane, or over another degree of freedom; for several tones with its section.
 

@@ -103,6 +103,8 @@ def parser() -> argparse.ArgumentParser:
                                    "sweep (up, down), sigma, values of the input by path; the two files may stand in either "
                                    "order")  # fmt: skip
     verb.add_argument("--by", action="append", required=True, metavar="PATH", help="a parameter, such as law(stop)%%gap")
+    verb.add_argument("--force", type=float, metavar="N", help="amplitude of the force of a universal file (.uff)")
+    verb.add_argument("--function", metavar="NAME", help="which one of a universal file, such as 12:+Z/3:+Z")
     verb.add_argument("--of", required=True, metavar="RESPONSE", help="the harmonic that was measured, such as 'x1 (1)'")
     verb.add_argument("--order", type=int, metavar="N", help="order of the harmonics")
     verb.add_argument("--tolerance", type=float, metavar="T", help="instead: relative error of the motions (default: 0.01)")
@@ -281,7 +283,7 @@ def _named(option: str, text: str, form: str) -> tuple[str, str]:
 
 
 def run_fit(options: Any) -> int:
-    if options.data.endswith(".nml") or options.input.lower().endswith(".csv"):
+    if options.data.endswith(".nml") or options.input.lower().endswith((".csv", ".uff", ".unv")):
         options.input, options.data = options.data, options.input
     if bool(options.other) != bool(options.or_by):
         raise ModelError("--or names another input and --or-by, once or more, the parameters of that input: give both")
@@ -293,11 +295,16 @@ def run_fit(options: Any) -> int:
         raise ModelError("--or names the same input; another law needs an input of its own")
     from nhbm.fitting import compare_fits, fit  # after what needs no packages
     from nhbm.model import Model
+    from nhbm.universal_files import read_uff
 
+    is_universal = options.data.lower().endswith((".uff", ".unv", ".uf"))
+    if not is_universal and (options.force is not None or options.function is not None):
+        raise ModelError("--force and --function belong to universal files (.uff)")
+    data = read_uff(options.data, options.force, options.function) if is_universal else options.data
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConverged)  # printed with the fit
         warnings.filterwarnings("ignore", ".* a model leaves out ", Implausible)  # a fit has frequencies of its own
-        fits = {name: fit(Model.from_file(name), options.data, paths, options.of, order=options.order, tolerance=options.tolerance,
+        fits = {name: fit(Model.from_file(name), data, paths, options.of, order=options.order, tolerance=options.tolerance,
                           noise=options.noise, controlled=options.controlled) for name, paths in by.items()}  # fmt: skip
     found = fits[options.input]
     if options.other:

@@ -224,9 +224,10 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     model : Model
         The model, whose present values are the first guess. It is not changed.
     data : str, Path, dict or pandas.DataFrame
-        A CSV file, or columns by name: `frequency` [rad/s] or `hertz` [Hz], `amplitude` in the unit of the degree of freedom and,
-        optionally, `phase` of the response [rad], negative where it lags behind a cosine; `sweep`, "up" or "down"; `sigma`, the
-        standard deviation of an amplitude. Any other column is a value of the model by its path, "load[0].cos".
+        A CSV file, what `read_uff` returns, or columns by name: `frequency` [rad/s] or `hertz` [Hz], `amplitude` in the unit of
+        the degree of freedom and, optionally, `phase` of the response [rad], negative where it lags behind a cosine; `sweep`,
+        "up" or "down"; `sigma`, the standard deviation of an amplitude. Any other column is a value of the model by its path,
+        "load[0].cos".
     by : iterable of str
         Paths of the parameters, "stop.gap".
     of : str

@@ -13,6 +13,7 @@ import numpy as np
 from nhbm import doubts
 from nhbm.errors import Implausible, ModelError
 from nhbm.paths import path_of
+from nhbm.universal_files import read_uff
 from nhbm.values import numbers_of
 
 if TYPE_CHECKING:
@@ -138,8 +139,11 @@ def measured_sets(data: Any, model: Model, at: str, noise: float | None, control
 
 
 def _read(path: Path) -> Any:
-    """The table of a CSV file."""
+    """The table of a CSV file, or of a universal file."""
     import pandas
+
+    if path.suffix.lower() in (".uff", ".unv", ".uf"):
+        return read_uff(path)
 
     try:
         with open(path, encoding="utf-8") as file:

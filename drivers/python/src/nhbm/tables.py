@@ -83,3 +83,24 @@ def write_mat(data: xr.Dataset, path: Path) -> None:
     variables["axes"] = {str(name): " ".join(map(str, data[name].dims)) for name in data.variables if data[name].dims}
     with writing(path) as name:
         savemat(str(name), variables, long_field_names=True, appendmat=False, oned_as="column")
+
+
+def write_uff(data: xr.Dataset, path: Path, dof: str, tuple_: Any, force: float | None) -> None:
+    """A harmonic of the displacement over its frequency as a function of a universal file; points without a motion are left out."""
+    from nhbm import universal_files
+
+    check_result(data)
+    if force is not None and not 0 < force < np.inf:
+        raise ModelError(f"the force is an amplitude [N] above 0, not {force}")
+    harmonic = data.nhbm.harmonic(dof, tuple_)
+    numbers = np.atleast_1d(tuple_)
+    omega = np.abs((data["frequency"].values[..., : len(numbers)] * numbers).sum(axis=-1))
+    values, hertz = np.atleast_1d(harmonic.values), np.atleast_1d(omega) / (2 * np.pi)
+    known = np.isfinite(values)
+    if not known.any():
+        raise ModelError(f"no point has a motion of {dof}")
+    node, _, direction = dof.partition(".")
+    number = int(node[1:]) if node[:1] == "n" and node[1:].isdigit() else 0
+    place = number, f"+{direction.upper()}" if number else ""
+    with writing(path) as name:
+        universal_files.write_uff(name, hertz[known], values[known] / (force or 1.0), place, force is not None, f"nhbm: {dof}")
