@@ -2,6 +2,9 @@
 contact, and each of them damaged."""
 
 import importlib.util
+import re
+import shutil
+import sys
 import warnings
 from pathlib import Path
 
@@ -15,6 +18,9 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 import nhbm
 from nhbm import ModelError, Structure, meshes
 from nhbm.command import main
+
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "why" / "programs.md"
 
 
 def package(name):
@@ -482,3 +488,27 @@ def test_options_that_do_not_fit(options, message):
     with pytest.raises(ModelError) as raised:
         Structure.from_files(**options)
     assert message in str(raised.value)
+
+
+# The page
+
+RECIPES = re.split(r"^### ", (PAGE.read_text(encoding="utf-8")).split("## Recipes")[1], flags=re.MULTILINE)[1:]
+NEEDS = {"Ansys": "ansys.mapdl.reader", "Abaqus": "abaqus_mtx_parser", "ROSS": "ross", "Gmsh and CalculiX": "gmsh",
+         "Measurements": "pyuff"}  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda text: text.split("\n")[0])
+def test_recipe_of_the_page(recipe, tmp_path):
+    name = recipe.split("\n")[0]
+    if importlib.util.find_spec(NEEDS[name].split(".")[0]) is None:
+        pytest.skip(f"{NEEDS[name]} is not installed (tests/doors)")
+    if "ccx" in recipe and not shutil.which("ccx"):
+        pytest.skip("CalculiX (calculix-ccx) is not installed")
+    sys.path.insert(0, str(PAGE.parents[2] / "tests" / "cases"))
+    from page_runner import run_page
+
+    (tmp_path / "page.md").write_text(recipe)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run_page(tmp_path / "page.md", tmp_path)
