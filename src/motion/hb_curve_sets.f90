@@ -88,7 +88,7 @@ contains
       if (self%estimate <= ample*self%model%options%accuracy%tolerance) &
          call shrink(self, self%model%system, refined%whole, self%model%options, error)
       if (allocated(error)) return
-      first = self%curve_state_t
+      call self%save_state(first)
       call effort%enter(huge(1.0_wp))
       call refine(refined, ending)
       call effort%leave()
@@ -114,7 +114,7 @@ contains
          if (allocated(self%error) .or. .not. is_solved) return
       end if
       self%motion%n_levels = self%n_levels + 1
-      self%here = self%motion%curve_state_t
+      call self%motion%save_state(self%here)
       call step_here(self)
       associate (status => self%motion%curve%status)
          self%is_stalled = status == outcome%stalled
@@ -346,7 +346,7 @@ contains
       call choose_smaller(system, discretisation, options, smaller, is_smaller)
       if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
-      here = self%curve_state_t
+      call self%save_state(here)
       call change_set(self, smaller, is_found, error)
       if (allocated(error)) return
       if (is_found) then                                              ! otherwise an event would be reported twice, or never
@@ -379,24 +379,18 @@ contains
       end do
    end subroutine describe_all
 
-   !> Restores a state of the curve; the work remains counted.
+   !> Restores a state of the curve on its set; the work remains counted.
    subroutine restore_curve(self, here, error)
       class(observed_motion_t), intent(inout), target :: self
       type(curve_state_t), intent(in) :: here
       type(error_t), allocatable, intent(out) :: error
-      type(report_t) :: report
 
       call self%adopt_level(here%level, error)
       if (allocated(error)) return
       call self%transfer_start()
-      report = self%curve%report
-      self%curve = here%curve
+      call self%restore_state(here)
       self%curve%problem%has_preconditioner = .false.                 ! the balance is another one
-      self%curve%report = report
-      call self%restrict_to_symmetry()
       self%first_waiting = size(self%waiting) + 1
-      self%largest = here%largest
-      self%at_point = here%at_point
       call self%update_units()
    end subroutine restore_curve
 

@@ -42,7 +42,8 @@ module hb_followed_motion
    real(wp), parameter :: without_laws = 2.5_wp                       ! steps are so much longer: 30 points of a resonance circle
    real(wp), parameter :: max_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
 
-   !> A curve at one of its points, to which it can go back.
+   !> A curve at one of its points, to which it can go back. One that was saved points at no problem: those of its set may be
+   !> freed before it is restored.
    type :: curve_state_t
       type(level_t) :: level                                          !! present set and grid
       type(curve_t) :: curve
@@ -82,6 +83,8 @@ module hb_followed_motion
       procedure :: adopt_level => followed_motion_adopt_level
       procedure :: make_curve => followed_motion_make_curve
       procedure :: config => followed_motion_config
+      procedure :: save_state => followed_motion_save_state
+      procedure :: restore_state => followed_motion_restore_state
       procedure :: restrict_to_symmetry => followed_motion_restrict_to_symmetry
       procedure :: correct_on_plane => followed_motion_correct_on_plane
       procedure :: find_roughness => followed_motion_find_roughness
@@ -227,6 +230,29 @@ contains
       call new_bordered_problem(bordered, self%problem, self%problem%which, functionals, 0.0_wp*functionals(1, :))
       self%curve%problem = bordered
    end subroutine border
+
+   !> Saves the state at the present point.
+   subroutine followed_motion_save_state(self, state)
+      class(followed_motion_t), intent(in) :: self
+      type(curve_state_t), intent(out) :: state
+
+      state = self%curve_state_t
+      nullify (state%curve%problem%base)
+      if (allocated(state%curve%part)) deallocate (state%curve%part)
+   end subroutine followed_motion_save_state
+
+   !> Returns to a state on the present set, with the problems that exist now; the work remains counted.
+   subroutine followed_motion_restore_state(self, state)
+      class(followed_motion_t), intent(inout), target :: self
+      type(curve_state_t), intent(in) :: state
+      type(report_t) :: report
+
+      report = self%curve%report
+      self%curve_state_t = state
+      self%curve%report = report
+      self%curve%problem%base => self%problem
+      call self%restrict_to_symmetry()
+   end subroutine followed_motion_restore_state
 
    !> Restricts corrections to odd motions if curve and direction are odd; the tangent still detects branches of other
    !> motions.

@@ -94,11 +94,11 @@ contains
 
       call find_differences(before, here, differences)
       if (.not. differences%any()) return
-      after = self%curve_state_t
+      call self%save_state(after)
       call move_alloc(self%waiting, waiting)
       first_waiting = self%first_waiting
       is_closed = self%is_closed
-      self%curve_state_t = here
+      call self%restore_state(here)
       call self%prepare_step()
       passed = [waiting_t ::]
       position = 0.0_wp
@@ -108,8 +108,7 @@ contains
          call find_differences(before, self%curve_state_t, remaining)
          if (.not. remaining%any()) exit
       end do
-      after%curve%report = self%curve%report
-      self%curve_state_t = after
+      call self%restore_state(after)
       self%is_closed = is_closed
       self%first_waiting = 1
       self%waiting = [passed, waiting(first_waiting:)]
@@ -129,7 +128,7 @@ contains
       type(waiting_t), allocatable :: found(:)
 
       associate (curve => self%curve)
-         ending = self%curve_state_t
+         call self%save_state(ending)
          n_branch_points = curve%n_branch_points
          curve%direction = -curve%direction
          curve%orientation = -curve%orientation
@@ -141,7 +140,7 @@ contains
          curve%direction = -curve%direction
          curve%orientation = -curve%orientation
          call self%evaluate_here(self%at_point)
-         start = self%curve_state_t
+         call self%save_state(start)
          curve%last_x = start%curve%x
          curve%last_direction = start%curve%direction
          curve%last_step = dot_product((ending%curve%x - start%curve%x)/curve%units, start%curve%direction/curve%units)
@@ -157,7 +156,6 @@ contains
          found(i)%position = found(i)%position - position
       end do
       passed = [found, passed]
-      start%curve%report = self%curve%report
-      self%curve_state_t = start
+      call self%restore_state(start)
    end subroutine find_on_step_before
 end module hb_passed_events
