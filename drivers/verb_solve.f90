@@ -5,7 +5,7 @@ module verb_solve
    use exit_status, only: incomplete, not_all_right, success
    use explanation, only: status_lines
    use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
-   use hb_error, only: error_t, fail
+   use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_source
    use hb_idle_laws, only: describe_idle_law
    use hb_kinds, only: wp
@@ -70,7 +70,7 @@ contains
       type(study_t) :: study
 
       status = success
-      call load_stored_study(options%input, comm, study, error, options%overrides)
+      call load_stored_study(options%input, comm, study, error, options%overrides, options%retries)
       if (allocated(error)) return
       if (size(options%overrides) > 0) then
          if (rank_of(comm) == 0) call lengthen_curves(study, options%input, error)
@@ -477,15 +477,16 @@ contains
    end subroutine load_study
 
    !> Creates the study of the input that is stored in a result file, with further overrides, for more points of its curves.
-   subroutine load_stored_study(path, comm, study, error, overrides_of_curve)
+   subroutine load_stored_study(path, comm, study, error, overrides_of_curve, may_have_others)
       character(*), intent(in) :: path
       type(comm_t), intent(in) :: comm
       type(study_t), intent(out) :: study
       type(error_t), allocatable, intent(out) :: error
       type(string_t), intent(in), optional :: overrides_of_curve(:)
+      logical, intent(in), optional :: may_have_others                !! libraries of laws, as with --retry; default: no
       type(record_t) :: record
       type(string_t), allocatable :: overrides(:)
-      character(:), allocatable :: lines, name, text
+      character(:), allocatable :: files, lines, name, text
 
       if (rank_of(comm) == 0) then
          call read_record(record, path, error)
@@ -493,6 +494,7 @@ contains
             name = record%input_name                               ! files that it names are relative to the folder of the run
             if (kind_of_file(record%input_folder) == file_kind%folder) name = record%input_folder//last_name(name)
             text = record%input_text
+            files = record%input_libraries
             overrides = record%overrides
             if (present(overrides_of_curve)) call add_overrides(overrides, overrides_of_curve, record, path, error)
             lines = join(overrides, new_line("a"))
@@ -506,9 +508,14 @@ contains
       call broadcast_text(comm, name, 0)
       call broadcast_text(comm, text, 0)
       call broadcast_text(comm, lines, 0)
+      call broadcast_text(comm, files, 0)
       allocate (overrides(0))
       if (len(lines) > 0) call split(lines, new_line("a"), overrides)
-      call make_study(study, name, text, overrides, comm, error)
+      if (present(may_have_others)) then
+         if (may_have_others) deallocate (files)                       ! absent below
+      end if
+      call make_study(study, name, text, overrides, comm, error, files=files)
+      if (allocated(error) .and. allocated(files)) call annotate(error, "result file '"//path//"'")
    end subroutine load_stored_study
 
    !> Adds overrides of `&curve` to those of a file, in place of those of the same keys; fails if the file has no curve.
@@ -545,13 +552,14 @@ contains
 
    !> Creates a study on all ranks, one after the other: the first may have to reduce a model, and the others read the
    !> stored reduction.
-   subroutine make_study(study, name, text, overrides, comm, error, may_only_integrate)
+   subroutine make_study(study, name, text, overrides, comm, error, may_only_integrate, files)
       type(study_t), intent(out) :: study
       character(*), intent(in) :: name, text
       type(string_t), intent(in) :: overrides(:)
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: may_only_integrate             !! as of `new_study`
+      character(*), intent(in), optional :: files                     !! likewise
       type(string_t), allocatable :: lines(:)
       character(:), allocatable :: warning
       real(wp) :: memory
@@ -559,10 +567,10 @@ contains
 
       memory = memory_share(comm)
       call retain_freed_memory(retained_mebibytes(memory))
-      if (rank_of(comm) == 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate)
+      if (rank_of(comm) == 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate, files)
       call share_error(comm, error)
       if (allocated(error)) return
-      if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate)
+      if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate, files)
       call share_error(comm, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
       warning = model_text(study%model, study%document)

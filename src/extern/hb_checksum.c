@@ -171,7 +171,14 @@ int hb_checksum_of_library(void (*function)(void), uint32_t *checksum, long long
    *checksum = 0;
    *n_bytes = 0;
    if (dladdr(place.address, &where) == 0 || where.dli_fname == NULL) return -1;
-   const int descriptor = open(where.dli_fname, O_RDONLY | O_CLOEXEC);
+   return hb_checksum_of_file(where.dli_fname, checksum, n_bytes);
+}
+
+int hb_checksum_of_file(const char *path, uint32_t *checksum, long long *n_bytes)
+{
+   *checksum = 0;
+   *n_bytes = 0;
+   const int descriptor = open(path, O_RDONLY | O_CLOEXEC);
    if (descriptor < 0) return -1;
    unsigned char buffer[65536];
    ssize_t n;

@@ -6,7 +6,7 @@ module hb_checksum
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: bytes_in, checksum, checksum_of_zeros, checksum_rows, library_fingerprint
+   public :: bytes_in, checksum, checksum_of_zeros, checksum_rows, file_fingerprint, library_fingerprint
 
    !> The bytes of values, without a copy.
    interface bytes_in
@@ -33,6 +33,13 @@ module hb_checksum
          integer(c_long_long), value :: offset, row_bytes, n_rows
          integer(c_int32_t), intent(inout) :: checksums(*)
       end function hb_checksum_rows
+
+      integer(c_int) function hb_checksum_of_file(path, sum, n_bytes) bind(c, name="hb_checksum_of_file")
+         import :: c_char, c_int, c_int32_t, c_long_long
+         character(c_char), intent(in) :: path(*)
+         integer(c_int32_t), intent(out) :: sum
+         integer(c_long_long), intent(out) :: n_bytes
+      end function hb_checksum_of_file
 
       integer(c_int) function hb_checksum_of_library(address, sum, n_bytes) bind(c, name="hb_checksum_of_library")
          import :: c_funptr, c_int, c_int32_t, c_long_long
@@ -107,9 +114,27 @@ contains
       integer(c_long_long) :: n_bytes
 
       text = "unknown"
-      if (hb_checksum_of_library(address, sum, n_bytes) /= 0) return
-      write (text, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", n_bytes, " bytes"
+      if (hb_checksum_of_library(address, sum, n_bytes) == 0) text = fingerprint_of(sum, n_bytes)
    end function library_fingerprint
+
+   !> The same of a library that is not loaded; "unknown" if the file cannot be read.
+   function file_fingerprint(path) result(text)
+      character(*), intent(in) :: path
+      character(60) :: text
+      integer(c_int32_t) :: sum
+      integer(c_long_long) :: n_bytes
+
+      text = "unknown"
+      if (hb_checksum_of_file(path//c_null_char, sum, n_bytes) == 0) text = fingerprint_of(sum, n_bytes)
+   end function file_fingerprint
+
+   function fingerprint_of(sum, n_bytes) result(text)
+      integer(c_int32_t), intent(in) :: sum
+      integer(c_long_long), intent(in) :: n_bytes
+      character(60) :: text
+
+      write (text, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", n_bytes, " bytes"
+   end function fingerprint_of
 
    function bytes_in_integers(values) result(bytes)
       integer, intent(in), contiguous, target :: values(..)

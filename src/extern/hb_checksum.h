@@ -15,7 +15,10 @@ uint32_t hb_add_zeros_to_checksum(uint32_t checksum, size_t n_bytes);
    store are zero and are not read. Returns 0, or -1 if the file cannot be read there. */
 int hb_checksum_rows(const char *path, long long offset, long long row_bytes, long long n_rows, uint32_t *checksums);
 
-/* Checksum and length of the file from which the code of a function was loaded. Returns 0, or -1 if it cannot be read. */
+/* Checksum and length of a file. Returns 0, or -1 if it cannot be read. */
+int hb_checksum_of_file(const char *path, uint32_t *checksum, long long *n_bytes);
+
+/* The same of the file from which the code of a function was loaded. */
 int hb_checksum_of_library(void (*function)(void), uint32_t *checksum, long long *n_bytes);
 
 #endif

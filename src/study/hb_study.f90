@@ -11,6 +11,7 @@ module hb_study
    use hb_model_reader, only: read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
+   use hb_named_files, only: refuse_other_libraries
    use hb_operating_system, only: folder_of
    use hb_options, only: callbacks_t, purpose_t, share_of_integrated
    use hb_outcome, only: outcome
@@ -50,7 +51,7 @@ module hb_study
 contains
 
    !> Reads the text of an input file with its overrides; fails with all problems of the first point and of the sweep.
-   subroutine new_study(self, file_name, text, overrides, error, available_memory, may_only_integrate)
+   subroutine new_study(self, file_name, text, overrides, error, available_memory, may_only_integrate, files)
       type(study_t), intent(out), target :: self
       character(*), intent(in) :: file_name                           !! for messages
       character(*), intent(in) :: text
@@ -58,6 +59,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       logical, intent(in), optional :: may_only_integrate             !! see `purpose_t`; default: false
+      character(*), intent(in), optional :: files                     !! of the run whose result file contains the input: no other
+                                                                      !! library is loaded
       type(document_t), target :: first
       type(curve_request_t), allocatable :: request
       type(tones_t) :: tones
@@ -66,6 +69,7 @@ contains
       self%input_text = text
       self%input_overrides = join(overrides, new_line("a"))
       call read_input(self%document, file_name, text, overrides, error)
+      if (present(files) .and. .not. allocated(error)) call refuse_other_libraries(self%document, files, error)
       if (allocated(error)) return
       call read_sweep_plan(self%plan, self%document, error)
       if (allocated(error)) return

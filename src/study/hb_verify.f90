@@ -202,7 +202,8 @@ contains
       folder = stored%input_folder                                    ! files that the input names are relative to its folder
       if (len(folder) == 0) folder = stored%input_name(:index(stored%input_name, "/", back=.true.))
       if (.not. allocated(error)) call new_study(stored%study, &
-         folder//path(index(path, "/", back=.true.) + 1:)//": input_complete", stored%input_complete, [string_t ::], error)
+         folder//path(index(path, "/", back=.true.) + 1:)//": input_complete", stored%input_complete, [string_t ::], error, &
+         files=stored%input_libraries)
       if (allocated(error)) return
       if (.not. are_same_files(stored%study%libraries(), stored%input_libraries)) call fail(error, "'"//path// &
          "' was made with another model or another library of a law, which is needed to verify it"//new_line("a")// &

@@ -168,8 +168,10 @@ def test_verify_takes_the_library_of_the_run(tmp_path):
     assert done.status == ALL_CONVERGED and "agrees" in done.stdout, done.stdout + done.stderr
     assert not (elsewhere / "loaded").exists()
     shutil.copy(elsewhere / "rogue.so", folder)
-    done = run("verify", result, cwd=elsewhere)
-    assert done.status == BAD_INPUT and "another library of a law" in done.stderr, done.stdout + done.stderr
+    for words in (["verify", result], ["resume", result]):
+        done = run(*words, cwd=elsewhere)
+        assert done.status == BAD_INPUT and "another library of a law" in done.stderr, done.stdout + done.stderr
+        assert not (elsewhere / "loaded").exists(), words            # nothing of it was run
     (folder / "rogue.so").unlink()
     done = run("verify", result, cwd=elsewhere)
     assert done.status == BAD_INPUT and "cannot load the library" in done.stderr, done.stdout + done.stderr

@@ -51,6 +51,7 @@ class Source:
         self.labels: dict[str, list[str]] = {}  # along axes of such columns
         self.n_points: int | None = None  # of a sweep or curve
         self.is_complete = True  # the curve was not stopped before its end
+        self.is_of_file = False  # the text is the one that the program wrote
 
 
 def open_dataset(path: str | Path) -> xr.Dataset:

@@ -91,6 +91,7 @@ def opened(path: str | Path) -> xr.Dataset:
     folders = [str(data["input_text"].attrs.get("folder", "")) if "input_text" in data else "", str(Path(path).parent)]
     data = data.drop_vars([name for name in data.data_vars if name in _TEXTS or "worker" in data[name].dims])
     source = Source(texts.get("input_complete", ""), "tuples" in data, texts.get("input_libraries", ""))
+    source.is_of_file = True
     data = with_words(data.reset_coords([name for name in ("frequency", "tuple", "tuples") if name in data.coords]))
     with h5py.File(path) as file:
         order = str(file.attrs.get("coordinates", "")).split()
@@ -260,7 +261,10 @@ def _padded(data: xr.Dataset, n_rows: int, status: int) -> xr.Dataset:
 
 
 def _canonical(source: Source, text: str, libraries: str) -> tuple[str, str]:
-    """The input as the program itself writes it, with groups &sweep; as it is if it cannot be read any more."""
+    """The input as the program itself writes it, with groups &sweep; as it is if it cannot be read any more. That of a file is not
+    read: it would load the libraries that it names."""
+    if source.is_of_file:
+        return text, libraries
     session = Session(lambda name: source.structure or Structure.read(source.folder / name))
     try:
         session.read(text, "" if source.folder == Path() else f"{source.folder}/")
