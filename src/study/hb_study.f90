@@ -10,8 +10,8 @@ module hb_study
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_model_tones, only: read_tones
-   use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_named_files, only: refuse_other_libraries
+   use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_operating_system, only: folder_of
    use hb_options, only: callbacks_t, purpose_t, share_of_integrated
    use hb_outcome, only: outcome

@@ -4,6 +4,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import h5py
+import nhbm
 import pytest
 from nhbm_post.reader import Results
 
@@ -175,6 +177,20 @@ def test_verify_takes_the_library_of_the_run(tmp_path):
     (folder / "rogue.so").unlink()
     done = run("verify", result, cwd=elsewhere)
     assert done.status == BAD_INPUT and "cannot load the library" in done.stderr, done.stdout + done.stderr
+
+
+def test_python_saves_a_result_without_its_library(tmp_path, monkeypatch):
+    """The input of a file is stored as it was, with the library that the run had."""
+    rogue(tmp_path, **SPRING)
+    assert run("solve", "rogue.nml", "--set", "law(1)%odd=.true.", cwd=tmp_path).status == ALL_CONVERGED
+    (tmp_path / "rogue.so").unlink()
+    rogue(tmp_path, **OTHER_SPRING)
+    (tmp_path / "loaded").unlink(missing_ok=True)
+    monkeypatch.chdir(tmp_path)
+    nhbm.open_dataset("rogue.h5").nhbm.save("copy.h5")
+    assert not (tmp_path / "loaded").exists()
+    with h5py.File("rogue.h5") as before, h5py.File("copy.h5") as after:
+        assert after["input_libraries"][()] == before["input_libraries"][()]
 
 
 def test_resume_takes_the_library_of_the_run(tmp_path):
