@@ -8,7 +8,7 @@ module hb_c_model
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_session, only: session_t
-   use hb_session_columns, only: session_columns_t
+   use hb_session_columns, only: session_columns_t, session_table_t
    implicit none
    private
    public :: address_of_integers, address_of_reals, address_of_text, any_null, begin_call, empty_text, end_call, &
@@ -20,7 +20,9 @@ module hb_c_model
    type :: handle_t
       type(session_t) :: session
       type(session_columns_t) :: columns
-      character(c_char), allocatable :: text(:), unit(:), axes(:), long_name(:), dof_units(:), flags(:), attributes(:)
+      type(session_table_t) :: table
+      integer(c_int), allocatable :: sizes(:, :)                      ! of the table
+      character(c_char), allocatable :: text(:), name(:), unit(:), axes(:), long_name(:), dof_units(:), flags(:), attributes(:)
       real(wp), allocatable :: frequencies(:)
    end type handle_t
 

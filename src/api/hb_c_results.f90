@@ -5,13 +5,13 @@ module hb_c_results
    use hb_c_model, only: address_of_integers, address_of_reals, address_of_text, begin_call, empty_text, &
       end_call_with_text, handle_t
    use hb_c_text, only: c_text
-   use hb_column_view, only: column_kind
+   use hb_column_table, only: max_axes
+   use hb_column_units, only: column_kind
    use hb_error, only: error_t, fail
    use hb_session_columns, only: labels_along
    implicit none
    private
-
-   integer, parameter :: max_axes = 4                                 ! NHBM_MAX_AXES
+   public :: c_description_t, clear_description, fill_description
 
    !> struct nhbm_column.
    type, bind(c) :: c_column_t
@@ -137,6 +137,30 @@ contains
       status = end_call_with_text(model, "nhbm_get_labels", joined(min(2, len(joined) + 1):), handle%text, labels)
    end function nhbm_get_labels
 
+   integer(c_int) function nhbm_get_outcome(model, motion_status, motion_reason) bind(c, name="nhbm_get_outcome") result(status)
+      type(c_ptr), value :: model, motion_status, motion_reason
+      type(handle_t), pointer :: handle
+      integer(c_int), pointer :: number
+
+      if (c_associated(motion_status)) call set_number(motion_status, 0)
+      if (c_associated(motion_reason)) call set_number(motion_reason, 0)
+      status = begin_call(model, "nhbm_get_outcome", handle, texts=[motion_status, motion_reason], needs_input=.true.)
+      if (status /= c_status%success) return
+      call set_number(motion_status, handle%session%result%status)
+      call set_number(motion_reason, handle%session%result%reason)
+      call release_handle(model)
+
+   contains
+
+      subroutine set_number(address, value)
+         type(c_ptr), intent(in) :: address
+         integer, intent(in) :: value
+
+         call c_f_pointer(address, number)
+         number = int(value, c_int)
+      end subroutine set_number
+   end function nhbm_get_outcome
+
    integer(c_int) function nhbm_get_message(model, message) bind(c, name="nhbm_get_message") result(status)
       type(c_ptr), value :: model, message
       type(handle_t), pointer :: handle
@@ -234,22 +258,33 @@ contains
    integer(c_int) function shown_description(handle, address) result(status)
       type(handle_t), pointer, intent(in) :: handle
       type(c_ptr), intent(in) :: address
+
+      associate (found => handle%columns)
+         status = fill_description(handle, address, found%long_name, found%dof_units, found%flags, found%attributes, &
+                                   [found%lowest_flag, found%kind_of_values])
+      end associate
+   end function shown_description
+
+   !> Fills a cleared description of C.
+   integer(c_int) function fill_description(handle, address, long_name, dof_units, flags, attributes, numbers) result(status)
+      type(handle_t), pointer, intent(in) :: handle
+      type(c_ptr), intent(in) :: address
+      character(*), intent(in) :: long_name, dof_units, flags, attributes
+      integer, intent(in) :: numbers(:)                               !! lowest flag, kind of the values
       type(c_description_t), pointer :: description
 
       call c_f_pointer(address, description)
-      associate (found => handle%columns)
-         description%long_name = address_of_text(found%long_name, handle%long_name)
-         description%dof_units = address_of_text(found%dof_units, handle%dof_units)
-         description%flag_meanings = address_of_text(found%flags, handle%flags)
-         description%attributes = address_of_text(found%attributes, handle%attributes)
-         description%lowest_flag = int(found%lowest_flag, c_int)
-         description%kind = int(found%kind_of_values, c_int)
-      end associate
+      description%long_name = address_of_text(long_name, handle%long_name)
+      description%dof_units = address_of_text(dof_units, handle%dof_units)
+      description%flag_meanings = address_of_text(flags, handle%flags)
+      description%attributes = address_of_text(attributes, handle%attributes)
+      description%lowest_flag = int(numbers(1), c_int)
+      description%kind = int(numbers(2), c_int)
       status = c_status%success
       if (c_associated(description%long_name) .and. c_associated(description%dof_units) .and. &
           c_associated(description%flag_meanings) .and. c_associated(description%attributes)) return
       call clear_description(address)
-      call set_last_error("nhbm_describe_column: memory is insufficient")
+      call set_last_error("the description of a column: memory is insufficient")
       status = c_status%out_of_memory
-   end function shown_description
+   end function fill_description
 end module hb_c_results

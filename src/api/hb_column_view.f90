@@ -1,26 +1,19 @@
 !> One column of a motion by its name: its values and their shape.
 module hb_column_view
+   use hb_column_units, only: column_kind, columns_with_units_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_motion_columns, only: columns_t, find_shared_unit
    use hb_motion_result, only: motion_result_t
    use hb_similar_word, only: closest_word
    use hb_text, only: join, split, string_t
    implicit none
    private
-   public :: column_kind, column_view_t
+   public :: column_view_t
 
-   type :: column_kind_t
-      integer :: real = 0
-      integer :: integer = 1
-      integer :: unknown = 2                                          !! no value is known
-      integer :: text = 3                                             !! hb_session has the only one, the message
-   end type column_kind_t
-   type(column_kind_t), parameter :: column_kind = column_kind_t()
-
-   type, extends(columns_t) :: column_view_t
+   type, extends(columns_with_units_t) :: column_view_t
       character(:), allocatable :: name                               !! requested; empty: all names are listed
       logical :: is_found
+      logical, private :: lists_names                                 ! `names` are wanted: takes longer than the search
       logical, private :: is_last                                     ! it was visited last
       integer :: kind
       real(wp), allocatable :: reals(:)
@@ -33,8 +26,6 @@ module hb_column_view
       integer :: lowest_flag
       character(:), allocatable :: attributes                         !! further ones, each "name = text" and a newline
       integer :: kind_of_values                                       !! also of values that are not known
-      ! For columns along degrees of freedom: the units of these by the name of the axis
-      character(16), allocatable :: units_of_dof(:), units_of_law_dof(:), units_of_state_dof(:)
       character(:), allocatable :: names                              !! of all columns, separated by blanks
    contains
       procedure :: begin => column_view_begin
@@ -55,6 +46,7 @@ contains
 
       self%name = name
       self%names = ""
+      self%lists_names = .true.
       self%is_found = .false.
       self%is_last = .false.
       self%is_there = .true.
@@ -89,7 +81,12 @@ contains
       if (self%has_curve) then
          if (allocated(motion%curve%unknowns)) self%n_curve_unknowns = size(motion%curve%unknowns)
       end if
+      self%lists_names = len(name) == 0
       call self%append_connected(motion)
+      if (.not. (self%is_found .or. self%lists_names)) then
+         self%lists_names = .true.                                    ! for the message
+         call self%append_connected(motion)
+      end if
       call self%refuse_unknown(error)
    end subroutine column_view_find
 
@@ -111,27 +108,18 @@ contains
    logical function is_requested(self, name, units, axes, long_name)
       class(column_view_t), intent(inout) :: self
       character(*), intent(in) :: name, units, axes, long_name
-      character(:), allocatable :: list
-      character(16), allocatable :: dof_units(:)
 
-      if (len(self%names) > 0) self%names = self%names//" "
-      self%names = self%names//name
+      if (self%lists_names) then
+         if (len(self%names) > 0) self%names = self%names//" "
+         self%names = self%names//name
+      end if
       is_requested = name == self%name
       self%is_last = is_requested
       if (.not. is_requested) return
       self%is_found = .true.
       self%axes = axes
       self%long_name = long_name
-      allocate (dof_units(0))
-      if (index(" "//axes, " law_dof") > 0 .and. allocated(self%units_of_law_dof)) then
-         dof_units = self%units_of_law_dof
-      else if (index(axes, "state_dof") > 0 .and. allocated(self%units_of_state_dof)) then
-         dof_units = self%units_of_state_dof
-      else if (index(" "//axes, " dof") > 0 .and. allocated(self%units_of_dof)) then
-         dof_units = self%units_of_dof
-      end if
-      call find_shared_unit(units, dof_units, self%units, list)
-      if (allocated(list)) self%dof_units = list
+      call self%units_along(axes, units, self%units, self%dof_units)
    end function is_requested
 
    !> An attribute of the column that was visited last.

@@ -1,5 +1,7 @@
 !> Columns of the last result of a session by their names, as in a result file, and the labels along their axes.
 module hb_session_columns
+   use hb_column_table, only: column_table_t
+   use hb_column_units, only: columns_with_units_t
    use hb_column_view, only: column_view_t
    use hb_error, only: error_t, fail
    use hb_parameter_path, only: identifier
@@ -10,16 +12,21 @@ module hb_session_columns
    use hb_verdict_columns, only: verdict_columns
    implicit none
    private
-   public :: labels_along, session_columns_t
+   public :: labels_along, session_columns_t, session_table_t
 
    !> The column that was found last.
    type, extends(column_view_t) :: session_columns_t
-      integer, private :: structure_number = -1                       ! of the session, to which the units belong
    contains
       procedure :: find_of_motion => session_columns_find_of_motion
       procedure :: find_in_time => session_columns_find_in_time
-      procedure, private :: find_units => session_columns_find_units
    end type session_columns_t
+
+   !> Several motions of a session.
+   type, extends(column_table_t) :: session_table_t
+      integer, private :: declared_for = -1                           ! structure of the session, to which units and labels belong
+   contains
+      procedure :: add_motion => session_table_add_motion
+   end type session_table_t
 
 contains
 
@@ -32,7 +39,47 @@ contains
 
       call session%check_model(error)
       if (allocated(error)) return
-      call self%find_units(session)
+      call prepare(self, session)
+      call self%find(name, session%result, size(session%model%options%accuracy%outputs), error)
+   end subroutine session_columns_find_of_motion
+
+   !> Adds the last motion of a session as a row.
+   subroutine session_table_add_motion(self, session, error)
+      class(session_table_t), intent(inout) :: self
+      type(session_t), intent(in) :: session
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: lengths(:)
+      integer :: i
+
+      call session%check_model(error)
+      if (allocated(error)) return
+      if (self%n_rows == 0 .and. self%declared_for /= session%structure_number) then
+         call self%redeclare()
+         self%declared_for = session%structure_number
+      end if
+      call prepare(self, session)
+      self%has_outputs = size(session%model%options%accuracy%outputs) > 0
+      allocate (lengths(0))
+      if (allocated(self%axes)) lengths = self%axes%length
+      call self%add(session%result)
+      do i = 1, size(self%axes)
+         if (i <= size(lengths)) then
+            if (self%axes(i)%length == lengths(i)) cycle
+         end if
+         if (self%n_rows == 1 .and. allocated(self%axes(i)%labels)) cycle   ! those of the structure
+         self%axes(i)%labels = labels_along(session, self%axes(i)%name)
+         if (self%n_rows == 1 .or. size(self%axes(i)%labels) == 0) cycle
+         self%declaration = self%declaration + 1
+         self%declared_for = -1                                       ! the next table has labels of its own
+      end do
+   end subroutine session_table_add_motion
+
+   !> Sets which columns the motions of a session have, and their units.
+   subroutine prepare(self, session)
+      class(columns_with_units_t), intent(inout) :: self
+      type(session_t), intent(in) :: session
+
+      call find_units(self, session)
       self%n_multipliers = n_multipliers_stored(session)
       associate (options => session%model%options)
          self%has_accuracy = options%accuracy%is_on
@@ -46,9 +93,8 @@ contains
             self%curve_column = identifier(session%plan%path)
             self%curve_units = session%plan%units
          end if
-         call self%find(name, session%result, size(options%accuracy%outputs), error)
       end associate
-   end subroutine session_columns_find_of_motion
+   end subroutine prepare
 
    !> Finds a column of the record, or of the verdict if `verify` was called last. Fails for an unknown name.
    subroutine session_columns_find_in_time(self, session, name, error)
@@ -61,7 +107,7 @@ contains
          call fail(error, "there are no results of a time integration; integrate or verify before")
          return
       end if
-      call self%find_units(session)
+      call find_units(self, session)
       call self%begin(name)
       if (allocated(session%record)) then
          call record_columns(self, session%record, session%model%discretisation%harmonics%tuples)
@@ -72,8 +118,8 @@ contains
    end subroutine session_columns_find_in_time
 
    !> Finds the units of degrees of freedom, once for a structure.
-   subroutine session_columns_find_units(self, session)
-      class(session_columns_t), intent(inout) :: self
+   subroutine find_units(self, session)
+      class(columns_with_units_t), intent(inout) :: self
       type(session_t), intent(in) :: session
 
       if (self%structure_number /= session%structure_number .and. allocated(self%units_of_dof)) deallocate (self%units_of_dof)
@@ -84,7 +130,7 @@ contains
          self%units_of_law_dof = [character(16) :: structure%units(session%model%system%dofs_of_unknowns())]
          self%units_of_state_dof = [character(16) :: structure%units]
       end associate
-   end subroutine session_columns_find_units
+   end subroutine find_units
 
    !> Length of the axis `multiplier`, 0 without stability.
    integer function n_multipliers_stored(session) result(n)

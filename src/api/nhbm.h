@@ -384,9 +384,58 @@ NHBM_EXPORT int nhbm_get_time_column(const nhbm_model *model, const char *name, 
 NHBM_EXPORT int nhbm_get_time_column_names(const nhbm_model *model, const char **names);
 NHBM_EXPORT int nhbm_describe_time_column(const nhbm_model *model, const char *name, nhbm_column_description *description);
 
+/* ---- Tables of motions ----
+ *
+ *     nhbm_clear_table(model);
+ *     for (i = 0; i < n; ++i) {
+ *        if (nhbm_set_parameter(model, gap, gaps[i]) || nhbm_solve(model, NHBM_WARM_START) || nhbm_add_row(model)) goto failed;
+ *     }
+ *     if (nhbm_get_table(model, &table)) goto failed;
+ *     for (i = 0; i < table.n_columns; ++i) ... nhbm_describe_table_column, nhbm_copy_columns
+ *
+ * The table of a model has a row for each motion that was added, with all columns of these motions. Computations, values that are
+ * set and other inputs do not change it. */
+
+/* Removes all rows. */
+NHBM_EXPORT int nhbm_clear_table(nhbm_model *model);
+
+/* Adds the last motion. NHBM_INVALID_STATE: the model has no input, or its present values are invalid. */
+NHBM_EXPORT int nhbm_add_row(nhbm_model *model);
+
+typedef struct nhbm_table {
+   size_t n_rows, n_columns;
+   int declaration;       /* another number: names, units, axes or labels have changed since the last table */
+   int has_messages;      /* 1: nhbm_get_row_message returns a text for some of the rows */
+   const int32_t *sizes;  /* 1 + NHBM_MAX_AXES numbers for each column: 1 if a row has values, otherwise 0; the lengths of its axes */
+} nhbm_table;
+NHBM_EXPORT int nhbm_get_table(nhbm_model *model, nhbm_table *table);
+
+typedef struct nhbm_table_column {
+   const char *name, *unit, *axes;
+   nhbm_column_description description;
+} nhbm_table_column;
+
+/* Describes a column of the table, by its number from 0. NHBM_INVALID_ARGUMENT: no such column. */
+NHBM_EXPORT int nhbm_describe_table_column(nhbm_model *model, size_t column, nhbm_table_column *found);
+
+/* Copies n columns from the one with the number `first` on into `values`, of `size` bytes: one after another, each with the next
+ * multiple of eight bytes, rows slowest, the last axis fastest; double or int32_t. Columns without values take no place. What a row
+ * does not have is NaN, or 0 for integers and beyond the harmonics of the motion. NHBM_INVALID_ARGUMENT: no such columns, or `values`
+ * is too small. */
+NHBM_EXPORT int nhbm_copy_columns(nhbm_model *model, size_t first, size_t n, void *values, size_t size);
+
+/* Returns the message of a row, as nhbm_get_message. */
+NHBM_EXPORT int nhbm_get_row_message(nhbm_model *model, size_t row, const char **message);
+
+/* Returns the labels along an axis of the table, as nhbm_get_labels. */
+NHBM_EXPORT int nhbm_get_table_labels(nhbm_model *model, const char *axis, const char **labels);
+
 /* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", and the
  * numbers along "multiplier", one per line; empty for other axes. */
 NHBM_EXPORT int nhbm_get_labels(const nhbm_model *model, const char *axis, const char **labels);
+
+/* Returns the columns "status" and "reason" of the last motion. */
+NHBM_EXPORT int nhbm_get_outcome(const nhbm_model *model, int *status, int *reason);
 
 /* Returns why the last motion was not found, or a remark about it; empty if there is none. */
 NHBM_EXPORT int nhbm_get_message(const nhbm_model *model, const char **message);

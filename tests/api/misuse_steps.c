@@ -71,6 +71,10 @@ static nhbm_column column;
 static const char *text;
 static int has_point;
 static nhbm_column_description description;
+static nhbm_table table;
+static nhbm_table_column table_column;
+static double reals_of_table[1000];
+static int outcome[2];
 static size_t n_frequencies;
 static const double *frequencies;
 static const int32_t first_tuple[] = {1};
@@ -113,6 +117,12 @@ static int get_column(nhbm_model *m) { return nhbm_get_column(m, "coefficients",
 static int get_column_names(nhbm_model *m) { return nhbm_get_column_names(m, &text); }
 static int get_time_column(nhbm_model *m) { return nhbm_get_time_column(m, "time", &column); }
 static int get_time_column_names(nhbm_model *m) { return nhbm_get_time_column_names(m, &text); }
+static int clear_table(nhbm_model *m) { return nhbm_clear_table(m); }
+static int add_row(nhbm_model *m) { return nhbm_add_row(m); }
+static int get_table(nhbm_model *m) { return nhbm_get_table(m, &table); }
+static int copy_columns(nhbm_model *m) { return nhbm_copy_columns(m, 0, 0, reals_of_table, sizeof reals_of_table); }
+static int get_table_labels(nhbm_model *m) { return nhbm_get_table_labels(m, "dof", &text); }
+static int get_outcome(nhbm_model *m) { return nhbm_get_outcome(m, &outcome[0], &outcome[1]); }
 static int get_labels(nhbm_model *m) { return nhbm_get_labels(m, "dof", &text); }
 static int get_message(nhbm_model *m) { return nhbm_get_message(m, &text); }
 static int input_begin(nhbm_model *m) { return nhbm_input_begin(m); }
@@ -132,7 +142,9 @@ static const struct {
    {get_input, true}, {set_key, true}, {find_parameter, true}, {set_parameter, true}, {set_structure_callback, false},
    {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false},
    {set_verification_time, false}, {curve_begin, true}, {curve_lengthen, true}, {curve_next, true}, {integrate, true},
-   {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true}, {get_time_column_names, true}, {get_labels, true}, {get_message, true}, {get_given_input, true}, {get_libraries, true},
+   {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true}, {get_time_column_names, true}, {get_labels, true}, {get_message, true},
+   {add_row, true}, {get_outcome, true}, {clear_table, false}, {get_table, false},
+   {copy_columns, false}, {get_table_labels, false}, {get_given_input, true}, {get_libraries, true},
    {verify_motion, true}, {take_census, true}, {select_census_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
    {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {input_add_group, true}, {input_set_text, true},
    {input_set_logical, true}, {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true},
@@ -261,6 +273,10 @@ int null_arguments_step(void)
    CHECK(nhbm_get_labels(model, "dof", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_labels"));
    CHECK(nhbm_get_message(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_message"));
    CHECK(nhbm_integrate(model) == NHBM_SUCCESS);
+   CHECK(nhbm_get_table(model, NULL) == NHBM_INVALID_ARGUMENT && nhbm_get_outcome(model, NULL, &outcome[1]) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_describe_table_column(model, 0, NULL) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_copy_columns(model, 0, 0, NULL, 0) == NHBM_INVALID_ARGUMENT && nhbm_get_row_message(model, 0, NULL) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_get_table_labels(model, "dof", NULL) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_get_time_column(model, NULL, &column) == NHBM_INVALID_ARGUMENT && column.kind == NHBM_NO_VALUES);
    CHECK(nhbm_get_time_column(model, "time", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_time_column"));
    CHECK(nhbm_get_time_column_names(model, NULL) == NHBM_INVALID_ARGUMENT);
@@ -339,6 +355,19 @@ int order_step(void)
    CHECK(nhbm_get_labels(model, "dof", &text) == NHBM_SUCCESS && strcmp(text, "x1") == 0);
    CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_SUCCESS && nhbm_verify(model, 0) == NHBM_SUCCESS);
    CHECK(nhbm_get_column(model, "coefficients", &column) == NHBM_SUCCESS && column.n_values == 8 && column.shape[3] == 0);
+   CHECK(nhbm_get_table(model, &table) == NHBM_SUCCESS && table.n_rows == 0 && table.n_columns == 0);
+   CHECK(nhbm_describe_table_column(model, 0, &table_column) == NHBM_INVALID_ARGUMENT && strcmp(table_column.name, "") == 0);
+   CHECK(nhbm_get_row_message(model, 0, &text) == NHBM_INVALID_ARGUMENT && SAYS("no row"));
+   CHECK(nhbm_add_row(model) == NHBM_SUCCESS && nhbm_get_table(model, &table) == NHBM_SUCCESS && table.n_rows == 1);
+   CHECK(nhbm_describe_table_column(model, 0, &table_column) == NHBM_SUCCESS && strcmp(table_column.name, "status") == 0);
+   CHECK(nhbm_describe_table_column(model, table.n_columns, &table_column) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_copy_columns(model, 0, 1, reals_of_table, 8) == NHBM_SUCCESS && *(const int32_t *)(const void *)reals_of_table == 1);
+   CHECK(nhbm_copy_columns(model, 0, 2, reals_of_table, 8) == NHBM_INVALID_ARGUMENT && SAYS("size"));
+   CHECK(nhbm_copy_columns(model, 1, table.n_columns, reals_of_table, sizeof reals_of_table) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_copy_columns(model, (size_t)-1, 1, reals_of_table, sizeof reals_of_table) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_get_row_message(model, 0, &text) == NHBM_SUCCESS && nhbm_get_row_message(model, 1, &text) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_get_table_labels(model, "dof", &text) == NHBM_SUCCESS && strcmp(text, "x1") == 0);
+   CHECK(nhbm_get_outcome(model, &outcome[0], &outcome[1]) == NHBM_SUCCESS && outcome[0] == 1);
    CHECK(nhbm_set_key(model, "harmonics%order", "9") == NHBM_SUCCESS);
    CHECK(nhbm_verify(model, 0) == NHBM_INVALID_STATE && SAYS("changed"));
    CHECK(nhbm_get_input(model, &text) == NHBM_SUCCESS && strstr(text, "order = 9"));

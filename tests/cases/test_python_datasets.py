@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import resource
 import subprocess
 import sys
@@ -178,3 +179,39 @@ def test_a_dataset_without_a_motion_says_why():
         with pytest.warns(NotConverged, match=f"{status}: law .*returned {code}"):
             curve = refusing(code).curve("tones[0]", 0.9, 1.0, order=3)
         assert curve["status"].values.tolist() == [status]
+
+
+def test_datasets_of_one_layout_are_those_that_are_made_alone():
+    """Motions of a model share what takes long; values, attributes and details are those of each."""
+    model = duffing()
+    first = model.solve(order=5)
+    kept = first.copy(deep=True)
+    model["load[0].cos"] = 0.25
+    model["tones[0]"] = 1.1
+    second = model.solve(order=5)
+    alone = nhbm.Model.from_namelist(second.nhbm.input).solve()
+    seconds = [name for name in alone.nhbm.details if str(name).endswith("_seconds")]
+    for made, one in ((second, alone), (second.nhbm.details, alone.nhbm.details)):
+        attrs = {**made.attrs, "created_utc": one.attrs.get("created_utc")} if "created_utc" in made.attrs else made.attrs
+        xr.testing.assert_identical(made.drop_vars(seconds, errors="ignore").assign_attrs(attrs),
+                                    one.drop_vars(seconds, errors="ignore"))  # fmt: skip
+    second["coefficients"].attrs["units"] = "mm"
+    second["coefficients"].values[:] = 0.0
+    second["dof"].attrs["long_name"] = "mine"
+    xr.testing.assert_identical(first, kept)
+    assert model.solve(order=5)["dof"].attrs == first["dof"].attrs
+    assert first.nhbm.input != second.nhbm.input and "cos = 0.25" in second.nhbm.input
+
+
+def test_details_outlive_the_model(tmp_path):
+    """They are made later, from what the motion was found with: also in another process, whatever has changed since."""
+    model = duffing()
+    motion = model.solve(order=5)
+    model["load[0].cos"] = 7.0
+    model.law("cubic_spring", "x1", stiffness=3.0)
+    again = pickle.loads(pickle.dumps(motion))
+    del model
+    assert "cos = 7" not in motion.nhbm.input and motion.nhbm.input == again.nhbm.input
+    xr.testing.assert_identical(motion.nhbm.details, again.nhbm.details)
+    motion.nhbm.save(tmp_path / "motion.h5")
+    assert nhbm.open_dataset(tmp_path / "motion.h5").nhbm.input == motion.nhbm.input

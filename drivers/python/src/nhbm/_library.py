@@ -17,6 +17,7 @@ API_VERSION = 1  # NHBM_API_VERSION
 LAW_API = 2  # NHBM_USER_LAW_API_2
 INVALID_ARGUMENT, BUSY, OUT_OF_MEMORY = -2, -4, -5  # enum nhbm_status
 KEY_ROW_SIZE = 1201  # NHBM_KEY_ROW_SIZE
+MAX_AXES = 4  # NHBM_MAX_AXES
 
 INTERRUPT_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 STRUCTURE_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
@@ -46,6 +47,29 @@ class ColumnDescription(ctypes.Structure):
         ("attributes", ctypes.c_char_p),
         ("lowest_flag", ctypes.c_int),
         ("kind", ctypes.c_int),
+    ]
+
+
+class Table(ctypes.Structure):
+    """nhbm_table"""
+
+    _fields_ = [
+        ("n_rows", ctypes.c_size_t),
+        ("n_columns", ctypes.c_size_t),
+        ("declaration", ctypes.c_int),
+        ("has_messages", ctypes.c_int),
+        ("sizes", ctypes.c_void_p),
+    ]
+
+
+class TableColumn(ctypes.Structure):
+    """nhbm_table_column"""
+
+    _fields_ = [
+        ("name", ctypes.c_char_p),
+        ("unit", ctypes.c_char_p),
+        ("axes", ctypes.c_char_p),
+        ("description", ColumnDescription),
     ]
 
 
@@ -246,6 +270,14 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "describe_time_column": (pointer, text, description),
         "get_time_column": (pointer, text, column),
         "get_time_column_names": (pointer, texts),
+        "clear_table": (pointer,),
+        "add_row": (pointer,),
+        "get_table": (pointer, ctypes.POINTER(Table)),
+        "describe_table_column": (pointer, count, ctypes.POINTER(TableColumn)),
+        "copy_columns": (pointer, count, count, pointer, count),
+        "get_row_message": (pointer, count, texts),
+        "get_table_labels": (pointer, text, texts),
+        "get_outcome": (pointer, numbers, numbers),
         "get_labels": (pointer, text, texts),
         "get_message": (pointer, texts),
         "get_doubt": (pointer, texts),

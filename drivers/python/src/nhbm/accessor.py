@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import SOLVED, Source, check_found, check_motion, check_points, check_result, record_beside, varies_of
+from nhbm.dataset import SOLVED, Record, check_found, check_motion, check_points, check_result, record_beside, varies_of
 from nhbm.errors import ModelError, meant
 from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
 from nhbm.values import numbers_of
@@ -50,7 +50,7 @@ class Accessor:
     @property
     def details(self) -> xr.Dataset:
         """The other columns of the result file: work of the solver, levels of a tolerance, energies, state of a curve."""
-        data, (details, _) = self._dataset, self._record()
+        data, details = self._dataset, self._record().details
         if "point" in details.dims and "point" in data.coords:
             return details.sel(point=data["point"].values)
         return details
@@ -58,9 +58,9 @@ class Accessor:
     @property
     def input(self) -> str:
         """The complete input of these motions, with all keys and their values."""
-        return self._record()[1].text
+        return self._record().source.text
 
-    def _record(self) -> tuple[xr.Dataset, Source]:
+    def _record(self) -> Record:
         found = record_beside(self._dataset)
         if found is None and "displacement" in self._dataset:
             raise ModelError("this is a record of time integration, not a result; `nhbm integrate` writes files of records")
@@ -423,9 +423,10 @@ class Accessor:
     def _is_odd(self) -> xr.DataArray:
         """Whether each motion is known to repeat with the opposite sign after half a period: its even harmonics are zero."""
         known = record_beside(self._dataset)
-        if not known or "is_odd" not in known[0] or not set(known[0]["is_odd"].dims) <= set(self._dataset.dims):
+        found = None if known is None else known.find_odd()
+        if found is None or not set(found.dims) <= set(self._dataset.dims):
             return xr.DataArray(False)
-        return self.details["is_odd"] == 1
+        return found.sel(point=self._dataset["point"].values) if "point" in found.dims and "point" in self._dataset.coords else found
 
     def gradient(self, of: str) -> xr.DataArray:
         """Derivatives of a response with respect to the values of the group &gradient, in their units.

@@ -4,7 +4,7 @@ dataset; what describes the search, `details`, is beside it."""
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.errors import ModelError, imported
+from nhbm.rows import Layout, Rows
 
 if TYPE_CHECKING:
     from nhbm.session import Session
@@ -39,19 +40,77 @@ CENSUS = {  # what varies over the motions of a census, and is a whole number or
 Absent = Any  # type, axes and attributes of a column
 _DETAILS = "nhbm_details"  # in the encoding of a dataset, which selections keep
 _NAMES = {"is_stable": "stability"}  # columns that have another name as words
+_COLUMNS = {word: name for name, word in _NAMES.items()}
 
 
 class Source:
-    """What the motions of a dataset belong to: the input with all values, and what the library is."""
+    """What the motions of a dataset belong to: the input with all values, and what the library is.
 
-    def __init__(self, text: str, has_own_tuples: bool, libraries: str = "", folder: Path = Path(), structure: Any = None) -> None:
-        self.text, self.has_own_tuples, self.libraries = text, has_own_tuples, libraries
-        self.folder, self.structure = folder, structure
+    `text` and `libraries` may be written when they are asked for: by `write`, which returns both."""
+
+    def __init__(self, text: str, has_own_tuples: bool, libraries: str = "", folder: Path = Path(), structure: Any = None,
+                 write: Callable[[], tuple[str, str]] | None = None) -> None:  # fmt: skip
+        self._texts, self._write = (text, libraries), write
+        self.has_own_tuples, self.folder, self.structure = has_own_tuples, folder, structure
         self.absent: dict[str, Absent] = {}  # columns of files that are not known
         self.labels: dict[str, list[str]] = {}  # along axes of such columns
         self.n_points: int | None = None  # of a sweep or curve
         self.is_complete = True  # the curve was not stopped before its end
         self.is_of_file = False  # the text is the one that the program wrote
+
+    @property
+    def text(self) -> str:
+        """The complete input."""
+        return self._written()[0]
+
+    @property
+    def libraries(self) -> str:
+        """Files on which the model depends, with checksums."""
+        return self._written()[1]
+
+    def _written(self) -> tuple[str, str]:
+        if self._write is not None:
+            self._texts, self._write = self._write(), None
+        return self._texts
+
+    def __copy__(self) -> Source:
+        other = object.__new__(Source)
+        other.__dict__.update(self.__dict__)  # not yet written, either
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_texts": self._written(), "_write": None}
+
+
+class Record:
+    """What is beside a dataset of motions: their source, and their details, which are made when they are asked for."""
+
+    def __init__(self, source: Source, details: xr.Dataset | None = None, rows: Rows | None = None,
+                 attributes: Mapping[str, Any] | None = None) -> None:  # fmt: skip
+        self.source = source
+        self._details, self._rows, self._attributes = details, rows, attributes or {}
+
+    @property
+    def details(self) -> xr.Dataset:
+        """The columns that users do not need."""
+        if self._details is None:
+            assert self._rows is not None
+            self._details = result_of(columns_of(self._rows, False), self.source, {}, self._attributes).encoding[_DETAILS]._details
+            self._rows = None
+        return self._details
+
+    def find_odd(self) -> xr.DataArray | None:
+        """Whether each motion has only odd tuples; None if that is not known."""
+        if self._rows is not None and "is_odd" in self._rows.values:
+            return xr.DataArray(self._rows.values["is_odd"][0, ...] == 1)
+        return self.details["is_odd"] == 1 if "is_odd" in self.details else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"source": self.source, "_details": self.details, "_rows": None, "_attributes": {}}
+
+    def __deepcopy__(self, memo: Any) -> Record:
+        return self  # nothing changes it
+
 
 
 def open_dataset(path: str | Path) -> xr.Dataset:
@@ -79,9 +138,9 @@ def described_find(name: str) -> dict[str, str]:
     return {"parameter": name.replace("_", "%", 1), "long_name": CENSUS[name], "units": "1"}
 
 
-def record_beside(motion: xr.Dataset) -> tuple[xr.Dataset, Source] | None:
+def record_beside(motion: xr.Dataset) -> Record | None:
     """Details and source of a result, if it still has them."""
-    found: tuple[xr.Dataset, Source] | None = motion.encoding.get(_DETAILS)
+    found: Record | None = motion.encoding.get(_DETAILS)
     return found
 
 
@@ -96,7 +155,7 @@ def refinement_of(data: xr.Dataset) -> Any:
 def has_own_tuples(motion: xr.Dataset) -> bool:
     """Whether the harmonics of a motion were chosen for its tolerance; assumed where its details were lost."""
     found = motion.encoding.get(_DETAILS)
-    return found is None or bool(found[1].has_own_tuples)
+    return found is None or bool(found.source.has_own_tuples)
 
 
 def check_found(data: xr.Dataset, name: str) -> None:
@@ -137,31 +196,98 @@ def check_motion(data: xr.Dataset, what: str = "") -> None:
 # Motions of a session
 
 
-def motion_of(session: Session) -> xr.Dataset:
-    """The columns of the motion found last, with numbers for words: a row of `result_of`."""
-    columns = {name: session.column(name) for name in session.columns()}
-    columns = {name: column for name, column in columns.items() if column.values is not None}
-    layout = (columns["tuples"].values.tobytes(), tuple((name, column.values.shape) for name, column in columns.items()))
-    if session.empty is None or session.empty[0] != layout:  # what motions of one layout share takes most of the time
-        session.empty = layout, _dataset_of(session, columns)
-    empty: xr.Dataset = session.empty[1]
-    return empty.copy(data={name: column.values for name, column in columns.items()})
+_MAX_TEMPLATE = 1 << 20  # bytes of a motion: making the dataset of a larger one takes no time beside its solution
 
 
-def _dataset_of(session: Session, columns: Mapping[str, Any]) -> xr.Dataset:
+def motion_of(rows: Rows, source: Source, attributes: Mapping[str, Any]) -> xr.Dataset:
+    """The dataset of one motion. Motions with the same columns and harmonics share what takes most of the time."""
+    values, layout = rows.values, rows.layout
+    if layout.n_bytes > _MAX_TEMPLATE or not _FIXED <= set(values):
+        return result_of(columns_of(rows, False), source, {}, attributes)
+    unknown = tuple(name for name in _reals_of(layout) if not np.isfinite(values[name]).any())
+    key = values["tuples"].tobytes(), unknown
+    template = layout.templates.get(key)
+    if template is None:
+        found = result_of(columns_of(rows, False), source, {}, attributes)
+        layout.templates[key] = _Template(layout, found)
+        return found
+    return template.filled(rows, source, attributes)
+
+
+_FIXED = {"status", "tuples", "frequency", "coefficients"}  # columns of a motion with a template
+
+
+def _reals_of(layout: Layout) -> list[str]:
+    """Columns for users that are left out where they are not known."""
+    return [name for name in _MAIN if name in layout.shapes and layout.columns[name].dtype.kind == "f"
+            and name not in ("coefficients", "force_coefficients")]  # fmt: skip
+
+
+class _Template:
+    """The dataset of a motion, for others with the same columns and harmonics."""
+
+    def __init__(self, layout: Layout, found: xr.Dataset) -> None:
+        record, found.encoding = found.encoding, {}
+        self._empty = found.copy(deep=True)
+        found.encoding = record
+        self._absent, self._labels = record[_DETAILS].source.absent, record[_DETAILS].source.labels
+        self._names = [(str(name), _COLUMNS.get(str(name), str(name))) for name in found.data_vars if name != "message"]
+        self._words: dict[str, dict[int, Any]] = {}
+        for name, column in self._names:
+            attributes = layout.columns[column].attributes
+            if "flag_meanings" in attributes:
+                numbers, words = np.atleast_1d(attributes["flag_values"]), attributes["flag_meanings"].split()
+                kind = f"<U{max(len('unknown'), *map(len, words))}"
+                self._words[name] = {int(k): np.array(word, kind) for k, word in zip(numbers, words)}
+
+    def filled(self, rows: Rows, source: Source, attributes: Mapping[str, Any]) -> xr.Dataset:
+        """The dataset of another motion."""
+        data: dict[Any, Any] = {"message": np.array(rows.messages[0]), "frequency": rows.values["frequency"][0]}
+        for name, column in self._names:
+            value = rows.values[column][0, ...]
+            words = self._words.get(name)
+            data[name] = value if words is None else words[int(value)].copy()
+        found = _with_data(self._empty, data)
+        found.attrs = dict(attributes)
+        source.absent, source.labels = dict(self._absent), dict(self._labels)
+        found.encoding = {_DETAILS: Record(source, rows=rows, attributes=dict(attributes))}
+        return found
+
+
+def _with_data(template: xr.Dataset, data: Mapping[Any, Any]) -> xr.Dataset:
+    """A dataset with other values of some variables, as by `template.copy(data=...)`, which makes all indexes anew."""
+    variables = {name: variable.copy(deep=False) if name not in data else
+                 xr.Variable(variable.dims, data[name], dict(variable.attrs), fastpath=True)
+                 for name, variable in template.variables.items()}  # fmt: skip
+    try:
+        return xr.Dataset._construct_direct(variables, set(template.coords), dict(template.sizes), indexes=dict(template._indexes))
+    except (AttributeError, TypeError):  # a version of xarray with another constructor
+        found = template.copy(deep=False, data={name: data[name] for name in template.data_vars})
+        found.variables["frequency"].data = data["frequency"]
+        return found
+
+
+def columns_of(rows: Rows, has_points: bool) -> xr.Dataset:
+    """All columns of motions, with numbers for words, along the axis `point` or of the only one."""
+    n, layout = len(rows), rows.layout
+    along: tuple[str, ...] = ("point",) if has_points else ()
     variables: dict[str, Any] = {}
-    lengths: dict[str, int] = {}
-    for name, column in columns.items():
-        lengths.update(zip(column.axes, column.values.shape))
-        variables[name] = (column.axes if column.values.ndim else (), column.values, column.attributes())
-    return xr.Dataset(variables, _labels(session, lengths))
+    for name, values in rows.values.items():
+        column = layout.columns[name]
+        variables[name] = (*along, *column.axes), values if has_points else values[0, ...], dict(column.attributes)
+    texts = np.array(rows.messages, dtype=object) if has_points else np.array(rows.messages[0])
+    variables["message"] = along, texts, {"units": "1", "long_name": "reason for a failure, and advice"}
+    labels = _labels(layout.labels, layout.dofs_of_sets, layout.lengths)
+    if has_points:
+        labels["point"] = "point", np.arange(n, dtype=np.int32), {"long_name": AXES["point"], "units": "1"}
+    return xr.Dataset(variables, labels)
 
 
-def _labels(session: Session, lengths: Mapping[str, int]) -> dict[str, Any]:
+def _labels(labels_of: Mapping[str, list[str]], dofs_of_sets: Mapping[str, str], lengths: Mapping[str, int]) -> dict[str, Any]:
     """Coordinates along the axes that there are."""
     labels: dict[str, Any] = {}
     for axis, n in lengths.items():
-        words = session.labels(axis) if axis != "multiplier" else []
+        words = labels_of.get(axis, [])
         what = {"long_name": AXES[axis], "units": "1"} if axis in AXES else {}
         if axis == "component":
             labels[axis] = axis, ["cos", "sin"], what
@@ -169,8 +295,8 @@ def _labels(session: Session, lengths: Mapping[str, int]) -> dict[str, Any]:
             labels[axis] = axis, words, what
         else:
             labels[axis] = axis, np.arange(1 if axis == "tone" else 0, n + (axis == "tone"), dtype=np.int32), what
-    if session.dofs_of_sets and "dof" in labels:
-        labels["dof_of_set"] = "dof", names_of_dofs(session.dofs_of_sets, labels["dof"][1])
+    if dofs_of_sets and "dof" in labels:
+        labels["dof_of_set"] = "dof", names_of_dofs(dofs_of_sets, labels["dof"][1])
     return labels
 
 
@@ -195,13 +321,11 @@ AXES = {
 }
 
 
-def absent_from(session: Session) -> dict[str, Absent]:
-    """Columns of files whose values are not known for the last motion of a session."""
-    columns = {name: session.column(name) for name in session.columns()}
-    absent = {name: column for name, column in columns.items() if column.values is None}
-    found = {name: (session.kind_of(name), column.axes, column.attributes()) for name, column in absent.items()}
+def absent_from(layout: Layout) -> dict[str, Absent]:
+    """Columns of files whose values are not known for the motions of a session."""
+    found = {name: (column.dtype, column.axes, dict(column.attributes)) for name, column in layout.absent.items()}
     for name, unit, meaning in _OF_STABILITY:
-        if name not in columns:
+        if name not in layout.columns:
             found[name] = np.dtype(float), ("multiplier",), {"units": unit, "long_name": meaning}
     return found
 
@@ -211,37 +335,6 @@ _OF_STABILITY = (
     ("multiplier_real", "1", "Floquet multipliers, the largest first: real parts"),
     ("multiplier_imag", "1", "Floquet multipliers, the largest first: imaginary parts"),
 )
-
-
-def joined(motions: list[xr.Dataset]) -> xr.Dataset:
-    """Motions of sessions as the points of one dataset, in their order; what a motion lacks is padded as in the result file."""
-    if not motions:
-        raise ValueError("there are no motions to join")
-    longest: dict[Any, int] = {axis: max(m.sizes.get(axis, 0) for m in motions) for m in motions for axis in m.sizes}
-    variables: dict[Any, Any] = {}
-    for name in dict.fromkeys(name for m in motions for name in m.data_vars):
-        first = next(m[name] for m in motions if name in m)
-        rows = [_padded(m.get(name), first, longest) for m in motions]
-        variables[name] = (("point", *first.dims), np.stack(rows), first.attrs)
-    labels: dict[Any, Any] = {axis: next(m[axis].variable for m in motions if m.sizes.get(axis) == n)
-                              for axis, n in longest.items()}  # fmt: skip
-    labels["point"] = "point", np.arange(len(motions), dtype=np.int32), {"long_name": AXES["point"], "units": "1"}
-    if "dof_of_set" in motions[0].coords:
-        labels["dof_of_set"] = "dof", motions[0].coords["dof_of_set"].values
-    return xr.Dataset(variables, labels)
-
-
-def _padded(values: Any, like: xr.DataArray, longest: dict[Any, int]) -> np.ndarray[Any, Any]:
-    """Values, or what stands for none, in an array of the longest axes: 0 for whole numbers and beyond the harmonics in use, else
-    NaN."""
-    shape = tuple(longest[axis] for axis in like.dims)
-    is_real = like.dtype.kind == "f"
-    if like.dtype.kind in "US":
-        return np.array("" if values is None else values.values, dtype=object)
-    row = np.full(shape, 0 if not is_real or (values is not None and "harmonic" in like.dims) else np.nan, dtype=like.dtype)
-    if values is not None:
-        row[tuple(slice(n) for n in values.shape)] = values
-    return row
 
 
 def result_of(columns: xr.Dataset, source: Source, coordinates: Mapping[str, Any], attributes: Mapping[str, Any]) -> xr.Dataset:
@@ -295,7 +388,7 @@ def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
     others = {name: columns.coords[name] for name in columns.coords if name not in main.coords
               and set(columns[name].dims) <= axes}  # fmt: skip
     main = main.assign_coords(others) if others else main
-    main.encoding[_DETAILS] = details, source
+    main.encoding[_DETAILS] = Record(source, details)
     return main
 
 
@@ -324,20 +417,10 @@ def record_of(session: Session) -> xr.Dataset:
     for name, column in columns.items():
         lengths.update(zip(column.axes, column.values.shape))
         variables[name] = (column.axes, column.values, column.attributes())
-    labels = _labels(session, {axis: n for axis, n in lengths.items() if axis != "time"})
+    lengths.pop("time", None)
+    labels = _labels({axis: session.labels(axis) for axis in lengths if axis != "multiplier"}, session.dofs_of_sets, lengths)
     found = xr.Dataset(variables, labels, {"amplitude_convention": AMPLITUDES} if "time" in variables else {})
     return with_words(found)
-
-
-def number(session: Session, name: str) -> float:
-    """A column that is one number."""
-    values = session.column(name).values
-    return float("nan") if values is None else values.item()
-
-
-def status_of(session: Session) -> str:
-    """Status of the motion found last."""
-    return session.words_of("status")[int(number(session, "status"))]
 
 
 def varies_of(data: xr.Dataset) -> list[str]:

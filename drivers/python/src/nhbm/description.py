@@ -20,6 +20,7 @@ from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, rep
 from nhbm.laws import Law
 from nhbm.paths import InputPath, check_label, path_of
 from nhbm.responses import responses_in
+from nhbm.rows import Rows
 from nhbm.session import Session
 from nhbm.signatures import Laws
 from nhbm.structure import Structure
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
-_CHECKED_DOFS = 100  # of the largest structure for it
+CHECKED_DOFS = 100  # of the largest structure for it
 _SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
 
@@ -538,9 +539,9 @@ class Description(Laws):
         if group.name not in ({"structure", *repeated_groups()} - {"tie"}) or structure is None:
             return
         file = structure.keys.get("file")
-        if file is not None and not (isinstance(file, Structure) and file.n_dofs <= _CHECKED_DOFS):
+        if file is not None and not (isinstance(file, Structure) and file.n_dofs <= CHECKED_DOFS):
             return
-        if not isinstance(file, Structure) and _size_of(structure) > _CHECKED_DOFS:
+        if not isinstance(file, Structure) and size_of(structure) > CHECKED_DOFS:
             return
         few = Groups(other for other in self._groups if other.name in ("structure", "tones"))
         if group is not structure:
@@ -634,16 +635,21 @@ def _dofs(dof: str | Iterable[str]) -> dict[str, Any]:
     return {"dofs": list(dof)}
 
 
-def _size_of(structure: Group) -> int:
+def size_of(structure: Group) -> int:
     """A measure of the size of a structure that the solver builds."""
     return max([int(value) for key, value in structure.keys.items() if key in _SIZES and isinstance(value, int)], default=0)
+
+
+def place_of(folder: Path) -> str:
+    """A folder as the name of an input that is no file."""
+    return "" if folder == Path() else f"{folder}/"
 
 
 class CutCurve(NamedTuple):
     """A curve that has ended at its number of points: its session, and what was found there."""
 
     live: _Live
-    points: list[Any]  # datasets
+    rows: Rows
     doubtful: list[tuple[str, str]]
     idle: list[str] | None
 
@@ -658,7 +664,7 @@ class _Live:
         self.settings, self.n_changes = settings, model._n_changes
         self.session = Session(model._find_structure)
         self._handles: dict[str, int] = {}
-        self.session.read(model._groups.with_settings(settings).text(), "" if model._folder == Path() else f"{model._folder}/")
+        self.session.read(model._groups.with_settings(settings).text(), place_of(model._folder))
 
     def set(self, path: str, value: Any) -> None:
         if isinstance(value, float):

@@ -89,7 +89,7 @@ def warn_of_bifurcations(kinds: Iterable[str], path: str) -> None:
 
 def warn_of_end(session: Session, path: str, values: list[float], extent: float) -> bool:
     """Whether a curve has ended before its range of an extent does, with a warning if so; `values` at its points."""
-    reason = int(dataset.number(session, "reason"))
+    reason = session.outcome()[1]
     if reason == dataset.CUT_SHORT:
         share = (max(values) - min(values)) / abs(extent)
         wanted = len(values) * min(10.0, max(2.0, 1.3 / max(share, 1e-9)))
@@ -103,7 +103,7 @@ def warn_of_end(session: Session, path: str, values: list[float], extent: float)
             text += ", or with jump=True and more points, from its folds to motions beyond"
     elif reason == dataset.GRAZED:
         text = "the curve ended where a wall is grazed: no motion was found beyond"
-    elif dataset.status_of(session) not in (*dataset.SOLVED, "collapsed", "locked"):  # there the motion ends
+    elif session.status not in (*dataset.SOLVED, "collapsed", "locked"):  # there the motion ends
         text = f"the curve ended before the end of its range: {doubt_of(session)}"
     else:
         return False

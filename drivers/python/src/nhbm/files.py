@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
-from nhbm.dataset import AXES, CENSUS, TUPLE, Source, described_find, names_of_dofs, split, with_words
+from nhbm.dataset import AXES, CENSUS, TUPLE, Record, Source, described_find, names_of_dofs, split, with_words
 from nhbm.errors import ModelError, check_file
 from nhbm.groups import Groups, described
 from nhbm.hdf5_file import image_of, open_hdf5
@@ -135,9 +135,9 @@ def _dofs_of_sets(groups: Groups, folders: list[str]) -> dict[str, str]:
 _NOT_HDF5 = (".csv", ".gif", ".html", ".json", ".mat", ".nml", ".pdf", ".png", ".svg", ".txt", ".xlsx")
 
 
-def save(data: xr.Dataset, record: tuple[xr.Dataset, Source], path: Path) -> None:
+def save(data: xr.Dataset, record: Record, path: Path) -> None:
     """Writes a dataset of motions as a result file."""
-    details, source = record
+    details, source = record.details, record.source
     if path.suffix.lower() in _NOT_HDF5:
         hint = "; dataset.nhbm.to_dataframe() gives a table" if path.suffix.lower() in (".csv", ".txt") else ""
         raise ModelError(f"file '{path}': a result file is HDF5, give it the ending .h5{hint}")

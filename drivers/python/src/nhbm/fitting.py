@@ -457,18 +457,18 @@ def _curve(model: Model, how: Any, conditions: tuple[tuple[str, float], ...], pa
             model[how.path] = float(value)
             session = model._begin(request(how.tolerance, how.order, **groups))
             session.solve(points=0)
-            if dataset.status_of(session) in dataset.SOLVED:
+            if session.status in dataset.SOLVED:
                 points.append((0.0, 0, float(value), *_amplitude(session, how.of, paths, False)))
     else:
         session, name = model._begin(request(how.tolerance, how.order, **groups)), identifier(how.path)
         session.begin_curve()
         while session.next():
-            if dataset.status_of(session) in dataset.SOLVED:
-                kind = int(dataset.number(session, "curve_kind"))
+            if session.status in dataset.SOLVED:
+                kind = int(session.number("curve_kind"))
                 if paths and kind == _REGULAR:  # fits compare located points alone
                     continue
                 found = _amplitude(session, how.of, paths, kind == _FOLD)
-                points.append((dataset.number(session, "curve_length"), kind, dataset.number(session, name), *found))
+                points.append((session.number("curve_length"), kind, session.number(name), *found))
                 reached = kind == _END
     segments = [_Segment()]
     for _, kind, position, z, dz, moves in points:
@@ -589,9 +589,9 @@ def _holding(how: _Problem, amplitude: float, measured: float) -> tuple[float, A
     ends: list[tuple[float, float, float, Array]] = []  # amplitude, force, phase, derivatives of log z by parameters and force
     session.begin_curve()
     while session.next():
-        if dataset.status_of(session) in dataset.SOLVED and int(dataset.number(session, "curve_kind")) != _FOLD:
+        if session.status in dataset.SOLVED and int(session.number("curve_kind")) != _FOLD:
             z, dz, _ = _amplitude(session, how.of, [*how.paths, how.force], False)
-            ends = [*ends[-1:], (abs(z), dataset.number(session, name), float(np.angle(z)), dz / z)]
+            ends = [*ends[-1:], (abs(z), session.number(name), float(np.angle(z)), dz / z)]
             if abs(z) >= amplitude:
                 break
     if not ends:

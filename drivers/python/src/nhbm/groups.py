@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,6 +16,7 @@ from nhbm.paths import InputPath, path_of
 from nhbm.values import as_input, numbers_of, plain
 
 OPERATIONS = "sweep", "curve"  # groups of an input that are operations of a model
+FILE_KEYS = "file", "library", "stiffness_file", "table"  # keys that name files
 SETS = "order", "tuples", "set", "odd_only"  # keys of &harmonics that fix them
 
 
@@ -186,6 +188,13 @@ class Groups:
     def copied(self) -> Groups:
         """Groups of their own with the same values."""
         return Groups(Group(group.name, group.keys) for group in self._all)
+
+    def snapshot(self) -> Groups:
+        """These groups as they are now, whatever is set later."""
+        groups = Groups(copy.copy(group) for group in self._all)
+        for group in groups:
+            group.keys = dict(group.keys)
+        return groups
 
     def number_of(self, group: Group) -> int:
         """Number of a group among those of its name, from 1."""

@@ -12,15 +12,16 @@ import xarray as xr
 
 from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
-from nhbm.description import CutCurve, answering, exclusive
+from nhbm.description import CHECKED_DOFS, CutCurve, answering, exclusive, place_of, size_of
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError
-from nhbm.groups import SETS, Group, Settings, changed_values, curve_range, described, request
+from nhbm.groups import FILE_KEYS, SETS, Group, Settings, changed_values, curve_range, described, request
 from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.paths import identifier, path_of
 from nhbm.peaks import Peaks
 from nhbm.responses import gradient_of, refuse_largest, required_response_of, responses_in
+from nhbm.rows import Rows
 from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
@@ -99,7 +100,10 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order))
         self._solved = self._used
         session.solve(warm, points=self._sharing(1))
-        motion = dataset.result_of(dataset.motion_of(session), self._source(session), {}, self._attributes())
+        session.clear_rows()
+        session.add_row()
+        rows = session.rows()
+        motion = dataset.motion_of(rows, self._source(session, rows, is_written_later=True), self._attributes())
         doubts.warn_of(session)
         doubts.warn_of_idle_laws(session.idle_laws())
         return motion
@@ -126,7 +130,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
         doubts.warn_of(session)
-        return required_response_of(session, of) if dataset.status_of(session) in dataset.SOLVED else float("nan")
+        return required_response_of(session, of) if session.status in dataset.SOLVED else float("nan")
 
     @exclusive
     @documented
@@ -169,7 +173,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order, gradient={"by": paths, "of": of}))
         session.solve(warm, points=0)
         doubts.warn_of(session)
-        if dataset.status_of(session) not in dataset.SOLVED:
+        if session.status not in dataset.SOLVED:
             return Gradient(float("nan"), np.full(len(paths), np.nan))
         value = required_response_of(session, of)
         if not value:
@@ -230,40 +234,50 @@ class Model(Peaks):
                 refuse_largest(*responses_in(keys.get(key.name), key.name))
         settings = request(tolerance, order, curve={"parameter": path, **curve_range(start, stop, keys)})
         cut = self._continue_cut(settings) if on_point is None else None
-        points: list[xr.Dataset] = []
+        parts: list[Rows] = []  # points of an earlier call, and of each part of this one
         doubtful: list[tuple[str, str]] = []
         has_warned, is_stopped, idle = False, False, None  # laws without force on all points
         if cut is None:
             session = self._begin(settings)
             session.begin_curve()
         else:
-            session, points, doubtful, idle = cut.live.session, cut.points, cut.doubtful, cut.idle
-            points[-1] = points[-1].assign(reason=points[-1]["reason"] * 0)  # there is room for more
+            session, parts, doubtful, idle = cut.live.session, [cut.rows], cut.doubtful, cut.idle
+        session.clear_rows()
         with Progress(progress, "curve") as bar:
-            for _ in points:
+            for _ in range(sum(map(len, parts))):
                 bar.update()
             while session.next():
-                points.append(dataset.motion_of(session))
-                doubtful += [(dataset.status_of(session), text) for text in [doubts.doubt_of(session)] if text]
-                if dataset.status_of(session) in dataset.SOLVED and (idle is None or idle):
+                session.add_row()
+                status, text = session.status, doubts.doubt_of(session)
+                doubtful += [(status, text)] if text else []
+                if status in dataset.SOLVED and (idle is None or idle):
                     idle = [law for law in session.idle_laws() if idle is None or law in idle]
                 bar.update()
-                if on_point is not None and on_point(self._on_curve(points[-1:], path, self._source(session)).isel(point=0)):
+                if on_point is None:
+                    continue
+                parts.append(session.rows())
+                session.clear_rows()
+                if on_point(self._on_curve(parts[-1], path, self._source(session, parts[-1])).isel(point=0)):
                     is_stopped = True
                     break
-            else:
-                values = [float(point[identifier(path)]) for point in points if identifier(path) in point]
-                has_warned = doubts.warn_of_end(session, path, values, stop - start)
-                if has_warned and dataset.number(session, "reason") == dataset.CUT_SHORT:
-                    self._cut = CutCurve(self._sessions[self._used], [*points], [*doubtful], idle)
-        if not points:
+        if on_point is None:
+            parts.append(session.rows())
+        if not any(map(len, parts)):
             raise ModelError(session.message or "the curve has no points")
-        source = self._source(session)
+        rows = Rows.joined(parts)
+        if cut is not None and len(rows) > len(cut.rows):
+            rows.values["reason"][len(cut.rows) - 1] = 0  # there was room for more
+        if not is_stopped:
+            values = rows.values.get(identifier(path), np.zeros(0))
+            has_warned = doubts.warn_of_end(session, path, values[np.isfinite(values)].tolist(), stop - start)
+            if has_warned and session.outcome()[1] == dataset.CUT_SHORT:
+                self._cut = CutCurve(self._sessions[self._used], rows, [*doubtful], idle)
+        source = self._source(session, rows)
         source.is_complete = not is_stopped
-        found = self._on_curve(points, path, source)
+        found = self._on_curve(rows, path, source)
         if doubtful and (doubtful[-1][0] in ("collapsed", "locked") or (has_warned and doubtful[-1][0] not in dataset.SOLVED)):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
-        doubts.warn_of_points(doubtful, len(points))
+        doubts.warn_of_points(doubtful, len(rows))
         doubts.warn_of_idle_laws(idle or [])
         if not (is_stopped or has_warned or "over" in keys):
             ends = found[identifier(path)].values[found["curve_kind"].values == "end"].tolist()
@@ -317,11 +331,12 @@ class Model(Peaks):
         if not census.n_motions:
             is_cut = census.n_left > 0
             raise ModelError("the time limit ended the census before a motion was found" if is_cut else "no start led to a motion")
-        motions: list[xr.Dataset] = []
+        session.clear_rows()
         finds = []
         for index in range(census.n_motions):
             finds.append(session.select(index))
-            motions.append(dataset.motion_of(session))
+            session.add_row()
+        rows = session.rows()
         columns = {
             "census_motion": np.arange(len(finds), dtype=np.int32),
             "census_found": np.array([find.n_random for find in finds], np.int32),
@@ -340,11 +355,12 @@ class Model(Peaks):
             "census_least_share": census.least_share,
             "census_is_reliable": int(census.is_reliable),
         }
-        return dataset.result_of(dataset.joined(motions), self._source(session), values, {**estimates, **self._attributes()})
+        source = self._source(session, rows)
+        return dataset.result_of(dataset.columns_of(rows, True), source, values, {**estimates, **self._attributes()})
 
-    def _on_curve(self, points: list[xr.Dataset], path: str, source: dataset.Source) -> xr.Dataset:
+    def _on_curve(self, rows: Rows, path: str, source: dataset.Source) -> xr.Dataset:
         """Points of a curve as users get them."""
-        name, columns = identifier(path), dataset.joined(points)
+        name, columns = identifier(path), dataset.columns_of(rows, True)
         if name not in columns:
             text = next((str(text) for text in columns["message"].values if text), "")
             status = str(dataset.with_words(columns)["status"].values[0])
@@ -431,7 +447,7 @@ class Model(Peaks):
                 varied.append(str(value.attrs["parameter"]))
                 here[varied[-1]] = value.item()
         record = dataset.record_beside(motion)
-        changed = changed_values(record[1].text, here.to_namelist(), varied) if record is not None else ""
+        changed = changed_values(record.source.text, here.to_namelist(), varied) if record is not None else ""
         if changed:
             raise ModelError(f"the model has changed since this motion was found: {changed}")
         n = int(motion["n_harmonics"])
@@ -515,24 +531,41 @@ class Model(Peaks):
         laws = [group.keys.get("name") for group in self._groups.named("law")]
         return 0 if any(isinstance(law, Law) and law.steps_slowly for law in laws) else n
 
-    def _source(self, session: Session, grid: Mapping[str, Any] | None = None, paired: bool = False,
-                warm: bool = False) -> dataset.Source:  # fmt: skip
+    def _source(self, session: Session, rows: Rows, grid: Mapping[str, Any] | None = None, paired: bool = False,
+                warm: bool = False, is_written_later: bool = False) -> dataset.Source:  # fmt: skip
         """What the motions of a session belong to, with the values of a sweep by path."""
         sets = self._groups.with_settings(self._used).named("harmonics")
         has_own_tuples = not any(key in group.keys for group in sets for key in SETS)
         structure = self._groups.first("structure")
         file = None if structure is None else structure.keys.get("file")
-        text = session.input()
+        write = self._writer() if is_written_later else None
+        text, libraries = ("", "") if write else (session.input(), session.libraries())
         if grid:  # what the word means for a sweep of the command depends on the number of points
             text = text.replace("first_guess = 'auto'", f"first_guess = '{'neighbour' if warm else 'linear'}'")
         for axis, (path, values) in enumerate((grid or {}).items(), start=1):
             key = "texts" if isinstance(plain(values[0]), str) else "values"
             text += Group("sweep", {"axis": 1 if paired else axis, "parameter": path, key: values}).text()
         in_memory = file if isinstance(file, Structure) else None
-        source = dataset.Source(text, has_own_tuples, session.libraries(), self._folder, in_memory)
-        source.absent = dataset.absent_from(session)
+        source = dataset.Source(text, has_own_tuples, libraries, self._folder, in_memory, write)
+        source.absent = dataset.absent_from(rows.layout)
         source.labels = {axis: session.labels(axis) for axis in ("law", "multiplier")}
         return source
+
+    def _writer(self) -> Callable[[], tuple[str, str]] | None:
+        """What returns the complete input and the files for the present values, by reading these again; None if that
+        takes long or files may have changed by then."""
+        groups, structure = self._groups.with_settings(self._used), self._groups.first("structure")
+        is_small = structure is None or size_of(structure) <= CHECKED_DOFS
+        if not is_small or any(key in group.keys for group in groups for key in FILE_KEYS):
+            return None
+        snapshot, place = groups.snapshot(), place_of(self._folder)
+
+        def write() -> tuple[str, str]:
+            again = Session()
+            again.read(snapshot.text(), place)
+            return again.input(), again.libraries()
+
+        return write
 
     def _attributes(self) -> dict[str, Any]:
         """Attributes of a result, as in a file."""
@@ -556,4 +589,4 @@ class Model(Peaks):
         live = self._sessions.get(self._used)
         if live is None or not live.session.has_motion:
             return "converged", "", ""
-        return dataset.status_of(live.session), live.session.message, doubts.doubt_of(live.session)
+        return live.session.status, live.session.message, doubts.doubt_of(live.session)

@@ -89,9 +89,9 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
 def _omitted(data: xr.Dataset) -> str:
     """How many verdicts on stability are missing because of their cost, and what requests them."""
     found = record_beside(data)
-    if found is None or "stability_method" not in found[0]:
+    if found is None or "stability_method" not in found.details:
         return ""
-    groups = Groups.of_text(found[1].text)
+    groups = Groups.of_text(found.source.text)
     asked = groups.first("stability")
     if groups.first("normal_mode") is not None or (asked is not None and asked.keys.get("method", "auto") != "auto"):
         return ""

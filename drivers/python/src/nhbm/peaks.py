@@ -132,11 +132,11 @@ class Peaks(Description):
         best, best_at, found, doubt, ends, values = -1.0, np.nan, None, "", [], []
         session.begin_curve()
         while session.next():
-            if dataset.status_of(session) not in dataset.SOLVED:
+            if session.status not in dataset.SOLVED:
                 continue
             value, at = response_of(session, of), float(session.column(identifier(path)).values)
             values.append(at)
-            if int(dataset.number(session, "curve_kind")) == dataset.END:
+            if int(session.number("curve_kind")) == dataset.END:
                 ends.append(at)
             if value > best:
                 best, best_at = value, at

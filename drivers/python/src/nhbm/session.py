@@ -19,17 +19,21 @@ from nhbm import laws
 from nhbm._library import (
     INTERRUPT_CALLBACK,
     INVALID_ARGUMENT,
+    MAX_AXES,
     STRUCTURE_CALLBACK,
     Census,
     CensusMotion,
     ColumnDescription,
     Motion,
+    Table,
+    TableColumn,
     last_error,
     library,
     raise_error,
 )
 from nhbm._library import Column as _Column
 from nhbm.errors import ModelError
+from nhbm.rows import ColumnInfo, Layout, Rows
 from nhbm.structure import Structure, dofs_of_sets
 from nhbm.values import as_input
 
@@ -41,6 +45,7 @@ except ImportError:
     from signal import signal as _signal
 
 _MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
+_STATUSES: list[str] = []  # words of the library, from the first use on
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 
 
@@ -114,7 +119,9 @@ class Session:
         self.has_motion = False  # of the present input
         self.laws: list[laws.Law] = []  # that the library may call
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
-        self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
+        self._declaration: tuple[int, list[ColumnInfo], dict[str, list[str]]] = (-1, [], {})  # of the table of motions
+        self._layouts: dict[bytes, Layout] = {}  # of this declaration
+        self._outcome = ctypes.c_int(), ctypes.c_int()
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
         self._interrupt = INTERRUPT_CALLBACK(lambda context: int(interrupts.is_noted))
         self._call("set_interrupt_callback", self._interrupt, None)
@@ -232,13 +239,84 @@ class Session:
         """A column of these results. Raises KeyError for an unknown name."""
         return self._column("get_time_column", name)
 
+    def clear_rows(self) -> None:
+        """Removes all motions from the table that `add_row` fills."""
+        self._call("clear_table")
+
+    def add_row(self) -> None:
+        """Adds the last motion to the table of motions."""
+        self._check(self._library.nhbm_add_row(self._handle))
+
+    def rows(self) -> Rows:
+        """The table of motions: a copy of all columns, one array each."""
+        table = Table()
+        self._call("get_table", ctypes.byref(table))
+        if not table.n_rows:
+            return Rows(Layout([], [], {}, {}), {}, [])
+        layout, n = self._layout_of(table), table.n_rows
+        if n == 1:  # all columns in one array
+            whole = np.empty(layout.n_bytes // 8)
+            self._call("copy_columns", 0, table.n_columns, whole.ctypes.data, layout.n_bytes)
+            columns, offsets = layout.columns, layout.offsets
+            values = {name: np.ndarray((1, *shape), columns[name].dtype, whole, offsets[name])
+                      for name, shape in layout.shapes.items()}  # fmt: skip
+        else:
+            values = {}
+            for k, column in enumerate(layout.columns.values()):
+                if column.name in layout.shapes:
+                    one = np.empty((n, *layout.shapes[column.name]), column.dtype)
+                    self._call("copy_columns", k, 1, one.ctypes.data, -(-one.nbytes // 8) * 8)
+                    values[column.name] = one
+        messages = [self._row_message(k) for k in range(n)] if table.has_messages else [""] * n
+        return Rows(layout, values, messages)
+
+    def _row_message(self, row: int) -> str:
+        return self._with_names(self._text("get_row_message", row))
+
+    def _layout_of(self, table: Table) -> Layout:
+        """The layout of the table of motions; what has not changed since the last one is not asked for again."""
+        if table.declaration != self._declaration[0] or table.n_columns != len(self._declaration[1]):
+            columns = [self._table_column(k) for k in range(table.n_columns)]
+            axes = dict.fromkeys(axis for column in columns for axis in column.axes)
+            labels = {axis: self._lines("get_table_labels", axis.encode()) for axis in axes if axis != "multiplier"}
+            self._declaration, self._layouts = (table.declaration, columns, labels), {}
+        sizes = ctypes.string_at(table.sizes, 4 * (1 + MAX_AXES) * table.n_columns)
+        found = self._layouts.get(sizes)
+        if found is None:
+            _, columns, labels = self._declaration
+            each = np.frombuffer(sizes, np.int32).reshape(table.n_columns, 1 + MAX_AXES).tolist()
+            found = self._layouts[sizes] = Layout(columns, each, labels, self.dofs_of_sets)
+        return found
+
+    def _table_column(self, number: int) -> ColumnInfo:
+        found = TableColumn()
+        self._call("describe_table_column", number, ctypes.byref(found))
+        attributes = {"units": found.unit.decode() or "1", **_attributes(found.description)}
+        return ColumnInfo(found.name.decode(), _KINDS[found.description.kind], tuple(found.axes.decode().split()), attributes)
+
+    @property
+    def status(self) -> str:
+        """Status of the last motion."""
+        return self.outcome()[0]
+
+    def outcome(self) -> tuple[str, int]:
+        """Status of the last motion, and the number of the reason that ended its search."""
+        status, reason = self._outcome
+        self._call("get_outcome", status, reason)
+        if not _STATUSES:
+            _STATUSES.extend(self.words_of("status"))
+        return _STATUSES[status.value], reason.value
+
     def columns(self) -> list[str]:
         """Names of all columns of its motions (docs/user/schema.md)."""
         return self._text("get_column_names").split()
 
     def labels(self, axis: str) -> list[str]:
         """Labels along the axes `dof`, `law_dof` and `law`."""
-        text = self._text("get_labels", axis.encode())
+        return self._lines("get_labels", axis.encode())
+
+    def _lines(self, function: str, *arguments: Any) -> list[str]:
+        text = self._text(function, *arguments)
         return text.split("\n") if text else []
 
     def doubt(self) -> str:
@@ -274,6 +352,11 @@ class Session:
             return Column(np.array(self.message), "1", (), lambda: {"long_name": "reason for a failure, and advice"})
         return self._column("get_column", name)
 
+    def number(self, name: str) -> float:
+        """A column of the last motion that is one number; NaN if it is not known."""
+        values = self.column(name).values
+        return float("nan") if values is None else float(values.item())
+
     def _text(self, function: str, *arguments: Any) -> str:
         text = ctypes.c_char_p()
         self._call(function, *arguments, ctypes.byref(text))
@@ -308,15 +391,7 @@ class Session:
     def _describe_column(self, function: str, name: str) -> dict[str, Any]:
         found = ColumnDescription()
         self._call(function, name.encode(), ctypes.byref(found))
-        attributes: dict[str, Any] = {"long_name": found.long_name.decode()}
-        if found.dof_units:
-            attributes["dof_units"] = found.dof_units.decode()
-        if found.flag_meanings:
-            attributes["flag_meanings"] = found.flag_meanings.decode()
-            n = len(attributes["flag_meanings"].split())
-            attributes["flag_values"] = np.arange(found.lowest_flag, found.lowest_flag + n, dtype=np.int32)
-        attributes.update(line.split(" = ", 1) for line in found.attributes.decode().splitlines())
-        return attributes
+        return _attributes(found)
 
     def _describe(self, name: str, builder: Any) -> int:
         """Hands a structure over to the library; what goes wrong in Python is raised again when the library has returned."""
@@ -360,6 +435,19 @@ class Session:
             raise fault
         if status:
             raise_error(status)
+
+
+def _attributes(found: ColumnDescription) -> dict[str, Any]:
+    """Attributes of a column as in a file, besides its unit."""
+    attributes: dict[str, Any] = {"long_name": found.long_name.decode()}
+    if found.dof_units:
+        attributes["dof_units"] = found.dof_units.decode()
+    if found.flag_meanings:
+        attributes["flag_meanings"] = found.flag_meanings.decode()
+        n = len(attributes["flag_meanings"].split())
+        attributes["flag_values"] = np.arange(found.lowest_flag, found.lowest_flag + n, dtype=np.int32)
+    attributes.update(line.split(" = ", 1) for line in found.attributes.decode().splitlines())
+    return attributes
 
 
 def _words(words: list[str]) -> bytes:

@@ -11,7 +11,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -22,6 +22,8 @@ from nhbm.errors import Implausible, ModelError, NotConverged
 from nhbm.groups import Settings, request
 from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, words_of
+from nhbm.rows import Rows
+from nhbm.values import plain
 
 if TYPE_CHECKING:
     from nhbm.model import Model
@@ -100,15 +102,15 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     doubts.warn_of_model(model._live(settings).session, self._warned)
     length = len(points) if paired else len(list(grid.values())[-1])
     if not warm and comm is None:  # fewer, larger pieces of work
-        length = max(1, len(points) // (8 * workers)) if workers > 1 or executor else 1
+        length = max(1, len(points) // (8 * workers)) if workers > 1 or executor else len(points)
     elif not warm:
         length = 1
     lines = [points[k : k + length] for k in range(0, len(points), length)]
     work = _Line(model, list(grid), of, settings, warm, points)
     with Progress(progress, "sweep", len(points)) as bar:
-        done = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
-    rows, doubtful = [row for row, _, _ in done], [doubt for _, doubt, _ in done if doubt is not None]
-    idle = set.intersection(*([laws for _, _, laws in done if laws is not None] or [set()]))
+        done = list(_spread(work, lines, workers, executor, comm, bar))
+    doubtful = [doubt for part in done for doubt in part.doubtful]
+    idle = set.intersection(*([part.idle for part in done if part.idle is not None] or [set()]))
     if any(status not in dataset.SOLVED for status, _ in doubtful):  # a motion that was not found may have been prevented by a law
         idle = set()
     names = [identifier(path) for path in grid]
@@ -118,10 +120,11 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     if of is None:
         for path, value in zip(grid, points[0]):
             model[path] = value
-        source = model._source(model._live(settings).session, grid, paired, warm)
-        found = dataset.result_of(dataset.joined(rows), source, coordinates, {"varies": names, **model._attributes()})
+        rows = Rows.joined([part.rows for part in done])
+        source = model._source(model._live(settings).session, rows, grid, paired, warm)
+        found = dataset.result_of(dataset.columns_of(rows, True), source, coordinates, {"varies": names, **model._attributes()})
     else:
-        found = dataset.table(rows, coordinates).assign_attrs(varies=names)
+        found = dataset.table([row for part in done for row in part.rows], coordinates).assign_attrs(varies=names)
     if isinstance(of, str):
         found["response"].attrs.update(long_name=words_of(of), units=_unit_of(model._live(settings).session, of))
     doubts.warn_of_points(doubtful, len(points))
@@ -150,6 +153,14 @@ def _unit_of(session: Any, of: str) -> str:
     return units[labels.index(dof)] if dof in labels and len(units) == len(labels) else "m"
 
 
+class _Part(NamedTuple):
+    """What comes of a line of points."""
+
+    rows: Any  # Rows of motions, or a list of mappings of numbers
+    doubtful: list[tuple[str, str]]  # status, and what is doubtful
+    idle: set[str] | None  # laws without force on all motions
+
+
 class _Line:
     """Solves a line of points; a value that processes can be sent."""
 
@@ -159,41 +170,58 @@ class _Line:
         self.idle: set[str] | None = None  # laws without force on all motions so far; None: there is no motion yet
         self.thread = threading.get_ident()
 
-    def __call__(self, points: list[Any]) -> list[Any]:
-        """The results of the points, each with its status and what is doubtful about it, or None, and its laws without force."""
+    def __call__(self, points: list[Any], update: Callable[[], None] | None = None) -> _Part:
+        """The results of the points; `update` is called after each of them."""
         model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
-        results = []
-        for k, point in enumerate(points):
-            if callable(self.of) and not (self.warm and k > 0):  # it may start from the last motion, of whichever point
-                model = copy.copy(self.model)
-            results.append(self._point(model, point, k))
-        return results
+        part = _Part([], [], None)
+        each = self._evaluated(model, points) if callable(self.of) else self._solved(model, points, part)
+        for row, doubt in each:
+            if row is not None:
+                part.rows.append(row)
+            if doubt is not None:
+                part.doubtful.append(doubt)
+            if update is not None:
+                update()
+        rows = part.rows if self.of is not None else model._live(self.settings).session.rows()
+        return part._replace(rows=rows, idle=None if callable(self.of) else self.idle)
 
-    def _point(self, model: Model, point: Any, k: int) -> Any:
-        for path, value in zip(self.paths, point):
-            model[path] = value
-        if callable(self.of):
-            return self._evaluated(model, point)
-        session = model._live(self.settings).session
-        session.solve(self.warm and k > 0, points=model._sharing(self.n) if self.of is None else 0)
-        text, status = doubts.doubt_of(session), dataset.status_of(session)
-        doubt = (status, text) if text else None
-        if self.of is None:
-            return dataset.motion_of(session), doubt, self._idle_laws(session, status)
-        if status not in dataset.SOLVED:
-            return {"response": float("nan"), "status": status, "message": session.message}, doubt, None
-        response = response_of(session, self.of)
-        if response != response:
-            doubt = status, absence_of(session, self.of)
-        return {"response": response, "status": status, "message": session.message}, doubt, self._idle_laws(session, status)
+    def _solved(self, model: Model, points: list[Any], part: _Part) -> Iterator[tuple[Any, Any]]:
+        """Solves the points with one session, which collects their motions; yields responses, and doubts."""
+        live = model._live(self.settings)
+        session, n_sharing = live.session, model._sharing(self.n) if self.of is None else 0
+        varied = [(k, path) for k, path in enumerate(self.paths) if not self.settings.has(path_of(path))]
+        session.clear_rows()
+        for number, point in enumerate(points):
+            for k, path in varied:
+                live.set(path, plain(point[k]))
+            session.solve(self.warm and number > 0, points=n_sharing)
+            text, status = doubts.doubt_of(session), session.status
+            doubt = (status, text) if text else None
+            if self.of is None:
+                session.add_row()
+                self._note_idle_laws(session, status)
+                yield None, doubt
+                continue
+            response = response_of(session, self.of) if status in dataset.SOLVED else float("nan")
+            if status in dataset.SOLVED and response != response:
+                doubt = status, absence_of(session, self.of)
+            self._note_idle_laws(session, status)
+            yield {"response": response, "status": status, "message": session.message}, doubt
 
-    def _idle_laws(self, session: Any, status: str) -> set[str] | None:
+    def _note_idle_laws(self, session: Any, status: str) -> None:
         if status in dataset.SOLVED and (self.idle is None or self.idle):
             found = set(session.idle_laws())
             self.idle = found if self.idle is None else self.idle & found
-        return self.idle
 
-    def _evaluated(self, model: Model, point: Any) -> Any:
+    def _evaluated(self, model: Model, points: list[Any]) -> Iterator[tuple[Any, Any]]:
+        for k, point in enumerate(points):
+            if not (self.warm and k > 0):  # it may start from the last motion, of whichever point
+                model = copy.copy(self.model)
+            for path, value in zip(self.paths, point):
+                model[path] = value
+            yield self._value(model, point)
+
+    def _value(self, model: Model, point: Any) -> tuple[dict[str, Any], Any]:
         """What the function returns, with the status of its last solution; 'failed' where it raises an exception."""
         try:
             with warnings.catch_warnings():
@@ -203,15 +231,15 @@ class _Line:
             if point == self.first:
                 raise
             text = f"{type(fault).__name__}: {fault}"
-            return {"status": "failed", "message": text}, ("failed", text), None
+            return {"status": "failed", "message": text}, ("failed", text)
         wrong = [value for value in row.values() if isinstance(value, (str, bytes)) or np.ndim(value) > 0 or value is None]
         if wrong:
             raise ModelError(f"the function `of` of a sweep returns a number or a dict of numbers, not {wrong[0]!r}")
         status, message, text = model._ending()
-        return {**row, "status": status, "message": message}, (status, text) if text else None, None
+        return {**row, "status": status, "message": message}, (status, text) if text else None
 
 
-def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[list[Any]]:
+def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[_Part]:
     """What comes of all lines, in their order."""
     if comm is not None:
         mine = [(k, work(line)) for k, line in enumerate(lines) if k % comm.Get_size() == comm.Get_rank()]
@@ -228,7 +256,7 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
         try:
             with _script_left_out(text):
                 found = executor.map(work, lines)  # all processes start here
-            yield from _counted(found, bar)
+            yield from _counted(found, lines, bar)
         except BrokenProcessPool as error:
             raise ModelError(
                 "a process of the sweep has ended. A script whose own laws or functions are sent to processes is run by each of "
@@ -241,7 +269,11 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
         finally:
             executor.shutdown(cancel_futures=True)
         return
-    yield from _counted(map(work, lines) if executor is None else executor.map(work, lines), bar)
+    if executor is None:
+        for line in lines:
+            yield work(line, bar.update)
+    else:
+        yield from _counted(executor.map(work, lines), lines, bar)
 
 
 def _pickled(work: _Line) -> bytes:
@@ -255,10 +287,10 @@ def _pickled(work: _Line) -> bytes:
         ) from error
 
 
-def _counted(found: Iterable[list[Any]], bar: Progress) -> Iterator[list[Any]]:
-    for motions in found:
-        bar.update(len(motions))
-        yield motions
+def _counted(found: Iterable[_Part], lines: list[Any], bar: Progress) -> Iterator[_Part]:
+    for part, line in zip(found, lines):
+        bar.update(len(line))
+        yield part
 
 
 @contextlib.contextmanager
