@@ -22,7 +22,7 @@ def mesh(folder):
 def picture(folder):
     import xarray
 
-    import nhbm.dataset  # noqa: F401
+    import nhbm.accessor  # noqa: F401
 
     xarray.Dataset({"response": ("point", [1.0]), "status": ("point", ["converged"])}).nhbm.plot()
 

@@ -12,7 +12,6 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.builders import Matrices as Matrices
     from nhbm.builders import ModalBeam as ModalBeam
     from nhbm.builders import RotorStator as RotorStator
-    from nhbm.dataset import open_dataset as open_dataset
     from nhbm.errors import Implausible as Implausible
     from nhbm.errors import NotConverged as NotConverged
     from nhbm.fitting import Fit as Fit
@@ -25,6 +24,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.model import Model as Model
     from nhbm.peaks import Peak as Peak
     from nhbm.peaks import PeakGradient as PeakGradient
+    from nhbm.results import open_dataset as open_dataset
     from nhbm.rotors import Rotor as Rotor
     from nhbm.session import Session as Session
     from nhbm.structure import Structure as Structure
@@ -34,7 +34,7 @@ __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use
     "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors",
     "Peak": "peaks", "PeakGradient": "peaks",
-    "open_dataset": "dataset",
+    "open_dataset": "results",
     "Step": "laws", "law": "laws",
     "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",
     "Beam": "builders", "Chain": "builders",

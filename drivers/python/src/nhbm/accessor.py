@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import SOLVED, Record, check_found, check_motion, check_points, check_result, record_beside, varies_of
+from nhbm.dataset import Record, check_found, check_motion, check_points, check_result, record_beside, varies_of
 from nhbm.errors import ModelError, meant
 from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
+from nhbm.schema import SOLVED
 from nhbm.values import numbers_of
 
 
@@ -426,7 +427,8 @@ class Accessor:
         found = None if known is None else known.find_odd()
         if found is None or not set(found.dims) <= set(self._dataset.dims):
             return xr.DataArray(False)
-        return found.sel(point=self._dataset["point"].values) if "point" in found.dims and "point" in self._dataset.coords else found
+        is_selected = "point" in found.dims and "point" in self._dataset.coords
+        return found.sel(point=self._dataset["point"].values) if is_selected else found
 
     def gradient(self, of: str) -> xr.DataArray:
         """Derivatives of a response with respect to the values of the group &gradient, in their units.

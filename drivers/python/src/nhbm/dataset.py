@@ -11,18 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from nhbm.errors import ModelError, imported
+from nhbm.errors import ModelError
 from nhbm.rows import Layout, Rows
+from nhbm.schema import AMPLITUDES, AXES, CENSUS, SOLVED, TUPLE
 
 if TYPE_CHECKING:
     from nhbm.session import Session
 
-SOLVED = "converged truncated aliased penetrating impact integrated multiple_attractors".split()  # there is a motion
-END = 6  # as `curve_kind`
-CUT_SHORT, GRAZED = 8, 9  # as `reason`: a curve continues beyond its last point; it ends at a grazing impact
-AMPLITUDES = (
-    "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
-)
 _MAIN = (
     "status message n_harmonics tuple tuples coefficients force_coefficients improved_coefficients truncation_estimate "
     "aliasing_estimate frequency_estimate output_estimate penetration stability n_unstable exponent multiplier_real "
@@ -30,13 +25,6 @@ _MAIN = (
     "gradient_estimate gradient_defect position_gradient displacement_samples corrected_samples force_samples"
 ).split()
 _COORDINATES = "frequency", "tuple", "tuples"
-TUPLE = {"long_name": "integer tuple j of each harmonic", "units": "1"}
-CENSUS = {  # what varies over the motions of a census, and is a whole number or a text
-    "census_motion": "number of the motion, by size",
-    "census_found": "random starts that led to the motion",
-    "census_start": "start that found the motion",
-    "census_mirror_of": "motion whose mirror image this is; -1: none",
-}
 Absent = Any  # type, axes and attributes of a column
 _DETAILS = "nhbm_details"  # in the encoding of a dataset, which selections keep
 _NAMES = {"is_stable": "stability"}  # columns that have another name as words
@@ -111,26 +99,6 @@ class Record:
     def __deepcopy__(self, memo: Any) -> Record:
         return self  # nothing changes it
 
-
-
-def open_dataset(path: str | Path) -> xr.Dataset:
-    """Opens a result file of `nhbm solve` or of `dataset.nhbm.save`.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file. Needs h5netcdf, which is installed with the package.
-
-    Returns
-    -------
-    xarray.Dataset
-        As returned by `Model.solve`, `curve` and `sweep` (docs/user/schema.md), read on demand, without the unused rows of
-        curves. A file of one motion has no dimension `point`.
-    """
-    from nhbm import files
-
-    imported("h5netcdf", "result files are opened with")
-    return files.opened(path)
 
 
 def described_find(name: str) -> dict[str, str]:
@@ -305,22 +273,6 @@ def names_of_dofs(dofs_of_sets: Mapping[str, str], labels: Iterable[str]) -> lis
     return [" ".join(name for name, dof in dofs_of_sets.items() if dof == label) for label in labels]
 
 
-AXES = {
-    "attempt": "number of the attempt, from 0",
-    "point": "number of the sweep point, from 0",
-    "tone": "number of the tone, from 1",
-    "harmonic": "number of the harmonic, from 0",
-    "dof": "stored degree of freedom",
-    "law": "law, by its label",
-    "law_dof": "degree of freedom on which laws act",
-    "component": "part of a coefficient",
-    "multiplier": "number of the multiplier, from 0",
-    "output": "output that the tolerance is for, as the input has it",
-    "gradient_value": "value by which motions are differentiated, as the input has it",
-    "curve_unknown": "number of the unknown of the curve, from 0",
-}
-
-
 def absent_from(layout: Layout) -> dict[str, Absent]:
     """Columns of files whose values are not known for the motions of a session."""
     found = {name: (column.dtype, column.axes, dict(column.attributes)) for name, column in layout.absent.items()}
@@ -438,6 +390,3 @@ def table(rows: list[dict[str, Any]], coordinates: Mapping[str, Any]) -> xr.Data
     variables = {name: ("point", np.array([row.get(name, np.nan) for row in rows])) for name in rows[0]}
     along = {name: ("point", np.asarray(values), dict(attrs)) for name, (values, attrs) in coordinates.items()}
     return xr.Dataset(variables, along)
-
-
-import nhbm.accessor  # noqa: E402, F401  (every dataset has the accessor `nhbm`)

@@ -9,8 +9,8 @@ import warnings
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from nhbm import dataset
 from nhbm.errors import Implausible, NotConverged
+from nhbm.schema import SOLVED
 
 if TYPE_CHECKING:
     from nhbm.session import Session
@@ -89,8 +89,8 @@ def warn_of_bifurcations(kinds: Iterable[str], path: str) -> None:
 
 def warn_of_end(session: Session, path: str, values: list[float], extent: float) -> bool:
     """Whether a curve has ended before its range of an extent does, with a warning if so; `values` at its points."""
-    reason = session.outcome()[1]
-    if reason == dataset.CUT_SHORT:
+    reason = session.reason
+    if reason == "points":
         share = (max(values) - min(values)) / abs(extent)
         wanted = len(values) * min(10.0, max(2.0, 1.3 / max(share, 1e-9)))
         digit = 10 ** int(math.log10(wanted))
@@ -101,9 +101,9 @@ def warn_of_end(session: Session, path: str, values: list[float], extent: float)
         steps = [b - a for a, b in zip(values, values[1:]) if b != a]
         if share < 0.5 and sum(a * b < 0.0 for a, b in zip(steps, steps[1:])) >= SEVERAL:
             text += ", or with jump=True and more points, from its folds to motions beyond"
-    elif reason == dataset.GRAZED:
+    elif reason == "grazing":
         text = "the curve ended where a wall is grazed: no motion was found beyond"
-    elif session.status not in (*dataset.SOLVED, "collapsed", "locked"):  # there the motion ends
+    elif session.status not in (*SOLVED, "collapsed", "locked"):  # there the motion ends
         text = f"the curve ended before the end of its range: {doubt_of(session)}"
     else:
         return False

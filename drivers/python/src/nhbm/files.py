@@ -12,11 +12,12 @@ import numpy as np
 import xarray as xr
 
 from nhbm.child_process import atomic_write
-from nhbm.dataset import AXES, CENSUS, TUPLE, Record, Source, described_find, names_of_dofs, split, with_words
+from nhbm.dataset import Record, Source, described_find, names_of_dofs, split, with_words
 from nhbm.errors import ModelError, check_file
 from nhbm.groups import Groups, described
 from nhbm.hdf5_file import image_of, open_hdf5
 from nhbm.paths import path_of
+from nhbm.schema import AXES, CENSUS, TUPLE
 from nhbm.session import Session
 from nhbm.structure import FORMAT, Structure, dofs_of_sets_in
 

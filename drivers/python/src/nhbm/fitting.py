@@ -19,13 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nhbm import dataset, doubts
+from nhbm import doubts
 from nhbm.errors import ModelError, imported
 from nhbm.groups import Settings, request
 from nhbm.keys import keys_of, limits_of
 from nhbm.measured import MeasuredSet, is_same, measured_sets, n_measured
 from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of
+from nhbm.schema import SOLVED
 
 if TYPE_CHECKING:
     from nhbm.model import Model
@@ -457,26 +458,26 @@ def _curve(model: Model, how: Any, conditions: tuple[tuple[str, float], ...], pa
             model[how.path] = float(value)
             session = model._begin(request(how.tolerance, how.order, **groups))
             session.solve(points=0)
-            if session.status in dataset.SOLVED:
-                points.append((0.0, 0, float(value), *_amplitude(session, how.of, paths, False)))
+            if session.status in SOLVED:
+                points.append((0.0, "none", float(value), *_amplitude(session, how.of, paths, False)))
     else:
         session, name = model._begin(request(how.tolerance, how.order, **groups)), identifier(how.path)
         session.begin_curve()
         while session.next():
-            if session.status in dataset.SOLVED:
-                kind = int(session.number("curve_kind"))
-                if paths and kind == _REGULAR:  # fits compare located points alone
+            if session.status in SOLVED:
+                kind = session.kind
+                if paths and kind == "regular":  # fits compare located points alone
                     continue
-                found = _amplitude(session, how.of, paths, kind == _FOLD)
+                found = _amplitude(session, how.of, paths, kind == "fold")
                 points.append((session.number("curve_length"), kind, session.number(name), *found))
-                reached = kind == _END
+                reached = kind == "end"
     segments = [_Segment()]
     for _, kind, position, z, dz, moves in points:
         segments[-1].at.append(position)
         segments[-1].z.append(z)
         segments[-1].dz.append(dz)
         segments[-1].dat.append(moves)
-        if kind == _FOLD:
+        if kind == "fold":
             segments.append(_Segment([position], [z], [dz], [moves]))
     return segments, reached
 
@@ -502,7 +503,6 @@ def _amplitude(session: Session, of: str, paths: list[str], is_fold: bool) -> tu
     return cos - sign * 1j * sin, np.nan_to_num(slopes), np.zeros(len(paths)) if moves is None else np.nan_to_num(moves)
 
 
-_REGULAR, _FOLD, _END = 1, 3, 6  # as `curve_kind`
 
 
 class _Problem:
@@ -589,7 +589,7 @@ def _holding(how: _Problem, amplitude: float, measured: float) -> tuple[float, A
     ends: list[tuple[float, float, float, Array]] = []  # amplitude, force, phase, derivatives of log z by parameters and force
     session.begin_curve()
     while session.next():
-        if session.status in dataset.SOLVED and int(session.number("curve_kind")) != _FOLD:
+        if session.status in SOLVED and session.kind != "fold":
             z, dz, _ = _amplitude(session, how.of, [*how.paths, how.force], False)
             ends = [*ends[-1:], (abs(z), session.number(name), float(np.angle(z)), dz / z)]
             if abs(z) >= amplitude:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+import nhbm.accessor  # noqa: F401  (every dataset has the accessor `nhbm`)
 from nhbm import dataset, doubts, sweeps
 from nhbm._library import Motion, library
 from nhbm.description import CHECKED_DOFS, CutCurve, answering, exclusive, place_of, size_of
@@ -22,13 +23,12 @@ from nhbm.paths import identifier, path_of
 from nhbm.peaks import Peaks
 from nhbm.responses import gradient_of, refuse_largest, required_response_of, responses_in
 from nhbm.rows import Rows
+from nhbm.schema import AMPLITUDES, CENSUS_STARTS, SOLVED
 from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
 from nhbm.values import numbers_of, plain
 
-# nhbm_census_start
-_CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation", "continuation"
 
 
 class Gradient(NamedTuple):
@@ -130,7 +130,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
         doubts.warn_of(session)
-        return required_response_of(session, of) if session.status in dataset.SOLVED else float("nan")
+        return required_response_of(session, of) if session.status in SOLVED else float("nan")
 
     @exclusive
     @documented
@@ -173,7 +173,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order, gradient={"by": paths, "of": of}))
         session.solve(warm, points=0)
         doubts.warn_of(session)
-        if session.status not in dataset.SOLVED:
+        if session.status not in SOLVED:
             return Gradient(float("nan"), np.full(len(paths), np.nan))
         value = required_response_of(session, of)
         if not value:
@@ -250,7 +250,7 @@ class Model(Peaks):
                 session.add_row()
                 status, text = session.status, doubts.doubt_of(session)
                 doubtful += [(status, text)] if text else []
-                if status in dataset.SOLVED and (idle is None or idle):
+                if status in SOLVED and (idle is None or idle):
                     idle = [law for law in session.idle_laws() if idle is None or law in idle]
                 bar.update()
                 if on_point is None:
@@ -270,12 +270,12 @@ class Model(Peaks):
         if not is_stopped:
             values = rows.values.get(identifier(path), np.zeros(0))
             has_warned = doubts.warn_of_end(session, path, values[np.isfinite(values)].tolist(), stop - start)
-            if has_warned and session.outcome()[1] == dataset.CUT_SHORT:
+            if has_warned and session.reason == "points":
                 self._cut = CutCurve(self._sessions[self._used], rows, [*doubtful], idle)
         source = self._source(session, rows)
         source.is_complete = not is_stopped
         found = self._on_curve(rows, path, source)
-        if doubtful and (doubtful[-1][0] in ("collapsed", "locked") or (has_warned and doubtful[-1][0] not in dataset.SOLVED)):
+        if doubtful and (doubtful[-1][0] in ("collapsed", "locked") or (has_warned and doubtful[-1][0] not in SOLVED)):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
         doubts.warn_of_points(doubtful, len(rows))
         doubts.warn_of_idle_laws(idle or [])
@@ -340,7 +340,7 @@ class Model(Peaks):
         columns = {
             "census_motion": np.arange(len(finds), dtype=np.int32),
             "census_found": np.array([find.n_random for find in finds], np.int32),
-            "census_start": np.array([_CENSUS_STARTS[find.start] for find in finds], dtype=object),
+            "census_start": np.array([CENSUS_STARTS[find.start] for find in finds], dtype=object),
             "census_mirror_of": np.array([find.mirror_of for find in finds], np.int32),
         }
         values = {name: (column, dataset.described_find(name)) for name, column in columns.items()}
@@ -576,7 +576,7 @@ class Model(Peaks):
             "git_commit": library().nhbm_get_commit().decode(),
             "created_utc": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
             "title": "" if output is None else str(output.keys.get("title", "")),
-            "amplitude_convention": dataset.AMPLITUDES,
+            "amplitude_convention": AMPLITUDES,
             "n_ranks": np.int32(1),
         }
 

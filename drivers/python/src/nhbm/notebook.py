@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import SOLVED, record_beside, refinement_of, varies_of
+from nhbm.dataset import record_beside, refinement_of, varies_of
 from nhbm.errors import ModelError, imported
 from nhbm.groups import Groups
 from nhbm.located import located_kinds
+from nhbm.schema import SOLVED
 from nhbm.tables import writing
 
 _HEIGHT = 900  # of a report in a page [pixels]

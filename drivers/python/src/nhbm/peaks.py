@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nhbm import dataset, doubts
+from nhbm import doubts
 from nhbm.description import Description, exclusive
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError
 from nhbm.groups import curve_range, request
 from nhbm.paths import identifier
 from nhbm.responses import gradient_of, refuse_largest, response_of
+from nhbm.schema import SOLVED
 from nhbm.session import Session
 
 
@@ -132,11 +133,11 @@ class Peaks(Description):
         best, best_at, found, doubt, ends, values = -1.0, np.nan, None, "", [], []
         session.begin_curve()
         while session.next():
-            if session.status not in dataset.SOLVED:
+            if session.status not in SOLVED:
                 continue
             value, at = response_of(session, of), float(session.column(identifier(path)).values)
             values.append(at)
-            if int(session.number("curve_kind")) == dataset.END:
+            if session.kind == "end":
                 ends.append(at)
             if value > best:
                 best, best_at = value, at

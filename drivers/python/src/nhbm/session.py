@@ -45,7 +45,7 @@ except ImportError:
     from signal import signal as _signal
 
 _MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
-_STATUSES: list[str] = []  # words of the library, from the first use on
+_WORDS: dict[str, list[str]] = {}  # names of the numbers in columns, of the library, from the first use on
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 
 
@@ -121,7 +121,7 @@ class Session:
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self._declaration: tuple[int, list[ColumnInfo], dict[str, list[str]]] = (-1, [], {})  # of the table of motions
         self._layouts: dict[bytes, Layout] = {}  # of this declaration
-        self._outcome = ctypes.c_int(), ctypes.c_int()
+        self._numbers = ctypes.c_int(), ctypes.c_int()  # of the last outcome
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
         self._interrupt = INTERRUPT_CALLBACK(lambda context: int(interrupts.is_noted))
         self._call("set_interrupt_callback", self._interrupt, None)
@@ -297,15 +297,28 @@ class Session:
     @property
     def status(self) -> str:
         """Status of the last motion."""
-        return self.outcome()[0]
+        return self._outcome()[0]
 
-    def outcome(self) -> tuple[str, int]:
-        """Status of the last motion, and the number of the reason that ended its search."""
-        status, reason = self._outcome
+    @property
+    def reason(self) -> str:
+        """What ended the search for it, where the next step depends on it."""
+        return self._outcome()[1]
+
+    @property
+    def kind(self) -> str:
+        """Kind of the last point of a curve."""
+        return self._word("curve_kind", int(self.column("curve_kind").values))
+
+    def _outcome(self) -> tuple[str, str]:
+        status, reason = self._numbers
         self._call("get_outcome", status, reason)
-        if not _STATUSES:
-            _STATUSES.extend(self.words_of("status"))
-        return _STATUSES[status.value], reason.value
+        return self._word("status", status.value), self._word("reason", reason.value)
+
+    def _word(self, column: str, number: int) -> str:
+        """Name of a number in a column."""
+        if column not in _WORDS:
+            _WORDS[column] = self.words_of(column)
+        return _WORDS[column][number]
 
     def columns(self) -> list[str]:
         """Names of all columns of its motions (docs/user/schema.md)."""

@@ -7,15 +7,15 @@ import os
 import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
-import scipy.sparse as sp
 
-from nhbm.child_process import atomic_write
 from nhbm.errors import ModelError, check_file, meant
-from nhbm.hdf5_file import image_of, open_hdf5
+
+if TYPE_CHECKING:  # SciPy and h5py take long to import: models of builders need neither
+    import h5py
+    import scipy.sparse as sp
 
 FORMAT = "nhbm model"
 SCHEMA_VERSION = 1
@@ -82,6 +82,8 @@ class Structure:
         return f"<nhbm.Structure: {'; '.join(parts)}>"
 
     def __post_init__(self) -> None:
+        import scipy.sparse as sp
+
         for name in MATRICES:
             matrix = getattr(self, name)
             if matrix is None:
@@ -113,6 +115,8 @@ class Structure:
 
     def validate(self) -> None:
         """Refuses inconsistent sizes, non-finite numbers, and labels that are invalid or not unique."""
+        import scipy.sparse as sp
+
         n = self.n_dofs
         if n == 0:
             raise ModelError("the model has no degrees of freedom")
@@ -174,6 +178,9 @@ class Structure:
 
     def write(self, path: Any) -> None:
         """Writes the model file, under a temporary name until it is complete and on disk."""
+        from nhbm.child_process import atomic_write
+        from nhbm.hdf5_file import image_of
+
         is_large = self.recovery is not None and self.recovery.matrix.nbytes > LARGEST_IMAGE
         image = b"" if is_large else image_of(self._fill)
         try:
@@ -187,6 +194,8 @@ class Structure:
 
     def _write_in_place(self, name: str) -> None:
         """Writes what would not fit into memory a second time, if the disk has room: HDF5 does not recover from a full one."""
+        import h5py
+
         needed = self.recovery.matrix.nbytes + 12 * sum(matrix.nnz for matrix in self.matrices().values())
         if shutil.disk_usage(Path(name).parent).free < 1.1 * needed:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
@@ -195,6 +204,8 @@ class Structure:
 
     def _fill(self, file: h5py.File) -> None:
         """Writes the structure into an open file."""
+        import h5py
+
         texts = h5py.string_dtype()
         file.attrs["format"] = FORMAT
         file.attrs["schema_version"] = np.int32(SCHEMA_VERSION)
@@ -250,6 +261,8 @@ class Structure:
     @classmethod
     def read(cls, path: Any) -> Structure:
         """Reads a model file."""
+        from nhbm.hdf5_file import open_hdf5
+
         check_file(path)
         try:
             with open_hdf5(path) as file:
@@ -264,6 +277,8 @@ class Structure:
 
     @classmethod
     def _from_file(cls, file: h5py.File) -> Structure:
+        import scipy.sparse as sp
+
         if _text(file.attrs.get("format", "")) != FORMAT:
             raise ModelError(f"is not a model file: it has no attribute 'format' with the value '{FORMAT}'")
         if int(file.attrs.get("schema_version", 0)) != SCHEMA_VERSION:
@@ -321,6 +336,8 @@ def dofs_of_sets(structure: Structure) -> dict[str, str]:
 
 def dofs_of_sets_in(path: str | Path) -> dict[str, str]:
     """Likewise of a model file, without its matrices; none if it cannot be read."""
+    from nhbm.hdf5_file import open_hdf5
+
     try:
         with open_hdf5(path) as file:
             if _text(file.attrs.get("format", "")) != FORMAT or not {"sets", "dofs"} <= set(file):

@@ -23,6 +23,7 @@ from nhbm.groups import Settings, request
 from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, words_of
 from nhbm.rows import Rows
+from nhbm.schema import SOLVED
 from nhbm.values import plain
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         done = list(_spread(work, lines, workers, executor, comm, bar))
     doubtful = [doubt for part in done for doubt in part.doubtful]
     idle = set.intersection(*([part.idle for part in done if part.idle is not None] or [set()]))
-    if any(status not in dataset.SOLVED for status, _ in doubtful):  # a motion that was not found may have been prevented by a law
+    if any(status not in SOLVED for status, _ in doubtful):  # a motion that was not found may have been prevented by a law
         idle = set()
     names = [identifier(path) for path in grid]
     coordinates = {
@@ -202,14 +203,14 @@ class _Line:
                 self._note_idle_laws(session, status)
                 yield None, doubt
                 continue
-            response = response_of(session, self.of) if status in dataset.SOLVED else float("nan")
-            if status in dataset.SOLVED and response != response:
+            response = response_of(session, self.of) if status in SOLVED else float("nan")
+            if status in SOLVED and response != response:
                 doubt = status, absence_of(session, self.of)
             self._note_idle_laws(session, status)
             yield {"response": response, "status": status, "message": session.message}, doubt
 
     def _note_idle_laws(self, session: Any, status: str) -> None:
-        if status in dataset.SOLVED and (self.idle is None or self.idle):
+        if status in SOLVED and (self.idle is None or self.idle):
             found = set(session.idle_laws())
             self.idle = found if self.idle is None else self.idle & found
 
