@@ -231,7 +231,7 @@ contains
 
          is_repeated = point%switch == k .and. point%extreme == 2 .and. &
                        any(self%waiting%switch == k .and. self%waiting%extreme == 1 .and. &
-                           abs(self%waiting%position - point%position) <= agreement*self%curve%last_step)
+                           abs(self%waiting%position - point%position) <= max(rounding, agreement*self%curve%last_step))
       end function is_repeated
    end subroutine find_grazes
 

@@ -275,8 +275,9 @@ contains
    end subroutine curve_locate
 
    !> As `locate`, without changing the curve: by false position, in which the weight of the older end falls from step
-   !> to step, and by bisection where that is slow. When the bracket cannot shrink further, the remaining changes of
-   !> the function and of x distinguish a jump from a zero, and a leap to another curve from both.
+   !> to step, and by bisection where that is slow. When the bracket cannot shrink further, by rounding or since no
+   !> point in it can be computed, the remaining changes of the function and of x distinguish a jump from a zero, and a leap to
+   !> another curve from both.
    subroutine curve_find_zero(self, event, positions, values, x, step, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
@@ -308,20 +309,21 @@ contains
                step = bracket(1) + (bracket(2) - bracket(1))*min(0.999_wp, max(0.001_wp, -low/(high - low)))
          end associate
          is_close = i > fast_steps .or. bracket(2) - bracket(1) <= close*self%last_step
-         if (event%may_jump .and. is_close) then ! a jump: where the residual is small is near enough, and on the same curve
-            call self%point_at(step, x, is_on_curve, &
-                               x_at(:, 1) + (step - position(1))/(position(2) - position(1))*(x_at(:, 2) - x_at(:, 1)))
-         else
-            call self%point_at(step, x, is_on_curve)
+         call find_point(event%may_jump .and. is_close, is_on_curve)
+         if (self%status /= outcome%pending) return
+         if (.not. is_on_curve) then                                  ! the bracket cannot shrink further
+            near = minloc(abs(at_ends), dim=1)
+            step = position(near)
+            x = x_at(:, near)
+            is_found = is_close .and. is_zero_between()
+            return
          end if
-         if (.not. is_on_curve) return
          value = event%value(self, x)
          if (ieee_is_nan(value)) return
          is_found = abs(value) <= event%tolerance
          if (is_found) return
          if (bracket(2) - bracket(1) <= smallest_bracket*self%last_step) then
-            is_found = norm2((x_at(:, 2) - x_at(:, 1))/self%units) <= jump*self%last_step .and. &
-                       (event%may_jump .or. abs(at_ends(2) - at_ends(1)) <= jump*abs(values(2) - values(1)))
+            is_found = is_zero_between()
             return
          end if
          if (near == merge(1, 2, value*values(1) > 0.0_wp)) weights(3 - near) = 0.5_wp*weights(3 - near)
@@ -332,6 +334,41 @@ contains
          x_at(:, near) = x
          weights(near) = 1.0_wp
       end do
+
+   contains
+
+      !> Point of the curve at `step`, or where the corrector fails there, at another position in the bracket: next to a kink, or
+      !> where rounding errors are as large as its tolerance, it may succeed at one of two neighbouring positions alone.
+      subroutine find_point(begins_between, is_there)
+         logical, intent(in) :: begins_between                        !! where the residual is small is near enough
+         logical, intent(out) :: is_there                             !! `step` is its position
+         real(wp), parameter :: shares(3) = [0.5_wp, 0.25_wp, 0.75_wp]
+         integer :: k
+
+         if (begins_between) then
+            call self%point_at(step, x, is_there, between())
+         else
+            call self%point_at(step, x, is_there)
+         end if
+         do k = 1, size(shares)
+            if (is_there .or. .not. is_close .or. self%status /= outcome%pending) return   ! farther away the curve may leap
+            step = bracket(1) + shares(k)*(bracket(2) - bracket(1))
+            call self%point_at(step, x, is_there, between())
+         end do
+      end subroutine find_point
+
+      !> The line between the nearest points, at `step`.
+      function between()
+         real(wp) :: between(size(x))
+
+         between = x_at(:, 1) + (step - position(1))/(position(2) - position(1))*(x_at(:, 2) - x_at(:, 1))
+      end function between
+
+      !> Whether the curve passes through the bracket without a leap, and the function has a zero there, or may jump.
+      logical function is_zero_between()
+         is_zero_between = norm2((x_at(:, 2) - x_at(:, 1))/self%units) <= jump*self%last_step .and. &
+            (event%may_jump .or. abs(at_ends(2) - at_ends(1)) <= jump*abs(values(2) - values(1)))
+      end function is_zero_between
    end subroutine curve_find_zero
 
    !> Sets the last equation to the plane at a distance from a point.

@@ -1,0 +1,63 @@
+"""The speeds at which a whirling rotor touches its seal, by any mesh of the shaft, against the closed form of the circular whirl.
+
+Of one harmonic the rub is at rest in the whirl: first contact is where the radius of the rotor without seal is the clearance.
+"""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from in_process import nhbm
+
+CLEARANCE, UNBALANCE = 60e-6, 4e-4  # m, kg m
+NODES = (4, 13, 16)  # 16, 52 and 64 degrees of freedom: rounding errors grow with the fourth power of the number of elements
+
+
+def rotor(n_nodes):
+    made = nhbm.Rotor()
+    made.shaft(np.linspace(0.0, 1.2, n_nodes), diameter=0.04)
+    made.disk(0.4, mass=8.0, diametral=0.03, polar=0.06)
+    made.disk(0.8, mass=10.0, diametral=0.05, polar=0.1)
+    for z in (0.0, 1.2):
+        made.bearing(z, stiffness=3.4e6, damping=700.0)
+    return made.structure()
+
+
+def radii(structure):
+    """Radius of the whirl at the second disk without the seal, as a function of the speed."""
+    dense = {name: np.asarray(m.todense() if hasattr(m, "todense") else m) for name, m in structure.matrices().items()}
+    spin = structure.gyroscopic_by_speed
+    gyroscopic = np.asarray(spin.todense() if hasattr(spin, "todense") else spin)
+    labels = list(structure.labels)
+    third = len([label for label in labels if label.endswith(".x")]) // 3  # elements to the first disk
+    load = np.zeros(len(labels), complex)
+    load[[labels.index(f"n{third + 1}.{axis}") for axis in "xy"]] = UNBALANCE * np.array([1.0, -1.0j])
+
+    def radius(speed):
+        stiffness = dense["stiffness"] - speed**2 * dense["mass"] + 1j * speed * (dense["damping"] + speed * gyroscopic)
+        return abs(np.linalg.solve(stiffness, speed**2 * load)[labels.index(f"n{2 * third + 1}.x")])
+
+    return radius
+
+
+@pytest.mark.parametrize("n_nodes", NODES)
+def test_first_contact_is_located_for_any_mesh(n_nodes):
+    structure = rotor(n_nodes)
+    radius = radii(structure)
+    model = nhbm.Model(structure, tones=[200.0])
+    model.set("structure", speed=[200.0])
+    model.tie("structure.speed", "tones[0]")
+    model.load("disk1.x", 1, cos=UNBALANCE, frequency_power=2)
+    model.load("disk1.y", 1, sin=UNBALANCE, frequency_power=2)
+    model.law("annular_clearance", ["disk2.x", "disk2.y"], stiffness=2e7, clearance=CLEARANCE, friction_coefficient=0.05)
+    for start, stop, kinds in ((150.0, 200.0, ["grazing"]), (240.0, 150.0, ["fold", "grazing"])):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", nhbm.NotConverged)  # where the contact ends the second curve turns back
+            curve = model.curve("tones[0]", start, stop, order=1)
+        events = curve.nhbm.events("disk2.x (1)")
+        assert sorted(events.kind) == sorted(["start", *kinds, "end"])
+        exact = brentq(lambda speed: radius(speed) - CLEARANCE, *((150.0, 200.0) if start < stop else (200.0, 240.0)))
+        found = events.tones_frequency[events.kind.isin(kinds)]
+        np.testing.assert_allclose(found, exact, rtol=1e-7)
