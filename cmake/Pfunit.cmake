@@ -1,7 +1,7 @@
 # Chooses the test framework, pFUnit or the in-tree runner, and offers hb_add_test, the same with both.
 
 set(HB_PFUNIT AUTO CACHE STRING
-  "Run the tests with pFUnit: AUTO takes it if found, ON demands it, OFF uses the in-tree runner")
+  "Run the tests with pFUnit: AUTO uses it if 4.14 or later with MPI is found, ON demands it, OFF uses the in-tree runner")
 set_property(CACHE HB_PFUNIT PROPERTY STRINGS AUTO ON OFF)
 string(TOUPPER "${HB_PFUNIT}" hb_pfunit_choice)
 if(NOT hb_pfunit_choice MATCHES "^(AUTO|ON|OFF)$")
@@ -9,6 +9,9 @@ if(NOT hb_pfunit_choice MATCHES "^(AUTO|ON|OFF)$")
 endif()
 
 if(HB_CORE_ONLY) # without MPI
+  if(hb_pfunit_choice STREQUAL "ON")
+    message(FATAL_ERROR "HB_PFUNIT=ON, but HB_CORE_ONLY=ON leaves out MPI, which the tests with pFUnit need: set HB_PFUNIT=OFF")
+  endif()
   set(hb_pfunit_choice OFF)
 else()
   find_package(MPI REQUIRED COMPONENTS Fortran) # before pFUnit, whose add_pfunit_ctest uses MPIEXEC_EXECUTABLE
@@ -16,15 +19,24 @@ endif()
 
 if(NOT hb_pfunit_choice STREQUAL "OFF")
   find_package(PFUNIT QUIET)
+  if(NOT PFUNIT_FOUND)
+    set(hb_pfunit_lack "no pFUnit was found: give its prefix in CMAKE_PREFIX_PATH")
+  elseif(PFUNIT_VERSION VERSION_LESS 4.14)
+    set(hb_pfunit_lack "pFUnit ${PFUNIT_VERSION} of ${PFUNIT_DIR} is older than 4.14")
+  elseif(NOT PFUNIT_MPI_FOUND)
+    set(hb_pfunit_lack "pFUnit ${PFUNIT_VERSION} of ${PFUNIT_DIR} was built without MPI")
+  endif()
 endif()
-if(PFUNIT_FOUND AND PFUNIT_MPI_FOUND AND NOT hb_pfunit_choice STREQUAL "OFF")
-  message(STATUS "Tests: pFUnit ${PFUNIT_VERSION}")
+if(NOT hb_pfunit_choice STREQUAL "OFF" AND NOT DEFINED hb_pfunit_lack)
+  message(STATUS "Tests: pFUnit ${PFUNIT_VERSION} of ${PFUNIT_DIR}; HB_PFUNIT=OFF takes the in-tree runner")
 elseif(hb_pfunit_choice STREQUAL "ON")
-  message(FATAL_ERROR "HB_PFUNIT=ON, but no pFUnit built with MPI was found: "
-    "give its prefix in CMAKE_PREFIX_PATH")
+  message(FATAL_ERROR "HB_PFUNIT=ON, but ${hb_pfunit_lack}")
 else()
   find_package(Python3 REQUIRED COMPONENTS Interpreter)
   include("${CMAKE_CURRENT_LIST_DIR}/../tests/runner/runner.cmake")
+  if(DEFINED hb_pfunit_lack AND PFUNIT_FOUND)
+    message(STATUS "Tests: ${hb_pfunit_lack}")
+  endif()
   message(STATUS "Tests: in-tree runner (tests/runner)")
 endif()
 

@@ -219,7 +219,7 @@ hb_build() {
    hb_say "Building the $1 preset in build/$1"
    if [[ -d $hb_sundials && -n $(hb_missing_packages libsundials-dev) ]]; then sundials=(-DCMAKE_PREFIX_PATH="$hb_sundials/usr"); fi
    (cd "$hb_root" &&
-      cmake --preset "$1" -DPython3_EXECUTABLE="$(hb_python)" -DHB_PYTHON="$hb_venv/bin/python" "${sundials[@]}" "${@:4}") ||
+      cmake --preset "$1" -DHB_PFUNIT=OFF -DPython3_EXECUTABLE="$(hb_python)" -DHB_PYTHON="$hb_venv/bin/python" "${sundials[@]}" "${@:4}") ||
       hb_fail "cmake could not configure $1"
    (cd "$hb_root" && cmake --build --preset "$1" --parallel "$2" --target "${3:-all}") || hb_fail "the $1 build failed"
 }

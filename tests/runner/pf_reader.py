@@ -10,7 +10,13 @@ from pathlib import Path
 
 MAX_COLUMNS = 120  # the generated call is a few columns longer and has to stay below 132
 MAX_TEST_NAME = 44
+MAX_NAME_OF_CASE = 37  # of a test in a file with @testCase
+MAX_WITH_FIXTURE = 105  # characters of a test and of what stands before and after it
 RESERVED = {"t", "suite", "test", "run", "initialize", "finalize", "stub", "throw", "catch"}
+# what `use funit` of pFUnit 4.14 exports and tests do not use: other meanings of these names at module level do not compile
+EXPORTED = set("""near is not every every_item subject expectation predicate disable starts_with ends_with contains_string any_of
+all_of equal_to relatively_near parallelcontext whitespaceoptions get_context trim_all empty_array ignore_all matchable
+wascalled""".split())
 PARENTS = {name.lower(): name for name in ("TestCase", "ParameterizedTestCase", "MpiTestCase")}
 
 # assertion: (fewest positional arguments, most, keywords, keywords that must be there)
@@ -112,6 +118,7 @@ class TestFile:
         self.pending = None
         self.in_declarations = True  # of the module, until its 'contains'
         self.in_block = False
+        self.statement = ""  # of the declarations, as far as its lines have been read
         self.tests = []
         self.fixture = {}  # before, after: (procedure name, number of arguments, line)
         self.case = None  # (type name, parent, directive) of @testCase
@@ -156,7 +163,10 @@ class TestFile:
         elif re.match(r"end\s*module\b", code, re.I):
             self.note_place("end")
         elif self.in_declarations:
-            self.read_declaration(code)
+            self.statement += " " + code.strip("&").strip()
+            if not code.endswith("&"):
+                self.read_declaration(self.statement.strip())
+                self.statement = ""
         procedure = PROCEDURE.match(code)
         if procedure:
             self.check_name(procedure[1])
@@ -183,7 +193,7 @@ class TestFile:
         self.note_place("use")
 
     def read_declaration(self, code):
-        """A line between `module` and its `contains`; inside of types and interfaces nothing matters."""
+        """A statement between `module` and its `contains`; inside of types and interfaces nothing matters."""
         if re.match(r"(type\b(?!\s*\()|(abstract\s+)?interface\b)", code, re.I):
             self.in_block = True
         elif re.match(r"end\s*(type|interface)\b", code, re.I):
@@ -195,9 +205,12 @@ class TestFile:
         elif not self.in_block and "::" in code:
             for entity in split_arguments(code.split("::")[1]):
                 self.check_name(re.split(r"[(=]", entity)[0].strip())
+        used = re.match(r"use\b[^:]*?,\s*only\s*:(.*)", code, re.I)
+        for entity in split_arguments(used[1]) if used else []:
+            self.check_name(entity.split("=>")[0].strip())
 
     def check_name(self, name):
-        if name.lower() in RESERVED:
+        if name.lower() in RESERVED | EXPORTED:
             self.refuse(f"the name '{name}' belongs to the test framework")
 
     def read_directive(self, line):
@@ -342,6 +355,7 @@ class TestFile:
             self.refuse("@testParameter without @testCase", self.parameter[1].line_number)
         for test in self.tests:
             self.check_test(test)
+            self.check_length(test)
         if self.case:
             self.check_case()
         for kind, (_, n_arguments, line_number) in self.fixture.items():
@@ -367,6 +381,14 @@ class TestFile:
             self.refuse("testParameters= needs a @testParameter type in this file", line_number)
         if self.parameter and self.case and not self.parameters_of(test):
             self.refuse(f"test '{test.name}' has no testParameters=, neither has its @testCase", line_number)
+
+    def check_length(self, test):
+        """pFUnit writes the names into one line of Fortran."""
+        line_number = test.directive.line_number
+        if self.case and len(test.name) > MAX_NAME_OF_CASE:
+            self.refuse(f"a test of a file with @testCase has at most {MAX_NAME_OF_CASE} characters", line_number)
+        if len(test.name) + sum(len(name) for name, _, _ in self.fixture.values()) > MAX_WITH_FIXTURE:
+            self.refuse(f"a test, @before and @after have at most {MAX_WITH_FIXTURE} characters together", line_number)
 
     def check_case(self):
         _, parent, directive = self.case

@@ -51,6 +51,28 @@ def translate(text, name="test_thing.pf"):
         return done.returncode, done.stderr.replace(folder + "/", ""), target.read_text() if target.exists() else None
 
 
+class TestNamesOfPfunit(unittest.TestCase):
+    """Names at module level that `use funit` of pFUnit exports: the file would not compile with it."""
+
+    def refused(self, declaration):
+        status, message, _ = translate(PLAIN.replace("   implicit none\n", declaration))
+        return status != 0 and "belongs to the test framework" in message
+
+    def test_declared_and_used_names_are_refused(self):
+        self.assertTrue(self.refused("   implicit none\n   real :: near\n"))
+        self.assertTrue(self.refused("   implicit none\n   real :: far, &\n      Every = 1.0\n"))
+        self.assertTrue(self.refused("   use other, only: a_t, &\n      trim_all\n   implicit none\n"))
+        self.assertTrue(self.refused("   use other, only: is => has\n   implicit none\n"))
+
+    def test_other_names_are_accepted(self):
+        self.assertFalse(self.refused("   use other, only: has => is\n   implicit none\n   real :: far = 1.0, nearest(2) = [1.0, &\n      2.0]\n"))
+
+    def test_long_names_are_refused_where_cases_lengthen_them(self):
+        for n, is_accepted in ((37, True), (38, False)):
+            name = "test_" + "a" * (n - 5)
+            self.assertEqual(translate(CASE.replace("test_a", name))[0] == 0, is_accepted)
+
+
 class TestAccepted(unittest.TestCase):
     def test_assertion_becomes_call_at_its_line(self):
         status, message, output = translate(PLAIN)
