@@ -93,7 +93,7 @@ module command_table
       "             which resume solves, 4 some points failed (see their status in the file), a derivative is wrong, or time", &
       "             integration disagrees with a motion.", &
       "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 stop a run at the next iteration, a second signal at once.", &
-      "BLAS uses one thread unless OPENBLAS_NUM_THREADS is set. nhbm keys lists the keys of the input, which", &
+      "BLAS uses one thread, or NHBM_BLAS_THREADS of the environment. nhbm keys lists the keys of the input, which", &
       "docs/user/input.md of the sources explains, as docs/user/schema.md does the contents of the results."]
 
 contains

@@ -7,7 +7,7 @@ program nhbm
    use command_table, only: verb_names, write_completion, write_help, write_manual
    use console, only: finish_output, print_error, say
    use exit_status, only: bad_input, incomplete, success
-   use hb_blas_threads, only: allocate_blas_memory, can_end_blas, use_one_blas_thread
+   use hb_blas_threads, only: allocate_blas_memory, can_end_blas, limit_blas_threads
    use hb_crash_handler, only: protect_outside_code
    use hb_error, only: error_t, fail
    use hb_hdf5, only: can_end_library
@@ -61,7 +61,7 @@ program nhbm
    real(wp), parameter :: pause = 0.5_wp                              !! [s] see expect_signals
 
    call retain_freed_memory(64)
-   call use_one_blas_thread()
+   call limit_blas_threads()
    call survive_failed_writes()
    words = argument_list()
    if (size(words) > 0) then

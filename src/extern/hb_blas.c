@@ -1,23 +1,49 @@
 #define _DEFAULT_SOURCE /* for MAP_ANONYMOUS */
 #include "hb_blas.h"
 
+#include <stdint.h>
 #include <stdlib.h>
 #include <sys/mman.h>
 
-/* From OpenBLAS's cblas.h; null if BLAS is another library. */
+/* From cblas.h of OpenBLAS, mkl_service.h and blis.h (its dim_t has the width of a pointer); null if BLAS is another library. */
 void openblas_set_num_threads(int n_threads) __attribute__((weak));
 int openblas_get_num_threads(void) __attribute__((weak));
+void MKL_Set_Num_Threads(int n_threads) __attribute__((weak));
+int MKL_Get_Max_Threads(void) __attribute__((weak));
+void bli_thread_set_num_threads(intptr_t n_threads) __attribute__((weak));
+intptr_t bli_thread_get_num_threads(void) __attribute__((weak));
 
-void hb_use_one_blas_thread(void)
+/* Number of threads that the user of nhbm requests. */
+static int requested_threads(void)
 {
-   static const char *const choices[] = {"OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS"};
+   const char *value = getenv("NHBM_BLAS_THREADS");
+   const long n = value == NULL ? 1 : strtol(value, NULL, 10);
+   return n < 1 || n > 1024 ? 1 : (int)n;
+}
 
-   if (openblas_set_num_threads == NULL) return;
-   for (size_t i = 0; i < sizeof choices / sizeof choices[0]; i++) {
-      const char *value = getenv(choices[i]);
-      if (value != NULL && *value != '\0') return;
-   }
-   openblas_set_num_threads(1);
+static void set_threads(int n_threads)
+{
+   if (openblas_set_num_threads != NULL) openblas_set_num_threads(n_threads);
+   if (MKL_Set_Num_Threads != NULL) MKL_Set_Num_Threads(n_threads);
+   if (bli_thread_set_num_threads != NULL) bli_thread_set_num_threads(n_threads);
+}
+
+void hb_limit_blas_threads(void)
+{
+   set_threads(requested_threads());
+}
+
+int hb_borrow_blas(void)
+{
+   const int n_before = hb_n_blas_threads();
+   const int n = requested_threads();
+   if (n_before > 0 && n_before != n) set_threads(n);
+   return n_before;
+}
+
+void hb_return_blas(int n_before)
+{
+   if (n_before > 0 && n_before != hb_n_blas_threads()) set_threads(n_before);
 }
 
 /* Size of the buffer that each thread of OpenBLAS 0.3 allocates at its first call; its own constant is not exported. */
@@ -42,5 +68,7 @@ int hb_allocate_blas_memory(void)
 
 int hb_n_blas_threads(void)
 {
-   return openblas_get_num_threads == NULL ? 0 : openblas_get_num_threads();
+   if (openblas_get_num_threads != NULL) return openblas_get_num_threads();
+   if (MKL_Get_Max_Threads != NULL) return MKL_Get_Max_Threads();
+   return bli_thread_get_num_threads == NULL ? 0 : (int)bli_thread_get_num_threads();
 }

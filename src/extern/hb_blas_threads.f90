@@ -6,21 +6,20 @@ module hb_blas_threads
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: allocate_blas_memory, can_end_blas, n_blas_threads, use_one_blas_thread
+   public :: allocate_blas_memory, can_end_blas, limit_blas_threads, n_blas_threads
 
    logical :: is_short_of_memory = .false.
 
    interface
-      !> Makes OpenBLAS use one thread, unless the user's environment requests a number (OPENBLAS_NUM_THREADS,
-      !> GOTO_NUM_THREADS, OMP_NUM_THREADS).
-      subroutine use_one_blas_thread() bind(c, name="hb_use_one_blas_thread")
-      end subroutine use_one_blas_thread
+      !> Makes BLAS use one thread, or the number in the environment variable NHBM_BLAS_THREADS.
+      subroutine limit_blas_threads() bind(c, name="hb_limit_blas_threads")
+      end subroutine limit_blas_threads
 
       integer(c_int) function hb_allocate_blas_memory() bind(c, name="hb_allocate_blas_memory")
          import :: c_int
       end function hb_allocate_blas_memory
 
-      !> Number of threads of OpenBLAS; 0 with another library.
+      !> Number of threads of OpenBLAS, MKL or BLIS; 0 with another library.
       integer(c_int) function n_blas_threads() bind(c, name="hb_n_blas_threads")
          import :: c_int
       end function n_blas_threads
@@ -34,7 +33,7 @@ contains
 
       is_short_of_memory = hb_allocate_blas_memory() /= 0
       if (is_short_of_memory) call fail(error, "a limit on memory (ulimit -v) leaves less than the 144 MiB that "// &
-         "each thread of OpenBLAS takes at its first call; raise it, or set OPENBLAS_NUM_THREADS=1")
+         "each thread of OpenBLAS takes at its first call; raise it, or leave out NHBM_BLAS_THREADS")
    end subroutine allocate_blas_memory
 
    !> Whether the process may end as usual. Without its memory OpenBLAS would wait for threads that never stop to request theirs.

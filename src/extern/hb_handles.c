@@ -1,5 +1,7 @@
 #include "hb_handles.h"
 
+#include "hb_blas.h"
+
 #include <pthread.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -19,6 +21,23 @@ enum { n_lists = 1024, no_kind = 0 };
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 static pthread_cond_t released = PTHREAD_COND_INITIALIZER;
 static entry_t *lists[n_lists]; /* by address */
+static int n_busy = 0;
+static int blas_threads; /* of the program, while objects are busy */
+
+/* The following two are called under the mutex: while any object is busy, BLAS uses the threads of nhbm, not those of the program. */
+static void make_busy(entry_t *entry)
+{
+   if (n_busy++ == 0) blas_threads = hb_borrow_blas();
+   entry->is_busy = true;
+   entry->user = pthread_self();
+}
+
+static void make_idle(entry_t *entry)
+{
+   if (!entry->is_busy) return;
+   entry->is_busy = false;
+   if (--n_busy == 0) hb_return_blas(blas_threads);
+}
 
 /* Address of the pointer to the entry of an object, or of the null pointer at the end of its list. */
 static entry_t **find(const void *object)
@@ -52,8 +71,7 @@ int hb_acquire_handle(const void *object, int kind)
    } else if (entry->is_busy) {
       result = pthread_equal(entry->user, pthread_self()) ? HB_HANDLE_BUSY_HERE : HB_HANDLE_BUSY_ELSEWHERE;
    } else {
-      entry->is_busy = true;
-      entry->user = pthread_self();
+      make_busy(entry);
    }
    (void)pthread_mutex_unlock(&mutex);
    return result;
@@ -64,7 +82,7 @@ void hb_release_handle(const void *object)
    entry_t *entry;
    (void)pthread_mutex_lock(&mutex);
    entry = *find(object);
-   if (entry) entry->is_busy = false;
+   if (entry) make_idle(entry);
    (void)pthread_cond_broadcast(&released);
    (void)pthread_mutex_unlock(&mutex);
 }
@@ -77,6 +95,7 @@ void hb_unregister_handle(const void *object)
    if (entry) {
       entry->kind = no_kind; /* unknown to new calls */
       while (entry->is_busy && !pthread_equal(entry->user, pthread_self())) (void)pthread_cond_wait(&released, &mutex);
+      make_idle(entry);
       place = find(object);
       *place = entry->next;
    }

@@ -3,7 +3,7 @@
 program nhbm_bench
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use bench_points, only: bench_options_t, part, point_cost_t, run_bench
-   use hb_blas_threads, only: allocate_blas_memory, use_one_blas_thread
+   use hb_blas_threads, only: allocate_blas_memory, limit_blas_threads
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_source, check_target
    use hb_kinds, only: wp
@@ -27,7 +27,7 @@ program nhbm_bench
    integer :: i, status
 
    call retain_freed_memory(64)
-   call use_one_blas_thread()
+   call limit_blas_threads()
    call start_mpi()
    comm = world()
    options%level = log_level%normal
