@@ -6,6 +6,7 @@
 #include "hb_process.h"
 
 #include <fcntl.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -44,6 +45,7 @@ static const size_t n_crashes = sizeof crashes / sizeof crashes[0];
 #endif
 
 static atomic_llong row_under_way = -1;
+static pthread_t solver; /* thread that solves it */
 static hb_crash_location_t location;
 static int descriptor = -1;
 static pid_t watched_process;
@@ -106,12 +108,14 @@ static int put_row(long long row, const char *cause)
    return put(bytes, sizeof bytes, location.status_offset + row * (long long)sizeof bytes);
 }
 
-/* Records and reports that the present point has crashed; returns 0 if there is none. */
+/* Records and reports that the present point has crashed; returns 0 if there is none. After a signal that ends the run nothing is
+   recorded: mpirun, or its library within this process, may end it in any way, and the point remains to be solved. */
 static int note_crash(const char *cause)
 {
    if (getpid() != watched_process) return 0; /* a child process created by the code of a law */
    const long long row = atomic_exchange(&row_under_way, -1);
    if (row < 0) return 0;
+   if (hb_caught_signal() != 0) return 1;
    const int is_noted = put_row(row, cause);
    char line[MAX_TEXT];
    size_t length = append(line, 0, "nhbm: point ");
@@ -161,15 +165,21 @@ static void on_crash(int number, siginfo_t *information, void *context)
    if (information->si_code <= 0) raise(number); /* it was sent; a fault occurs again after the return */
 }
 
+int hb_end_within_point(const char *cause)
+{
+   /* A thread of MPI ends the process when mpirun has ended, by whatever signal: the point is not to blame. */
+   if (!pthread_equal(pthread_self(), solver) && getpid() == watched_process && atomic_exchange(&row_under_way, -1) >= 0) {
+      static const char words[] = "nhbm: a library has ended the process; its point remains to be solved by nhbm resume\n";
+      return write(STDERR_FILENO, words, sizeof words - 1) < 0 ? 1 : location.exit_status;
+   }
+   return note_crash(cause) != 0 ? location.exit_status : 0;
+}
+
 /* Prevents exit handlers of other libraries, some of which would wait for other ranks. */
 static void on_exit_of_process(void)
 {
-   if (note_crash("exit()") != 0) hb_exit_at_once(location.exit_status);
-}
-
-int hb_end_within_point(const char *cause)
-{
-   return note_crash(cause) != 0 ? location.exit_status : 0;
+   const int status = hb_end_within_point("exit()");
+   if (status != 0) hb_exit_at_once(status);
 }
 
 /* The following functions are not called in a handler. */
@@ -298,6 +308,7 @@ int hb_detect_crashes(const char *path, const hb_crash_location_t *where)
 
 void hb_begin_point(long long row)
 {
+   solver = pthread_self();
    if (descriptor >= 0) atomic_store(&row_under_way, row);
 }
 

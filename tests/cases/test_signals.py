@@ -38,8 +38,8 @@ from ended_runs import (
 )
 from faults import run_with_fault
 from program import (
-    ALL_CONVERGED, INCOMPLETE, NOT_ALL_CONVERGED, command, environment, read, run, seconds_of, seconds_of_children,
-    wait_until_caught, wait_until_taken,
+    ALL_CONVERGED, INCOMPLETE, NOT_ALL_CONVERGED, command, environment, is_without_mpi, program, read, run, seconds_of,
+    seconds_of_children, wait_until_caught, wait_until_taken,
 )  # fmt: skip
 
 
@@ -146,6 +146,19 @@ def test_signal_to_one_rank_ends_all_ranks(tmp_path):
     status, text = finish(process)
     assert status == INCOMPLETE and "stopped by" in text
     assert 0 < (read(result, "status") == PENDING).sum() < N_SWEPT
+
+
+@on_linux
+@pytest.mark.skipif(is_without_mpi(program()), reason="the program was built without MPI")
+def test_no_point_is_blamed_for_the_end_of_mpirun(tmp_path):
+    """A thread of MPI ends each rank by _exit() when mpirun is killed, within whatever point; resume solves it."""
+    result = tmp_path / "case.h5"
+    process = begin(tmp_path, "solve", write(tmp_path, SWEPT), "--quiet", ranks=2)
+    wait_for(process, lambda: result.exists() and (read(result, "status") == CONVERGED).any())
+    process.kill()
+    finish(process)  # also waits for the ranks, which have its standard error
+    status = read(result, "status")
+    assert set(status.tolist()) <= {PENDING, CONVERGED} and (status == PENDING).any()
 
 
 RINGING = """
