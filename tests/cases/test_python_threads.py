@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
+import os
+import signal
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -40,6 +45,55 @@ def test_threads_with_one_model_wait_for_each_other():
     expected = duffing().solve(order=5)["coefficients"]
     for motion in in_threads(lambda: [model.solve(order=5), model.response("x1", order=5), model.to_namelist()][0]):
         np.testing.assert_array_equal(motion["coefficients"], expected)
+
+
+def test_the_threads_of_blas_remain_those_of_the_program():
+    """nhbm computes with one, NumPy may use the same library."""
+    duffing().solve(order=3)  # loads it
+    blas = _blas_of_this_process() if os.path.exists("/proc/self/maps") else None
+    if blas is None:
+        pytest.skip("no OpenBLAS beside that of NumPy")
+    before = blas.openblas_get_num_threads()
+    try:
+        for n in (1, 2):
+            blas.openblas_set_num_threads(n)
+            duffing().solve(order=5)
+            assert blas.openblas_get_num_threads() == n
+    finally:
+        blas.openblas_set_num_threads(before)
+
+
+def _blas_of_this_process():
+    with open("/proc/self/maps", encoding="utf-8") as maps:
+        files = {line.split()[-1] for line in maps if "blas" in line}
+    for file in sorted(files):
+        library = ctypes.CDLL(file)
+        if hasattr(library, "openblas_get_num_threads"):
+            return library
+    return None
+
+
+SWEEP = """
+import numpy as np
+import nhbm
+
+if __name__ == "__main__":
+    model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0, damping_mass=0.05, ends="fixed"), tones=[0.9])
+    model.load("x1", 1, cos=0.3)
+    model.law("elastic_stop", "x2", stiffness=10.0, gap=0.5, label="s")
+    model.sweep({"tones[0]": np.linspace(0.5, 2.0, 320)}, order=25, workers=2, progress=lambda n: print(n, flush=True))
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a system without signals")
+def test_workers_end_with_a_killed_process(tmp_path):
+    (tmp_path / "sweep.py").write_text(SWEEP)
+    process = subprocess.Popen([sys.executable, "sweep.py"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    process.stdout.readline()  # the workers solve
+    process.kill()
+    process.stdout.read()  # returns when none of them has it any more
+    process.wait()
+    assert process.returncode == -signal.SIGKILL
 
 
 def test_threads_with_one_session_are_refused():

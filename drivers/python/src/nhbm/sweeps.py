@@ -6,6 +6,7 @@ import contextlib
 import copy
 import itertools
 import math
+import os
 import pickle
 import sys
 import threading
@@ -253,7 +254,7 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
         from concurrent.futures.process import BrokenProcessPool
 
         text, others = _pickled(work), set(multiprocessing.active_children())
-        executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+        executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
         try:
             with _script_left_out(text):
                 found = executor.map(work, lines)  # all processes start here
@@ -275,6 +276,20 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
             yield work(line, bar.update)
     else:
         yield from _counted(executor.map(work, lines), lines, bar)
+
+
+def _end_with_parent() -> None:
+    """Lets this process end when its parent process does, even by SIGKILL; otherwise it would solve its points to the last."""
+    threading.Thread(target=_wait_for_parent, name="nhbm parent", daemon=True).start()
+
+
+def _wait_for_parent() -> None:
+    import multiprocessing
+
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _pickled(work: _Line) -> bytes:
