@@ -24,7 +24,7 @@ static entry_t *lists[n_lists]; /* by address */
 static int n_busy = 0;
 static int blas_threads; /* of the program, while objects are busy */
 
-/* The following two are called under the mutex: while any object is busy, BLAS uses the threads of nhbm, not those of the program. */
+/* The following two are called under the mutex: while any object is busy, BLAS uses as many threads as nhbm requests. */
 static void make_busy(entry_t *entry)
 {
    if (n_busy++ == 0) blas_threads = hb_borrow_blas();

@@ -51,6 +51,7 @@ module hb_results_record
       logical, allocatable :: is_damaged(:)             !! according to checksums; not allocated before `check_rows`
    contains
       procedure :: check_rows => record_check_rows
+      procedure :: has_tuples => record_has_tuples
    end type record_t
 
 contains
@@ -360,6 +361,17 @@ contains
       end do
       overrides = overrides(:n)
    end subroutine read_overrides
+
+   !> Whether the tuples of the file are those of its input. A complete file with tuples of each point may have room for fewer.
+   pure logical function record_has_tuples(self, tuples) result(has_tuples)
+      class(record_t), intent(in) :: self
+      integer, intent(in) :: tuples(:, :)                             !! that the input gives
+
+      has_tuples = size(tuples, 1) == size(self%tuples, 1) .and. size(tuples, 2) >= size(self%tuples, 2)
+      if (self%has_own_tuples .or. .not. has_tuples) return
+      has_tuples = size(tuples, 2) == size(self%tuples, 2)
+      if (has_tuples) has_tuples = all(tuples == self%tuples)
+   end function record_has_tuples
 
    !> Finds the damaged rows.
    subroutine record_check_rows(self, path, error)

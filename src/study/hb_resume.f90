@@ -77,15 +77,8 @@ contains
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: differences
-      logical :: has_same_tuples
 
       call list_differences(self%complete, record%input_complete, "the input", "the file", differences)
-      has_same_tuples = all(shape(self%tuples) == shape(record%tuples))
-      if (record%has_own_tuples) then                                 ! a complete file may have room for fewer of them
-         has_same_tuples = size(self%tuples, 1) == size(record%tuples, 1) .and. size(self%tuples, 2) >= size(record%tuples, 2)
-      else if (has_same_tuples) then
-         has_same_tuples = all(self%tuples == record%tuples)
-      end if
       if (record%is_census) then
          call fail(error, "'"//path//"' is the result of a census, which is complete")
       else if (len(differences) > 0) then
@@ -98,7 +91,7 @@ contains
          call fail(error, "result file '"//path//"' was made with another model or other libraries of laws; give the same or "// &
             "another --output, or --retry to continue with these"//new_line("a")//"now:"//new_line("a")// &
             self%libraries//new_line("a")//"in the file:"//new_line("a")//record%input_libraries)
-      else if (.not. has_same_tuples .or. n_points /= record%n_points) then
+      else if (.not. record%has_tuples(self%tuples) .or. n_points /= record%n_points) then
          call fail(error, "result file '"//path//"' has other points or harmonics than the input gives in this version "// &
             "of the program; it was made by version "//record%program_version//", commit "//record%git_commit)
       end if

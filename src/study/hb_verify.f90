@@ -1,6 +1,5 @@
 !> Time integration from the points of a result file (hb_verification), written to the same file.
 module hb_verify
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_claim, only: claim_t
    use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
@@ -208,6 +207,9 @@ contains
       if (.not. are_same_files(stored%study%libraries(), stored%input_libraries)) call fail(error, "'"//path// &
          "' was made with another model or another library of a law, which is needed to verify it"//new_line("a")// &
          "now:"//new_line("a")//stored%study%libraries()//new_line("a")//"in the file:"//new_line("a")//stored%input_libraries)
+      if (.not. (stored%is_census .or. stored%has_tuples(stored%study%tuples) .or. allocated(error))) call fail(error, "'"//path// &
+         "' has other harmonics than its input gives in this version of the program; it was made by version "// &
+         stored%program_version//", commit "//stored%git_commit)
       if (.not. allocated(error)) call note_curve_values(path, stored%study%plan, error)
    end subroutine read_stored
 
@@ -261,7 +263,7 @@ contains
          claim%amplitudes(:, model%options%output%dofs) = cmplx(stored%coefficients(1, :n, :, point), &
                                                         -stored%coefficients(2, :n, :, point), wp)
       end associate
-      where (.not. ieee_is_finite(real(claim%amplitudes, wp))) claim%amplitudes = (0.0_wp, 0.0_wp)
+      call claim%leave_out_absent()
       claim%estimate = stored%estimates(point)
       claim%frequency_estimates = stored%frequency_estimates(:, point)
       claim%is_averaged = is_integrated(stored%status(point)) .and. .not. model%options%accuracy%grows_set

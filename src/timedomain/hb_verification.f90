@@ -105,7 +105,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(pair_t), target :: pair
 
-      call model%system%structure%check_matrices("integration", max_dofs, error)
+      call claim%check(model%system%tones%n_tones, model%system%structure%n_dofs, error)
+      if (.not. allocated(error)) call model%system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
       call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
       if (claim%is_averaged) then

@@ -83,6 +83,28 @@ def test_damaged_content_is_named(verb, damage, begun, tmp_path):
     assert "case.h5" in done.stderr
 
 
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    """A result file whose points are all solved."""
+    folder = tmp_path_factory.mktemp("solved")
+    (folder / "case.nml").write_text(MODEL + SPRING + SWEEP)
+    done = run("solve", "case.nml", cwd=folder)
+    assert done.status == 0, done.stderr
+    return (folder / "case.h5").read_bytes()
+
+
+@pytest.mark.parametrize("entry", [-(2**31), 2**31 - 1, 10**8, 1, 7])
+@pytest.mark.parametrize("verb", ["resume", "verify"])
+def test_a_tuple_that_is_not_of_the_input_is_refused(verb, entry, solved, tmp_path):
+    """The tuples have no checksum. A large one would take gigabytes, -2**31 has no absolute value, 1 is there twice."""
+    path = tmp_path / "case.h5"
+    path.write_bytes(solved)
+    with h5py.File(path, "r+") as file:
+        file["tuple"][-1] = entry
+    done = run(verb, path, cwd=tmp_path)
+    assert done.status == BAD_INPUT and "case.h5" in done.stderr and "harmonics" in done.stderr, done.stderr
+
+
 def test_resume_refuses_rows_without_axes(begun, tmp_path):
     path = tmp_path / "case.h5"
     path.write_bytes(begun)

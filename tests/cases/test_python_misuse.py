@@ -24,6 +24,32 @@ def test_wrong_numbers_of_periods_are_refused():
             model.verify(time_limit=seconds)
 
 
+def with_values(motion, name, index, value):
+    """A copy of a motion in which one number is another."""
+    changed = motion.copy(deep=True)
+    values = changed[name].values.copy()
+    values[index] = value
+    replaced = {name: (changed[name].dims, values)}
+    return changed.assign_coords(replaced) if name in changed.coords else changed.assign(replaced)
+
+
+def test_what_is_no_motion_has_no_verdict():
+    """Arrays that are shorter than they say, and numbers that no motion has: a message, not a verdict from other memory."""
+    model = duffing()
+    for motion in (model.solve(order=3), model.solve(tolerance=1e-3)):
+        assert model.verify(motion)["integration_verdict"].item() == "agrees"
+        tuples = "tuples" if "tuples" in motion.coords else "tuple"
+        wrong = [motion.isel(harmonic=slice(0, 2)), motion.isel(component=0), motion.isel(component=[0]), motion.isel(dof=[]),
+                 motion.transpose("component", ...)]  # fmt: skip
+        wrong += [with_values(motion, "frequency", 0, value) for value in (-1.0, 0.0, np.nan, np.inf)]
+        wrong += [with_values(motion, "coefficients", (0, 1, 0), value) for value in (np.nan, -np.inf, 1e308)]
+        last = (int(motion["n_harmonics"]) - 1, 0)
+        wrong += [with_values(motion, tuples, last, value) for value in (-(2**31), 2**31 - 1, 10**8, 1)]
+        for other in wrong:
+            with pytest.raises(ModelError):
+                model.verify(other, time_limit=10.0)
+
+
 def test_a_verification_ends_at_its_time_limit():
     """From the last motion of `solve` and from a dataset; the limit does not remain for the next call."""
     model = nhbm.Model(nhbm.Chain(n_masses=20, mass=1.0, coupling_stiffness=1.0, damping_mass=1e-3), tones=[1.1])

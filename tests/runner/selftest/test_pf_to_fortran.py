@@ -65,7 +65,8 @@ class TestNamesOfPfunit(unittest.TestCase):
         self.assertTrue(self.refused("   use other, only: is => has\n   implicit none\n"))
 
     def test_other_names_are_accepted(self):
-        self.assertFalse(self.refused("   use other, only: has => is\n   implicit none\n   real :: far = 1.0, nearest(2) = [1.0, &\n      2.0]\n"))
+        self.assertFalse(self.refused("   use other, only: has => is\n   implicit none\n"
+                                      "   real :: far = 1.0, nearest(2) = [1.0, &\n      2.0]\n"))
 
     def test_long_names_are_refused_where_cases_lengthen_them(self):
         for n, is_accepted in ((37, True), (38, False)):

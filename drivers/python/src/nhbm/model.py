@@ -450,8 +450,7 @@ class Model(Peaks):
         changed = changed_values(record.source.text, here.to_namelist(), varied) if record is not None else ""
         if changed:
             raise ModelError(f"the model has changed since this motion was found: {changed}")
-        n = int(motion["n_harmonics"])
-        tuples = motion["tuples" if "tuples" in motion.coords else "tuple"]
+        n, tuples = self._checked_shapes(motion)
         parts = {
             "frequency": np.ascontiguousarray(motion["frequency"].values, float),
             "tuples": np.ascontiguousarray(tuples.values[:n], np.int32),
@@ -468,6 +467,27 @@ class Model(Peaks):
         session.limit_verification(limit)
         session.verify_motion(Motion(**sizes, **addresses, **numbers, **words), periods)
         return dataset.record_of(session)
+
+    @staticmethod
+    def _checked_shapes(motion: xr.Dataset) -> tuple[int, xr.DataArray]:
+        """Number of harmonics of a motion, and its tuples; ModelError if its arrays are not as long as they say."""
+        tuples = motion["tuples" if "tuples" in motion.coords else "tuple"]
+        n = int(motion["n_harmonics"])
+        axes = {"coefficients": ("dof", "harmonic", "component"), "frequency": ("tone",), str(tuples.name): ("harmonic", "tone")}
+        for name, wanted in axes.items():
+            found = motion[name].dims
+            if found != wanted:
+                raise ModelError(f"'{name}' of a motion has the axes {', '.join(wanted)}, not {', '.join(map(str, found))}")
+        lengths = dict(motion.sizes)
+        if not 1 <= n <= lengths["harmonic"] or lengths["component"] != 2:
+            raise ModelError(
+                f"a motion of {n} harmonics has as many coefficients, cosine and sine of each; this dataset has "
+                f"{lengths['harmonic']} harmonics and {lengths['component']} components: give the whole motion"
+            )
+        estimate = motion.get("frequency_estimate")
+        if estimate is not None and estimate.dims != ("tone",):
+            raise ModelError("'frequency_estimate' of a motion has the axis tone")
+        return n, tuples
 
     @exclusive
     def check(self) -> list[str]:
