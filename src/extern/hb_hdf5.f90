@@ -27,9 +27,9 @@ module hb_hdf5
       h5dget_create_plist_f, h5dget_space_f, h5dget_storage_size_f, h5dget_type_f, h5dopen_f, h5dwrite_f, H5F_ACC_EXCL_F, &
       H5F_ACC_RDONLY_F, H5F_ACC_RDWR_F, H5F_ACC_TRUNC_F, H5F_CLOSE_STRONG_F, H5F_LIBVER_EARLIEST_F, H5F_LIBVER_LATEST_F, &
       H5F_SCOPE_LOCAL_F, h5fclose_f, h5fcreate_f, h5fflush_f, h5fget_name_f, h5fopen_f, h5lexists_f, H5P_DATASET_CREATE_F, &
-      H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pget_external_count_f, h5pget_layout_f, h5pset_alloc_time_f, &
+      H5P_FILE_ACCESS_F, h5pclose_f, h5pcreate_f, h5pget_external_count_f, h5pget_layout_f, h5pset_alloc_time_f, h5pset_chunk_f, &
       h5pset_fclose_degree_f, h5pset_fill_time_f, h5pset_fill_value_f, h5pset_libver_bounds_f, h5pset_sieve_buf_size_f, &
-      H5S_NULL_F, h5sclose_f, &
+      H5S_NULL_F, H5S_UNLIMITED_F, h5sclose_f, h5screate_simple_f, &
       h5sget_simple_extent_dims_f, h5sget_simple_extent_ndims_f, h5sget_simple_extent_type_f, H5T_IEEE_F64LE, &
       H5T_NATIVE_DOUBLE, H5T_NATIVE_INTEGER, H5T_STD_I32LE, h5tclose_f, h5tget_size_f, hid_t, hsize_t, size_t
    implicit none
@@ -276,8 +276,14 @@ contains
          file_type = H5T_IEEE_F64LE
          fill = c_loc(none)
       end if
-      call new_space(space, dataset%extents, status)
+      if (any(dataset%extents == 0)) then              ! h5repack fails at fixed extents of 0, for which it wants chunks
+         call h5screate_simple_f(size(extents), dataset%extents, space, status, spread(H5S_UNLIMITED_F, 1, size(extents)))
+      else
+         call new_space(space, dataset%extents, status)
+      end if
       if (status >= 0) call h5pcreate_f(H5P_DATASET_CREATE_F, properties, status)
+      if (status >= 0 .and. any(dataset%extents == 0)) &
+         call h5pset_chunk_f(properties, size(extents), max(1_hsize_t, dataset%extents), status)
       if (status >= 0) call h5pset_alloc_time_f(properties, H5D_ALLOC_TIME_EARLY_F, status)
       if (status >= 0) call h5pset_fill_time_f(properties, merge(H5D_FILL_TIME_NEVER_F, H5D_FILL_TIME_ALLOC_F, is_hole), status)
       if (status >= 0 .and. c_associated(fill)) call h5pset_fill_value_f(properties, type, fill, status)

@@ -3,6 +3,7 @@
 import ctypes
 import errno
 import os
+import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -287,3 +288,12 @@ def test_plan_of_many_points_takes_little_memory(tmp_path):
     before = seconds_of_children()
     refused(run("solve", "case.nml", "--quiet", cwd=tmp_path), "100000000 points are more than one result file takes")
     assert seconds_of_children() - before < 5.0 and not (tmp_path / "case.h5").exists()
+
+
+@pytest.mark.skipif(not shutil.which("h5repack"), reason="h5repack is not here")
+def test_a_result_is_compressed_by_the_tool_of_hdf5(folder):
+    """It fails at datasets of fixed extent 0, such as the gradients of a run without any."""
+    assert run("solve", "case.nml", cwd=folder).status == ALL_CONVERGED
+    done = subprocess.run(["h5repack", "-f", "GZIP=6", "case.h5", "small.h5"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert run("info", "small.h5", cwd=folder).status == ALL_CONVERGED
