@@ -113,7 +113,7 @@ def test_a_law_that_gives_up_for_ever_ends_by_itself(tmp_path):
     began = time.monotonic()
     result = solve(MODELS["recoverable law"], tmp_path, status=None)
     assert time.monotonic() - began < 60.0
-    assert "rounding of the time" in messages_of(result)
+    assert "as small as rounding" in messages_of(result)
     assert read(result, "status").tolist() != [0]
 
 
