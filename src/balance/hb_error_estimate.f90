@@ -60,6 +60,7 @@ contains
                                                                       !! along a null vector where another one crosses, do not count
       complex(wp), allocatable :: c(:, :)
       logical :: is_fine
+      type(law_measure_t) :: measure
       type(balance_t), target :: wide                                 ! not `allocatable`: several kB, for each point
       type(harmonics_t) :: set
       type(tones_t) :: tones
@@ -71,7 +72,8 @@ contains
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
       is_fine = needs_fine_grid(balance, u, has_unknown_tones(bordered))
-      call choose_wider(balance, balance%harmonics%norms(u), self%combination, is_fine, set, grid, error)
+      measure = measure_of(balance)
+      call choose_wider(balance, balance%harmonics%norms(measure%seen(u)), self%combination, is_fine, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
@@ -193,7 +195,7 @@ contains
       type(balance_t), intent(in) :: balance
       type(law_measure_t) :: measure
 
-      measure = new_law_measure(balance%law_set%laws, balance%n_dofs)
+      measure = new_law_measure(balance%law_set%laws, balance%stiffness%coordinates)
    end function measure_of
 
    !> Norm of the motion to which errors are relative; at least `smallest_size` times the response of the stiffest
@@ -202,9 +204,15 @@ contains
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
       type(law_measure_t) :: measure
+      real(wp) :: response(1, balance%n_dofs)
+      integer :: i
 
       measure = measure_of(balance)
-      reference_size = max(measure%norm(u), agreement*maxval(balance%r_scale)/balance%stiffness%largest_entry())
+      associate (n => balance%harmonics%n_coefficients, magnitude => balance%stiffness%magnitude)
+         response(1, :) = [(maxval(balance%r_scale((i - 1)*n + 1:i*n))/max(maxval(magnitude(i, :)), tiny(1.0_wp)), &
+                            i=1, balance%n_dofs)]
+      end associate
+      reference_size = max(measure%norm(u), agreement*maxval(measure%seen(response)), tiny(1.0_wp))
    end function reference_size
 
    !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further

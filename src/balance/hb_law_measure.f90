@@ -1,8 +1,10 @@
-!> The size of a motion: the Euclidean norm of its coefficients at the coordinates of the laws.
+!> The size of a motion: the Euclidean norm of its coefficients at the coordinates of the laws, each in its scale
+!> (hb_coordinate_scales), so that no unit matters.
 !> The unknowns of a balance may be other coordinates that carry the same information: degrees of freedom, or for nearly equal
 !> coordinates of laws the part in which they differ. Bodies that move much together, and little relative to each other, would
 !> then hide the errors that laws between them see.
 module hb_law_measure
+   use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    implicit none
@@ -11,6 +13,7 @@ module hb_law_measure
 
    type :: law_measure_t
       real(wp), allocatable, private :: weights(:, :)                 ! (n_coordinates, coordinates of laws); none: the same
+      real(wp), allocatable, private :: scale(:)                      ! (n_coordinates), without weights; none: 1
    contains
       procedure :: seen => law_measure_seen
       procedure :: norm => law_measure_norm
@@ -19,20 +22,28 @@ module hb_law_measure
 contains
 
    !> Creates the measure of motions at coordinates, on which the laws are placed.
-   pure function new_law_measure(laws, n) result(self)
+   pure function new_law_measure(laws, coordinates) result(self)
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: n                                        !! coordinates
+      type(coordinates_t), intent(in) :: coordinates
       type(law_measure_t) :: self
+      real(wp) :: scale(coordinates%n)
       integer :: i, k, n_seen
 
-      if (all([(is_direct(laws(i)%law%shape), i=1, size(laws))])) return
-      allocate (self%weights(n, sum([(size(laws(i)%law%shape, 2), i=1, size(laws))])), source=0.0_wp)
+      scale = 1.0_wp
+      if (allocated(coordinates%scale)) scale = coordinates%scale
+      if (all([(is_direct(laws(i)%law%shape), i=1, size(laws))])) then
+         self%scale = scale
+         return
+      end if
+      allocate (self%weights(coordinates%n, sum([(size(laws(i)%law%shape, 2), i=1, size(laws))])), source=0.0_wp)
       n_seen = 0
       do i = 1, size(laws)
          do k = 1, size(laws(i)%law%shape, 2)
             if (is_seen_before(laws, i, k)) cycle
             n_seen = n_seen + 1
-            self%weights(laws(i)%law%dofs, n_seen) = laws(i)%law%shape(:, k)
+            associate (dofs => laws(i)%law%dofs, shape => laws(i)%law%shape(:, k))
+               self%weights(dofs, n_seen) = shape/max(norm2(shape*scale(dofs)), tiny(1.0_wp))
+            end associate
          end do
       end do
       self%weights = self%weights(:, :n_seen)
@@ -76,9 +87,11 @@ contains
       real(wp), allocatable :: seen(:, :)
 
       if (allocated(self%weights)) then
-         seen = matmul(u, self%weights)
+         allocate (seen, source=matmul(u, self%weights))
+      else if (allocated(self%scale)) then
+         allocate (seen, source=u/spread(self%scale, 1, size(u, 1)))
       else
-         seen = u
+         allocate (seen, source=u)
       end if
    end function law_measure_seen
 
@@ -87,10 +100,6 @@ contains
       class(law_measure_t), intent(in) :: self
       real(wp), intent(in) :: u(:, :)
 
-      if (allocated(self%weights)) then
-         norm = norm2(matmul(u, self%weights))
-      else
-         norm = norm2(u)
-      end if
+      norm = norm2(self%seen(u))
    end function law_measure_norm
 end module hb_law_measure

@@ -71,8 +71,9 @@ contains
       next%set = top%set
       next%n_samples = top%n_samples
       if (options%accuracy%grows_set) &
-         call choose_set(discretisation, options, result, top, goal, n_failures == max_failures - 1 .or. &
-         raised_by(result)*result%error_estimate%truncation >= merge(reliable, max_removable, n_failures == 0), next%set, error)
+         call choose_set(discretisation, options, result, seen_by(measure_of(system), top), goal, &
+         n_failures == max_failures - 1 .or. raised_by(result)*result%error_estimate%truncation >= &
+         merge(reliable, max_removable, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
          finer = 1.0_wp
@@ -172,7 +173,7 @@ contains
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result
-      type(level_t), intent(in) :: top
+      type(level_t), intent(in) :: top                                !! as errors are measured
       real(wp), intent(in) :: goal                                    !! for the estimated error
       logical, intent(in) :: as_box !! the error estimate cannot report the tuples that the set lacks
       type(harmonics_t), intent(out) :: set
@@ -233,7 +234,7 @@ contains
       real(wp) :: allowed                                             ! error by aliasing
       real(wp) :: density                                             ! of samples, relative to the present one
 
-      call trim_set(discretisation, options, minor, level)
+      call trim_set(system, discretisation, options, minor, level)
       if (.not. options%accuracy%refines_grid) return
       density = 1.0_wp
       if (degree_of(system) == 0) then
@@ -253,13 +254,14 @@ contains
       type(level_t), intent(inout) :: level
       real(wp), parameter :: few = 3.0_wp                             ! tolerances
 
-      call trim_set(discretisation, options, few, level)
+      call trim_set(system, discretisation, options, few, level)
       if (options%accuracy%refines_grid) &
          level%n_samples = min(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
    end subroutine coarsen
 
    !> Removes from a level the tuples that together contribute at most a share of the tolerance.
-   subroutine trim_set(discretisation, options, share, level)
+   subroutine trim_set(system, discretisation, options, share, level)
+      type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       real(wp), intent(in) :: share
@@ -270,7 +272,7 @@ contains
       integer, allocatable :: retained(:)
       integer :: h
 
-      allocate (amplitudes, source=level%set%norms(coefficients_of(level)))
+      allocate (amplitudes, source=level%set%norms(coefficients_of(seen_by(measure_of(system), level))))
       amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
       do h = 1, level%set%n_harmonics
          if (is_needed_at(discretisation, options, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
@@ -297,7 +299,7 @@ contains
 
       n_harmonics = level%set%n_harmonics
       allocate (n_samples, source=level%n_samples)
-      if (options%accuracy%grows_set) call trim_set(discretisation, options, minor, level)
+      if (options%accuracy%grows_set) call trim_set(system, discretisation, options, minor, level)
       if (options%accuracy%refines_grid) then
          allocate (least, source=needed_samples(level%set%highest, degree_of(system)))
          if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
@@ -422,6 +424,20 @@ contains
          moved = [u, x(n_all + 1:)]
       end associate
    end function transferred
+
+   !> A level whose motion is that at the coordinates of the laws, as errors are measured.
+   pure type(level_t) function seen_by(measure, level) result(seen)
+      type(law_measure_t), intent(in) :: measure
+      type(level_t), intent(in) :: level
+      real(wp), allocatable :: motion(:, :)
+      integer :: n
+
+      seen%set = level%set
+      if (allocated(level%n_samples)) allocate (seen%n_samples, source=level%n_samples)
+      allocate (motion, source=measure%seen(coefficients_of(level)))
+      n = size(coefficients_of(level))
+      allocate (seen%unknowns, source=[reshape(motion, [size(motion)]), level%unknowns(n + 1:)])
+   end function seen_by
 
    !> Distance of the motions of two levels relative to the second, as errors are estimated; of their amplitudes if phases are free.
    pure real(wp) function distance(lower, upper, measure, has_free_phases)

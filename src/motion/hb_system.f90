@@ -1,5 +1,6 @@
 !> The system whose motions are computed: structure, laws, loads and base frequencies. It has no harmonics and no settings.
 module hb_system
+   use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -16,7 +17,7 @@ module hb_system
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: coordinates_of, measure_of, normal_mode_t, only_in_time, shared_walls, system_t
+   public :: coordinates_of, measure_of, normal_mode_t, only_in_time, shared_walls, slowest_of, system_t
 
    !> Why a load with a course over time has no balance.
    character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
@@ -141,12 +142,25 @@ contains
       type(system_t), intent(in) :: system
       integer, intent(in), optional :: n_laws                         !! only the first ones; default: all
       type(coordinates_t) :: coordinates
+      type(coordinate_scales_t) :: scales
       integer :: last
 
       last = size(system%laws)
       if (present(n_laws)) last = n_laws
       call new_law_coordinates(coordinates, system%structure, system%laws(:last), system%wanted_dofs())
+      call find_coordinate_scales(scales, system%structure, system%laws, slowest_of(system%tones), &
+                                  spread(0.0_wp, 1, system%structure%n_dofs))
+      coordinates%scale = scales%of_coordinates(coordinates)
    end function coordinates_of
+
+   !> The slowest tone; 1 without tones [rad/s].
+   pure real(wp) function slowest_of(tones)
+      type(tones_t), intent(in) :: tones
+
+      slowest_of = 1.0_wp
+      if (tones%n_tones > 0) slowest_of = minval(abs(tones%omega))
+      if (.not. slowest_of > 0.0_wp) slowest_of = 1.0_wp
+   end function slowest_of
 
    !> The norm of motions at the coordinates of the unknowns: what the laws see of them.
    function measure_of(system) result(measure)
@@ -155,7 +169,7 @@ contains
       type(coordinates_t) :: coordinates
 
       coordinates = coordinates_of(system)
-      measure = new_law_measure(laws_at(coordinates, system%laws), coordinates%n)
+      measure = new_law_measure(laws_at(coordinates, system%laws), coordinates)
    end function measure_of
 
    !> Gives unknowns to a linear system, so that a curve can be followed: the degrees of freedom of its loads, at which each mode

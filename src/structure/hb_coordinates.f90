@@ -24,6 +24,7 @@ module hb_coordinates
       integer, allocatable :: dofs(:)                                 !! of the structure, in the shape
       integer, allocatable :: positions(:)                            !! (n) degrees of freedom that they replace
       real(wp), allocatable :: shape(:, :)                            !! (size(dofs), n); not allocated where `are_dofs`
+      real(wp), allocatable :: scale(:)                               !! with which they may be compared, (n); not allocated: 1
       integer, allocatable, private :: pivots(:), others(:)           ! among `dofs`
       real(wp), allocatable, private :: of_z(:, :), of_others(:, :)   ! G and B
    contains

@@ -119,7 +119,7 @@ contains
       class(integration_cvode_t), intent(inout) :: self
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: fastest, length
+      real(wp) :: fastest, length(self%system%n_dofs)
       integer :: i
 
       associate (equations => self%equations, n => self%system%n_dofs, y => self%cvode%values)
@@ -134,8 +134,8 @@ contains
          end do
          self%time_scale = part_of_fastest/fastest
          equations%scale = abs(y)
-         length = max(self%system%length, maxval(abs(state%q)))
-         if (length <= 0.0_wp) length = 1.0_wp
+         length = max(self%system%typical_displacements(), self%system%largest_in_units(state%q))
+         where (length <= 0.0_wp) length = 1.0_wp
          equations%scale(:n) = max(equations%scale(:n), smallest_scale*length)
          equations%scale(n + 1:) = max(equations%scale(n + 1:), smallest_scale**2*fastest*length)
          equations%held = state%s
@@ -185,8 +185,7 @@ contains
       class(integration_cvode_t), intent(in) :: self
       integer, intent(in) :: i
 
-      touching = 64.0_wp*epsilon(1.0_wp)*max(abs(self%equations%rigid(i)%gap), &
-                                             maxval(self%equations%scale(:self%system%n_dofs)))
+      touching = 64.0_wp*epsilon(1.0_wp)*max(abs(self%equations%rigid(i)%gap), self%equations%extent_of(i))
    end function touching
 
    !> Sets the origin of time.
@@ -410,7 +409,7 @@ contains
             else if (equations%leaving(i) == side) then
                equations%leaving(i) = 0
                associate (rigid => equations%rigid(i), z => self%system%laws%z(equations%rigid(i)%coordinate))
-                  if (rigid%gap - side*z <= self%tolerance*maxval(equations%scale(:self%system%n_dofs))) &
+                  if (rigid%gap - side*z <= self%tolerance*equations%extent_of(i)) &
                      call hit_wall(self, i, side)
                end associate
             else
@@ -444,7 +443,7 @@ contains
                      if (abs(equations%reaction(i)) <= rigid%limit) cycle
                      equations%mode(i) = merge(1, -1, equations%reaction(i) > 0.0_wp)
                   else
-                     rounding = epsilon(1.0_wp)*maxval(equations%scale(self%system%n_dofs + 1:))
+                     rounding = epsilon(1.0_wp)*equations%speed_of(i)
                      if (equations%mode(i)*laws%z_rate(rigid%coordinate) >= -rounding) cycle
                      equations%mode(i) = -equations%mode(i)
                   end if
@@ -473,8 +472,8 @@ contains
          end associate
          side = merge(1, merge(-1, 0, rigid%two_sided), acceleration > 0.0_wp)
          if (rigid%gap - side*z > touching(self, i)) side = 0
-         if (abs(rate) > epsilon(1.0_wp)*maxval(self%equations%scale(n + 1:))) side = 0
-         if (abs(acceleration)*self%time_scale <= epsilon(1.0_wp)*maxval(self%equations%scale(n + 1:))) side = 0
+         if (abs(rate) > epsilon(1.0_wp)*self%equations%speed_of(i)) side = 0
+         if (abs(acceleration)*self%time_scale <= epsilon(1.0_wp)*self%equations%speed_of(i)) side = 0
       end associate
    end function pressed_side
 
@@ -483,13 +482,12 @@ contains
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
       real(wp) :: ahead(size(self%equations%is_positive)), now(size(self%equations%is_positive))
-      real(wp) :: crawling, rate, zero
+      real(wp) :: rate, zero
       integer :: i, slips(size(self%equations%rigid)), struck(size(self%equations%rigid))
 
       slips = 0
       struck = 0
       associate (equations => self%equations, laws => self%system%laws, y => self%cvode%values)
-         crawling = slow*maxval(equations%scale(self%system%n_dofs + 1:))
          call equations%gather(t, y)
          call self%system%laws%switches_here(now)
          equations%is_positive = now > 0.0_wp
@@ -498,7 +496,7 @@ contains
                rate = laws%z_rate(rigid%coordinate)
                zero = touching(self, i)
                if (.not. rigid%is_wall) then
-                  slips(i) = merge(0, merge(1, -1, rate > 0.0_wp), abs(rate) <= crawling)
+                  slips(i) = merge(0, merge(1, -1, rate > 0.0_wp), abs(rate) <= slow*equations%speed_of(i))
                else if (equations%mode(i) == 0) then
                   if (z > rigid%gap - zero .and. rate >= 0.0_wp) struck(i) = 1
                   if (rigid%two_sided .and. z < -rigid%gap + zero .and. rate <= 0.0_wp) struck(i) = -1

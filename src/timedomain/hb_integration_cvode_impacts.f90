@@ -35,20 +35,20 @@ contains
    subroutine collide_in_turn(self, struck)
       class(integration_cvode_t), intent(inout) :: self
       integer, intent(in) :: struck(:)                                !! as those of `collide`
-      real(wp) :: crawling, near, rates(size(struck))
+      real(wp), dimension(size(struck)) :: crawling, near, rates
       integer :: i, n, side(size(struck)), touched(size(struck))
       logical :: is_struck(size(struck))
 
       associate (equations => self%equations, rigid => self%equations%rigid, n_dofs => self%system%n_dofs)
          touched = merge(merge(equations%mode, struck, equations%mode /= 0), 0, rigid%is_wall)
-         near = self%tolerance*maxval(equations%scale(:n_dofs))
-         crawling = slow*maxval(equations%scale(n_dofs + 1:))
+         near = self%tolerance*[(equations%extent_of(i), i=1, size(rigid))]
+         crawling = slow*[(equations%speed_of(i), i=1, size(rigid))]
          is_struck = .false.
          do n = 1, max_collisions
             rates = matmul(self%cvode%values(n_dofs + 1:), self%system%laws%shape(:, rigid%coordinate))
             side = merge(touched, near_side(self, near, rates), touched /= 0)
             i = maxloc(side*rates, dim=1, mask=rigid%is_wall)
-            if (side(i)*rates(i) <= crawling) exit
+            if (side(i)*rates(i) <= crawling(i)) exit
             touched(i) = side(i)
             is_struck(i) = .true.
             self%cvode%values(n_dofs + 1:) = self%cvode%values(n_dofs + 1:) - equations%accelerance(:, i)* &
@@ -61,9 +61,9 @@ contains
          equations%leaving = 0
          do i = 1, size(struck)
             if (touched(i) == 0) cycle
-            equations%mode(i) = merge(0, touched(i), touched(i)*rates(i) < -crawling)
+            equations%mode(i) = merge(0, touched(i), touched(i)*rates(i) < -crawling(i))
             if (equations%mode(i) == 0) then
-               if (abs(rates(i)) <= short_flight*usual_speed(self)) equations%leaving(i) = touched(i)
+               if (abs(rates(i)) <= short_flight*usual_speed(self, i)) equations%leaving(i) = touched(i)
             else if (is_struck(i)) then
                self%impacts(2*i - merge(1, 0, touched(i) == 1)) = no_longer_counted
             end if
@@ -90,7 +90,7 @@ contains
    !> Side on which each open wall is reached to the accuracy of the integration, and approached; 0: none.
    function near_side(self, near, rates) result(side)
       class(integration_cvode_t), intent(in) :: self
-      real(wp), intent(in) :: near                                    !! [m]
+      real(wp), intent(in) :: near(:)                                 !! [m]
       real(wp), intent(in) :: rates(:)                                !! [m/s]
       integer :: side(size(rates))
       integer :: i
@@ -99,9 +99,9 @@ contains
       associate (laws => self%system%laws, rigid => self%equations%rigid, q => self%cvode%values(:self%system%n_dofs))
          do i = 1, size(rigid)
             if (.not. rigid(i)%is_wall) cycle
-            if (rigid(i)%gap - dot_product(laws%shape(:, rigid(i)%coordinate), q) <= near .and. rates(i) > 0.0_wp) side(i) = 1
+            if (rigid(i)%gap - dot_product(laws%shape(:, rigid(i)%coordinate), q) <= near(i) .and. rates(i) > 0.0_wp) side(i) = 1
             if (.not. rigid(i)%two_sided) cycle
-            if (rigid(i)%gap + dot_product(laws%shape(:, rigid(i)%coordinate), q) <= near .and. rates(i) < 0.0_wp) side(i) = -1
+            if (rigid(i)%gap + dot_product(laws%shape(:, rigid(i)%coordinate), q) <= near(i) .and. rates(i) < 0.0_wp) side(i) = -1
          end do
       end associate
    end function near_side
@@ -124,7 +124,7 @@ contains
       associate (equations => self%equations)
          associate (speed => self%system%laws%z_rate(equations%rigid(i)%coordinate))
             back = -equations%rigid(i)%restitution*speed
-            if (abs(speed) <= slow*maxval(equations%scale(self%system%n_dofs + 1:))) back = 0.0_wp
+            if (abs(speed) <= slow*equations%speed_of(i)) back = 0.0_wp
          end associate
          where (.not. equations%rigid%is_wall) equations%mode = sign(1, equations%mode*2 + 1)   ! friction gives no impulse
          equations%mode(i) = side
@@ -132,7 +132,7 @@ contains
          call stop_active(self, merge(back, 0.0_wp, equations%active == i))
          if (abs(back) > 0.0_wp) equations%mode(i) = 0
          equations%leaving = 0                                        ! the impulse may have turned other coordinates
-         if (abs(back) > 0.0_wp .and. abs(back) <= short_flight*usual_speed(self)) &
+         if (abs(back) > 0.0_wp .and. abs(back) <= short_flight*usual_speed(self, i)) &
             equations%leaving(i) = side
       end associate
    end procedure hit_wall
@@ -151,11 +151,15 @@ contains
       end associate
    end procedure stop_active
 
-   !> Largest speed so far or, where bodies have hardly moved, that of their acceleration in the time of the fastest motion [m/s].
-   pure real(wp) function usual_speed(self)
+   !> Largest speed so far in the unit of a rigid law or, where bodies have hardly moved, that of their acceleration in the time of
+   !> the fastest motion [m/s].
+   pure real(wp) function usual_speed(self, i)
       class(integration_cvode_t), intent(in) :: self
+      integer, intent(in) :: i
 
-      usual_speed = max(maxval(self%equations%scale(self%system%n_dofs + 1:)), &
-                        maxval(abs(self%equations%a))*self%time_scale/part_of_fastest)
+      associate (system => self%system, equations => self%equations)
+         usual_speed = max(equations%speed_of(i), maxval(abs(system%laws%shape(:, equations%rigid(i)%coordinate))* &
+                                                         system%largest_in_units(equations%a))*self%time_scale/part_of_fastest)
+      end associate
    end function usual_speed
 end submodule hb_integration_cvode_impacts

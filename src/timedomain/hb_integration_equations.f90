@@ -49,6 +49,8 @@ module hb_integration_equations
       procedure :: rhs => equations_rhs
       procedure :: events => equations_events
       procedure :: weights => equations_weights
+      procedure :: extent_of => equations_extent_of
+      procedure :: speed_of => equations_speed_of
       procedure :: gather => equations_gather
       procedure :: find_bounds => equations_find_bounds
       procedure :: hold_active => equations_hold_active
@@ -318,6 +320,26 @@ contains
       end subroutine extremes_before_wall
    end subroutine equations_events
 
+   !> Largest displacement so far, in the unit of the coordinate of rigid law `i` [m].
+   pure real(wp) function equations_extent_of(self, i) result(extent)
+      class(integration_equations_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      associate (shape => self%system%laws%shape(:, self%rigid(i)%coordinate), n => self%system%n_dofs)
+         extent = maxval(abs(shape)*self%system%largest_in_units(self%scale(:n)))
+      end associate
+   end function equations_extent_of
+
+   !> Likewise the largest rate [m/s].
+   pure real(wp) function equations_speed_of(self, i) result(speed)
+      class(integration_equations_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      associate (shape => self%system%laws%shape(:, self%rigid(i)%coordinate), n => self%system%n_dofs)
+         speed = maxval(abs(shape)*self%system%largest_in_units(self%scale(n + 1:)))
+      end associate
+   end function equations_speed_of
+
    !> The error of each unknown is relative to its largest value so far; small ones have a lower limit, so that nearly
    !> constant unknowns do not determine the step.
    subroutine equations_weights(self, y, w)
@@ -327,8 +349,8 @@ contains
 
       w = max(self%scale, abs(y))
       associate (n => self%system%n_dofs)
-         w(:n) = max(w(:n), smallest_scale*maxval(w(:n)))
-         w(n + 1:) = max(w(n + 1:), smallest_scale*maxval(w(n + 1:)))
+         w(:n) = max(w(:n), smallest_scale*self%system%largest_in_units(w(:n)))
+         w(n + 1:) = max(w(n + 1:), smallest_scale*self%system%largest_in_units(w(n + 1:)))
       end associate
       w = 1.0_wp/(self%tolerance*w)
    end subroutine equations_weights
