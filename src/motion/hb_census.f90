@@ -3,10 +3,12 @@
 !> Newton's method runs from the first guess of the model, from directed and from random starts (hb_census_starts), without
 !> fallbacks; from multiples with other phases of each motion found, with deflation of all known ones (hb_deflation), which
 !> finds partners at folds; mirror images are tried. The branches of all motions found under varied loads (hb_load_branch) pass
-!> further ones. Motions that differ by a period of the loads are the same. Each motion is
+!> further ones. Motions that differ by a period of the loads are the same. Walls with a given restitution have no balance:
+!> the model is integrated in time from random states, which finds attractors alone. Each motion is
 !> then described like that of a point, to the requested tolerance if there is one. How often random starts have found each
 !> motion gives the estimate (hb_census_estimate); all other finds together are the other capture.
 module hb_census
+   use hb_amplitudes, only: as_amplitudes
    use hb_balance, only: balance_t, new_balance
    use hb_cancellation, only: cancellation_t, note_progress, work_is_over
    use hb_census_estimate, only: completeness_t, estimate_completeness
@@ -19,16 +21,17 @@ module hb_census
    use hb_harmonics, only: harmonics_t, new_box, new_of_parity
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
-   use hb_level, only: degree_of, join, level_t, set_to_harmonics, set_to_level, transferred
+   use hb_level, only: degree_of, estimate_of, join, level_t, set_to_harmonics, set_to_level, transferred
    use hb_load_branch, only: follow_loads
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
    use hb_point, only: solve_point
+   use hb_primary_method, only: primary_method
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_system, only: coordinates_of
-   use hb_thresholds, only: agreement, faint, rounding, same_motion
+   use hb_thresholds, only: agreement, faint, rounding, safety, same_motion
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order
    implicit none
@@ -36,6 +39,7 @@ module hb_census
    public :: census_config_t, census_motion_t, census_t, take_census
 
    integer, parameter :: max_iterations = 50                         ! from one start
+   integer, parameter :: starts_of_integration = 4                   ! random starts that cost as much as one of time integration
    integer, parameter :: max_copies = 64                              ! of a motion, by periods of the loads
 
    type :: census_config_t
@@ -141,9 +145,11 @@ contains
       type(level_t) :: level
       type(motion_result_t) :: first
       type(model_t) :: own
+      logical :: is_integrated
 
       own = model
       own%options%chain%is_on = .false.
+      is_integrated = model%options%has_time_domain() .and. model%options%lacks_impacts_of(model%system, outcome%impact)
       call solve_point(own, first, error, level)
       search%time_of_motion = wall_clock() - search%started
       if (allocated(error) .and. size(model%system%laws) == 0) return
@@ -155,9 +161,13 @@ contains
       call begin(search, model, level, config, error)
       if (allocated(error)) return
       call try_given(search, level, census)
-      call try_starts(search, config%n_starts, census)
+      call try_starts(search, merge(0, config%n_starts, is_integrated), census)
       call follow_branches(search, census)
       call describe(search, model, census)
+      if (is_integrated) then
+         call note_attractor(search, first, start_kind%given, census)
+         call find_attractors(search, own, size_of(first, .true.), config%n_starts, census)
+      end if
       call search%balance%destroy()
       census%completeness = estimate_completeness(census%motions%n_random, census%motions%n_directed + &
                                                   merge(1, 0, census%motions%first_kind >= start_kind%mirror))
@@ -542,7 +552,7 @@ contains
       type(model_t) :: own
       type(error_t), allocatable :: error
       type(level_t) :: below, level
-      integer :: i, k
+      integer :: i
 
       allocate (accepted(0))
       do i = 1, size(self%motions)
@@ -567,6 +577,8 @@ contains
                motion%result%message = error%message
             end if
             motion%size_of_motion = size_of(motion%result, model%discretisation%harmonics%has_zero)
+            if (model%options%has_time_domain() .and. &
+                model%options%lacks_impacts_of(model%system, motion%result%status)) cycle ! a motion with other impacts
             if (allocated(level%unknowns) .and. is_solved(motion%result%status)) then
                if (model%options%accuracy%is_on .and. has_moved(self, motion%x, level)) then
                   census%n_spurious = census%n_spurious + 1
@@ -574,16 +586,120 @@ contains
                end if
             end if
          end associate
-         k = 1
-         do while (k <= size(accepted))                               ! by size
-            if (accepted(k)%size_of_motion > self%motions(i)%size_of_motion) exit
-            k = k + 1
-         end do
-         accepted = [accepted(:k - 1), self%motions(i), accepted(k:)]
+         call insert(accepted, self%motions(i))
       end do
       call find_mirror_images(self, accepted)
       call move_alloc(accepted, census%motions)
    end subroutine describe
+
+   !> Inserts a motion into those ordered by size.
+   subroutine insert(motions, motion)
+      type(census_motion_t), allocatable, intent(inout) :: motions(:)
+      type(census_motion_t), intent(in) :: motion
+      integer :: k
+
+      k = count(motions%size_of_motion <= motion%size_of_motion)
+      motions = [motions(:k), motion, motions(k + 1:)]
+   end subroutine insert
+
+   !> Finds attractors by time integration from random states of the size of a motion.
+   subroutine find_attractors(self, model, size_of_motion, n_starts, census)
+      type(search_t), intent(inout) :: self
+      type(model_t), intent(in) :: model
+      real(wp), intent(in) :: size_of_motion                          !! typical amplitude [m]; 0: not known
+      integer, intent(in) :: n_starts                                 !! random ones, as for the balance
+      type(census_t), intent(inout) :: census
+      type(model_t) :: own
+      type(level_t) :: level
+      type(motion_result_t) :: result
+      type(error_t), allocatable :: error
+      complex(wp) :: c(model%system%structure%n_dofs, model%discretisation%harmonics%n_harmonics)
+      real(wp) :: typical
+      integer :: first, h
+
+      typical = size_of_motion
+      if (typical <= 0.0_wp) typical = maxval(self%balance%x_scale)
+      own = model
+      own%options%primary_method = primary_method%integration
+      own%options%solver%fallback = .false.
+      first = findloc([(sum(abs(model%discretisation%harmonics%tuples(:, h))), h=1, size(c, 2))], 1, dim=1)
+      do while (starts_of_integration*census%n_random < n_starts)
+         if (self%is_over()) exit
+         call note_progress(starts_of_integration*census%n_random, n_starts)
+         c = (0.0_wp, 0.0_wp)
+         call self%starts%draw_state(census%n_random + 1, c(:, first))
+         c = typical*c
+         own%discretisation%start = as_amplitudes(c)
+         call solve_point(own, result, error, level)
+         if (allocated(error)) result%status = outcome%failed
+         call note_attractor(self, result, start_kind%random, census)
+      end do
+      census%n_left = (n_starts - 1)/starts_of_integration + 1 - census%n_random
+   end subroutine find_attractors
+
+   !> Counts an attractor of time integration, and adds it if it is a new one.
+   subroutine note_attractor(self, result, kind, census)
+      type(search_t), intent(in) :: self
+      type(motion_result_t), intent(in) :: result
+      integer, intent(in) :: kind                                     !! one of `start_kind`
+      type(census_t), intent(inout) :: census
+      type(census_motion_t) :: motion
+      logical :: is_found
+
+      motion%result = result
+      motion%first_kind = kind
+      motion%size_of_motion = size_of(result, .true.)
+      motion%n_random = merge(1, 0, kind == start_kind%random)
+      motion%n_directed = 1 - motion%n_random
+      is_found = (is_solved(result%status) .and. result%status /= outcome%impact) .or. result%status == outcome%subharmonic
+      census%n_random = census%n_random + motion%n_random
+      if (kind == start_kind%random .and. .not. is_found) census%n_random_lost = census%n_random_lost + 1
+      if (is_found) call count_or_insert(self, motion, census%motions)
+   end subroutine note_attractor
+
+   !> Counts a motion as one of the known ones if it differs from it by the errors of both alone, or inserts it.
+   subroutine count_or_insert(self, motion, motions)
+      type(search_t), intent(in) :: self
+      type(census_motion_t), intent(in) :: motion
+      type(census_motion_t), allocatable, intent(inout) :: motions(:)
+      real(wp), allocatable :: known(:), x(:)
+      integer :: i
+
+      allocate (x, source=coefficients_of(self, motion%result))
+      do i = 1, size(motions)
+         associate (other => motions(i))
+            if (size(x) == 0) then                                    ! only its period is known
+               if (other%result%status /= motion%result%status .or. other%result%n_periods /= motion%result%n_periods) cycle
+            else
+               if (other%result%status == outcome%subharmonic) cycle
+               known = coefficients_of(self, other%result)
+               if (size(known) /= size(x)) cycle
+               if (norm2(x - known) > max(faint, safety*(estimate_of(motion%result) + estimate_of(other%result)))* &
+                   max(norm2(x), norm2(known))) cycle
+            end if
+            other%n_random = other%n_random + motion%n_random
+            other%n_directed = other%n_directed + motion%n_directed
+            return
+         end associate
+      end do
+      call insert(motions, motion)
+   end subroutine count_or_insert
+
+   !> Coefficients of a described motion at the stored degrees of freedom, on the set of the search; none if it has none.
+   function coefficients_of(self, result) result(x)
+      type(search_t), intent(in) :: self
+      type(motion_result_t), intent(in) :: result
+      real(wp), allocatable :: x(:)
+      type(harmonics_t) :: set
+
+      allocate (x(0))
+      if (.not. allocated(result%coefficients)) return
+      set = self%here%harmonics
+      if (result%harmonics%n_harmonics == size(result%coefficients, 2)) set = result%harmonics
+      if (set%n_harmonics /= size(result%coefficients, 2)) return
+      x = transferred(set, self%here%harmonics, &
+         [set%coefficients(transpose(cmplx(result%coefficients(1, :, :), -result%coefficients(2, :, :), wp)))], 0)
+   end function coefficients_of
 
    !> Whether the motion to the tolerance is another one.
    logical function has_moved(self, x, level)

@@ -76,6 +76,7 @@ module hb_census_starts
       procedure :: directed => starts_directed
       procedure :: draw => starts_draw
       procedure :: draw_near => starts_draw_near
+      procedure :: draw_state => starts_draw_state
       procedure, private :: number => starts_number
       procedure, private :: restart => starts_restart
       procedure, private :: normal => starts_normal
@@ -172,6 +173,22 @@ contains
       x = x + size_of_motion*direction
       if (self%number() < share_at_roots) call turn_to_root(self, problem, x)
    end subroutine starts_draw
+
+   !> A random start of a time integration: amplitudes, cos - i sin, relative to a typical motion.
+   subroutine starts_draw_state(self, number, amplitudes)
+      class(starts_t), intent(inout) :: self
+      integer, intent(in) :: number                                   !! from 1
+      complex(wp), intent(out) :: amplitudes(:)                       !! (n_dofs)
+      real(wp) :: size_of_motion
+      integer :: i
+
+      call self%restart(number)
+      size_of_motion = exp(self%normal())
+      do i = 1, size(amplitudes)
+         amplitudes(i)%re = size_of_motion*self%normal()
+         amplitudes(i)%im = size_of_motion*self%normal()
+      end do
+   end subroutine starts_draw_state
 
    !> Adds a vibration at each of some coordinates, one after the other: in one low harmonic, with one of the sizes that are
    !> possible there beside those before it, or none, and with a phase of its own.

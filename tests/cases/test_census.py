@@ -132,3 +132,41 @@ def test_a_census_of_python_is_that_of_the_command(folder):
             assert data.attrs[name] == found.attrs[name] and isinstance(data.attrs[name], type(found.attrs[name])), name
     assert found["census_mirror_of"].values.tolist() == [-1, -1, -1]
     assert run("info", "python.h5", "--check", cwd=folder).status == ALL_CONVERGED
+
+
+def impact_each_period(omega, damping, restitution):
+    """Mean value of the motion that strikes a wall at x = 0 once a period, of a unit mass and spring under cos(omega t)."""
+    decay, omega_d = damping / 2, np.sqrt(1 - damping**2 / 4)
+    stiffness = 1 - omega**2 + 1j * damping * omega
+    period = 2 * np.pi / omega
+    times = np.linspace(0, period, 20001)
+    free = np.exp((-decay + 1j * omega_d) * times)
+    forced = np.exp(1j * omega * times)
+    shapes = np.array([free.real, free.imag, forced.real, forced.imag])
+    slopes = np.array([
+        ((-decay + 1j * omega_d) * free).real,
+        ((-decay + 1j * omega_d) * free).imag,
+        (1j * omega * forced).real,
+        (1j * omega * forced).imag,
+    ])
+    conditions = np.array([shapes[:, 0], shapes[:, -1], slopes[:, 0] + restitution * slopes[:, -1]])
+    solution = np.linalg.svd(conditions)[2][-1]  # up to a factor, by the amplitude of the forced motion
+    solution *= 1 / abs(stiffness) / np.hypot(solution[2], solution[3])
+    (motion,) = [m for m in (solution @ shapes, -solution @ shapes) if m.max() < 1e-9]
+    return np.mean(motion[1:])
+
+
+def test_restitution_decides_on_the_motions(tmp_path):
+    wall = """&structure type='matrices', n_dofs=1, mass=1.0, damping=0.1, stiffness=1.0 /
+&tones frequency=2.6 /
+&load dof='x1', tuple=1, cos=1.0 /
+&law type='rigid_wall', dof='x1', gap=0.0, restitution=0.8 /
+"""
+    (tmp_path / "wall.nml").write_text(wall)
+    done = run("census", "wall.nml", "--starts", "40", cwd=tmp_path)
+    statuses = re.findall(r"^ +\d+ +\S+ +\S+ +\S+ +(\w+) +\d+ +\w+", done.stdout, re.M)
+    with h5py.File(tmp_path / "wall.h5") as file:
+        means, periods = file["coefficients"][:, 0, 0, 0], file["n_periods"][()]
+    assert sorted(statuses) == ["integrated", "subharmonic"], done.stdout
+    assert np.nanmin(abs(means - impact_each_period(2.6, 0.1, 0.8))) < 0.01
+    assert 3 in periods
