@@ -127,15 +127,16 @@ contains
    end subroutine integrate_to_tolerance
 
    !> Integrates from the motion at which the sequence of orders ended above the tolerance, and accepts the result if
-   !> it is the same motion to the tolerance, or at least closer to it. Otherwise the result is unchanged, with a
-   !> message on the outcome of the time integration. If walls with a given restitution are struck, the integrated
-   !> motion is always accepted.
-   subroutine integrate_from_balance(system, discretisation, options, result, top)
+   !> it is closer to the tolerance: the same motion, or the one that disturbances of an unstable motion lead to.
+   !> Otherwise the result is unchanged, with a message on the outcome of the time integration. If walls with a given
+   !> restitution are struck, the integrated motion is always accepted.
+   subroutine integrate_from_balance(system, discretisation, options, result, top, is_other)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(motion_result_t), intent(inout) :: result                  !! of the sequence of orders, `truncated` or `impact`
-      type(level_t), intent(in) :: top                                !! its last level
+      type(level_t), intent(inout) :: top                             !! its last level; of the other motion if that is accepted
+      logical, intent(out) :: is_other                                !! another motion is accepted
       type(motion_result_t) :: integrated
       type(level_t) :: found
       type(discretisation_t) :: from
@@ -143,6 +144,7 @@ contains
       real(wp) :: apart, estimate, estimate_before
       logical :: is_struck, is_there
 
+      is_other = .false.
       if (.not. (options%solver%fallback .and. options%solver%fallback_by_integration .and. can_integrate(system, options))) &
          return
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
@@ -163,17 +165,23 @@ contains
       if (.not. is_struck) then                                       ! then it is the same motion
          estimate = estimate_of(integrated)
          apart = distance(top, found, measure_of(system), .false.)
-         if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
-            result%message = "time integration from this motion leads to another one, relative distance "//rounded(apart)
+         is_other = estimate_before < reliable .and. apart > safety*(estimate + estimate_before)
+         if (estimate >= estimate_before) then
+            if (is_other) result%message = "time integration from this motion leads to another one, relative distance "// &
+               rounded(apart)//", whose series has the larger relative residual "//rounded(estimate)
+            is_other = .false.
             return
          end if
-         if (estimate >= estimate_before) return
       end if
       call adopt_status(options, steady, integrated)
       integrated%effort_t = result%effort_t
       integrated%level_difference = apart
       if (is_struck) then
          integrated%message = integrated%message//"; with impacts on a wall"
+      else if (is_other) then
+         integrated%message = integrated%message//"; reached from another motion, of the balance, with estimated error "// &
+                              rounded(estimate_before)//", which does not persist, relative distance "//rounded(apart)
+         top = found
       else
          integrated%message = integrated%message//"; started from a balance with estimated error "//rounded(estimate_before)
       end if
