@@ -21,7 +21,7 @@ module hb_refined_motion
    use hb_refinement, only: refinable_t, refine
    use hb_stability, only: stability_method
    use hb_system, only: measure_of, system_t
-   use hb_thresholds, only: minor, reliable
+   use hb_thresholds, only: minor, reliable, safety
    implicit none
    private
    public :: calibrate_outputs, estimate_by_levels, estimate_from_above, has_ended, least_work_of_next, left_after, refined_motion_t
@@ -46,6 +46,7 @@ module hb_refined_motion
       real(wp), private :: difference = 0.0_wp                        ! of the last two motions, relative
       real(wp), private :: best_estimate = huge(1.0_wp)
       logical, private :: is_checked = .false.                        ! the level below agrees with its estimate
+      logical, private :: has_failed = .false.                        ! no level above the first is solved, not for lack of work
       logical, private :: is_ended = .false.                          ! by the time limit or by cancellation
    contains
       procedure :: begin => refined_motion_begin
@@ -113,7 +114,11 @@ contains
          is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status) .and. .not. self%solver%is_out_of_work
          self%is_ended = has_ended(trial)
          if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
-         if (.not. is_solved) return
+         if (.not. is_solved) then
+            self%has_failed = self%n_failures == self%n_levels - 1 .and. .not. (self%is_ended .or. self%solver%is_out_of_work)
+            return
+         end if
+         self%has_failed = .false.
          call compare(self, trial)
          self%top = self%next
          self%result = trial
@@ -315,11 +320,16 @@ contains
 
       associate (options => self%options, result => self%result)
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
+            result%status = merge(outcome%converged, outcome%truncated, .not. self%has_failed .and. &
+                                  estimate_of_wanted(result) <= options%accuracy%tolerance)
          compares = compares_in_time(self)
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
             call add_stability(self%system, self%discretisation, self%options, self%top, solver_tolerance(self%options), &
                                self%solver%work_spent, compares, result)
+         if (self%has_failed .and. result%status == outcome%truncated) then
+            result%level_estimate = max(result%level_estimate, min(1.0_wp, safety*estimate_of_motion(result)))
+            result%message = "no larger set of harmonics has a motion near this one: its estimated error is not checked"
+         end if
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set
