@@ -199,7 +199,7 @@ contains
       if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%max_fallback_work
       if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
       if (steady%status == outcome%subharmonic .or. &
-          (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
+          (steady%status == outcome%broadband .and. (steady%is_chaotic .or. estimate_of(result) >= reliable))) then
          call result%forget_motion()                               ! it is no motion by its estimate, or does not persist
          result%status = steady%status
          result%n_periods = steady%n_repeat
@@ -330,8 +330,8 @@ contains
       if (self%n_found == 0 .and. .not. (self%steady%status == outcome%subharmonic .and. steady%status == outcome%pending)) &
          self%steady = steady
       is_solved = is_integrated(steady%status)
-      self%is_ended = .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. &
-                             .not. shows_returns(self%system, self%options))
+      self%is_ended = steady%is_chaotic .or. .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) &
+                                                    .and. .not. shows_returns(self%system, self%options))
       if (work_is_over() .or. .not. is_solved) return
       result = self%result
       call store_lines(self%system, self%here, self%options, self%coordinates, self%capacity, steady, result, found)

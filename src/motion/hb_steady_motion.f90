@@ -21,6 +21,8 @@ module hb_steady_motion
       integer :: n_periods = 0                                        !! of the slowest tone, in all
       integer :: n_repeat = 0                                         !! periods after which a subharmonic motion repeats
       logical :: is_out_of_work = .false.                             !! before its end
+      logical :: is_chaotic = .false.                                 !! neighbouring motions part: no series has it
+      logical :: attracts = .false.                                   !! neighbouring motions approach it
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
       real(wp), allocatable :: monodromy(:, :)                        !! derivative of the period map, of a motion from shooting
    end type steady_motion_t

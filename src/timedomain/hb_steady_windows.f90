@@ -21,6 +21,7 @@ module hb_steady_windows
    use hb_line_fit, only: line_fit_t, new_line_fit, unresolved_by
    use hb_modes, only: slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
+   use hb_neighbouring_motions, only: compare_neighbours, neighbours, periods_of_comparison
    use hb_newton, only: solve_newton
    use hb_options, only: options_t
    use hb_outcome, only: outcome
@@ -44,6 +45,7 @@ module hb_steady_windows
    integer, parameter :: max_windows = 7
    integer, parameter :: max_shots = 15                              ! of Newton's method for a periodic motion with impacts
    integer, parameter :: min_windows = 4                            ! before the spread can count as not falling
+   integer, parameter :: window_of_neighbours = 2                     ! after which neighbouring motions are compared
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one per period, at least
    integer, parameter :: samples_of_candidate = 4                     ! likewise, if most of the highest ones are negligible
    real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the requested error: least gain of a product
@@ -54,6 +56,8 @@ module hb_steady_windows
    real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
    real(wp), parameter :: max_terms = 2.0e9_wp                       ! of the averages over one window
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
+   real(wp), parameter :: doubtful = 2.0e-2_wp                        ! spread from which the motion may be none of the tones
+   real(wp), parameter :: share_of_neighbours = 0.5_wp                ! of the permitted work
    real(wp), parameter :: aim = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
    real(wp), parameter :: close = 0.1_wp                              ! likewise, after `min_windows`
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
@@ -165,8 +169,10 @@ contains
             status_before = steady%status
             call describe_verdict(discretisation, options, steady, z, windows%remainder, system%tones%omega*record%step/two_pi, &
                                   has_forgotten(windows, window, steady%n_periods), window == max_windows)
+            if (window == window_of_neighbours) call ask_neighbours(system, options, windows, state, steady)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
+            if (steady%is_chaotic) exit
             if (is_final(steady, status_before, spread_before, allowed_of(options), options%integration%aim)) exit
          end do
       end associate
@@ -174,6 +180,35 @@ contains
       if (steady%status == outcome%integrated) call complete(system, discretisation, options, windows, state, steady)
       call windows%fit%destroy()
    end subroutine integrate_to_steady
+
+   !> Compares neighbouring motions of several tones, unless the record is nearly one of these: its averages scatter if it is
+   !> chaotic, but also while its lines are not separated. Of one tone, returns show it.
+   subroutine ask_neighbours(system, options, self, state, steady)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
+      type(windows_t), intent(inout) :: self
+      type(integration_state_t), intent(in) :: state                  !! at the end of the last window
+      type(steady_motion_t), intent(inout) :: steady
+      integer(int64) :: n_before
+      integer :: verdict
+      real(wp) :: cost
+
+      if (system%tones%n_tones == 1 .or. steady%status == outcome%integrated .or. steady%spread <= doubtful) return
+      associate (equations => self%equations)
+         cost = evaluation_work(equations%n_dofs, equations%laws%n_coordinates, &
+                                self%config%method == integration_method%generalized_alpha)
+         n_before = equations%laws%n_evaluations
+         if (cost*n_before*periods_of_comparison > share_of_neighbours*options%integration%max_work*steady%n_periods) return
+         call compare_neighbours(equations, self%config, self%step, self%period, state, verdict)
+         steady%work = steady%work + cost*(equations%laws%n_evaluations - n_before)
+      end associate
+      steady%attracts = verdict == neighbours%approach
+      steady%is_chaotic = verdict == neighbours%part
+      if (.not. steady%is_chaotic) return
+      steady%status = outcome%broadband
+      steady%message = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone: no steady motion, "// &
+                       "for two motions that start close to each other part and stay apart (chaos)"
+   end subroutine ask_neighbours
 
    !> Whether the start has no effect any more on the last window, or is not waited for any longer.
    pure logical function has_forgotten(self, window, n_periods)
@@ -194,8 +229,10 @@ contains
 
       if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(self%n_first)// &
          " periods has too many samples"
-      if (steady%status == outcome%broadband .and. options%integration%aim > 0.0_wp) steady%message = steady%message// &
-         ": the motion is none of these tones"
+      if (steady%attracts .and. steady%is_out_of_work) steady%message = steady%message// &
+         "; neighbouring motions approach this one: it is steady, and a longer record has its series"
+      if (steady%status == outcome%broadband .and. options%integration%aim > 0.0_wp .and. .not. steady%is_chaotic) &
+         steady%message = steady%message//": the motion is none of these tones"
       if (steady%status == outcome%integrated .and. self%unresolved > steady%spread) steady%message = steady%message// &
          ", and "//rounded(self%unresolved)//" of the motion is of harmonics too close to each other for a record of this length"
       if (.not. allocated(self%record%impacts) .or. steady%status == outcome%pending) return

@@ -321,3 +321,18 @@ def test_motions_of_several_periods_are_named(tmp_path):
     assert status == [18]  # integrated
     odd = np.any(tuples.reshape(c.size // 2, -1) % 2 == 1, axis=1)
     assert np.nanmax(np.hypot(*c.reshape(-1, 2).T)[odd]) > 0.1
+
+
+def test_chaos_under_two_tones_is_no_lack_of_work(tmp_path):
+    """A mass between stops. Neighbouring motions part by a factor of 2 in each period of the slow tone (an exponent of .73, by
+    Runge-Kutta steps of a sixtieth of the fastest period over 2,000 of the slowest): more work finds no series."""
+    (tmp_path / "case.nml").write_text("""
+&structure type='chain', n_masses=1, mass=1.161210, coupling_stiffness=0.746037,1.295353, damping_stiffness=0.04435536 /
+&tones frequency=1.69068291, 2.48282955 /
+&load dof='x1', tuple=1,0, cos=0.638016 /
+&load dof='x1', tuple=0,1, cos=0.804883 /
+&law type='elastic_stop', dof='x1', stiffness=96.181790, gap=0.104522, two_sided=.true. /
+""")
+    done = run("solve", "case.nml", cwd=tmp_path)
+    assert read(tmp_path / "case.h5", "status")[0] == [20], done.stdout  # broadband
+    assert "max_fallback_work" not in done.stdout + done.stderr, done.stdout
