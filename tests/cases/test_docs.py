@@ -68,7 +68,7 @@ CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGN
 LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
 CASE = re.compile(r"^\s*(?:case\s*\(kind_of_part%(\w+)\)|end select)", re.IGNORECASE)
 FURTHER = re.compile(r'"(\w+_)dofs"')  # a further coordinate of a law, which has weights too
-ROWS_OF_KINDS = (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8")
+ROWS_OF_KINDS = (SRC / "motion" / "events" / "hb_point_kinds.f90").read_text(encoding="utf-8")
 KEYS_OF_RESPONSES = re.findall(r'"(\w+_of)"', ROWS_OF_KINDS)
 KEYS_OF_TARGETS = re.findall(r'"\w+_of", (?:&\s*)?"(\w+)"', ROWS_OF_KINDS)
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
@@ -228,7 +228,7 @@ def test_the_table_of_laws_is_in_order():
 
 
 def test_marks_of_located_points_can_be_drawn():
-    source = (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8")
+    source = (SRC / "motion" / "events" / "hb_point_kinds.f90").read_text(encoding="utf-8")
     table = source.partition("parameter :: curve_kinds")[2].partition(")]")[0]
     marks = {words[3] for words in (re.findall(r'"([^"]*)"', row) for row in table.split("point_kind_t(")) if len(words) > 3}
     page = (ROOT / "postproc" / "src" / "nhbm_post" / "page.html").read_text(encoding="utf-8")
@@ -242,7 +242,7 @@ def test_marks_of_located_points_can_be_drawn():
 
 
 def test_kinds_of_points_are_on_the_page_of_curves():
-    source = (SRC / "motion" / "hb_point_kinds.f90").read_text(encoding="utf-8")
+    source = (SRC / "motion" / "events" / "hb_point_kinds.f90").read_text(encoding="utf-8")
     kinds = re.findall(r'point_kind_t\("(\w+)"', source)
     page = (ROOT / "docs" / "user" / "curves.md").read_text(encoding="utf-8")
     table = page.partition("| kind | meaning |\n")[2].partition("\n\n")[0]

@@ -167,7 +167,7 @@ def statements_of_messages() -> list[list[str]]:
             "hb_curve_end": r"|text = [^!\n]*|returns_to_fold = [^!\n]*"}
     found = []
     for folder in ("balance", "motion", "study", "timedomain"):
-        for path in sorted((ROOT / "src" / folder).glob("*.f90")):
+        for path in sorted((ROOT / "src" / folder).rglob("*.f90")):
             source = re.sub(r"&\s*\n\s*", " ", path.read_text(encoding="utf-8"))
             target = r"(?<!error%)\bmessage = [^!\n]*" + also.get(path.stem, "")
             for statement in re.findall(target, source):
