@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
+import types
 
 import numpy as np
 import pandas
@@ -135,7 +137,7 @@ def test_rotations_are_not_drawn_in_place_of_displacements():
 def test_pictures_of_a_motion(curve, tmp_path):
     motion = curve.isel(point=3)
     for figure in (motion.nhbm.orbit(), motion.nhbm.spectrum("x1"), motion.nhbm.spectrum(over="frequency")):
-        assert figure._repr_png_().startswith(b"\x89PNG")
+        assert figure.axes
     moving = motion.nhbm.animate(frames=2)
     moving.save(tmp_path / "motion.gif")
     assert (tmp_path / "motion.gif").read_bytes().startswith(b"GIF") and "<img" in moving._repr_html_()
@@ -148,13 +150,47 @@ def test_pictures_of_a_motion(curve, tmp_path):
     assert motion.nhbm.orbit("x1", "x2").axes[0].get_xlabel().startswith("Displacement x1")
 
 
+def test_pictures_show_with_and_without_a_semicolon(curve, monkeypatch):
+    """Backends of notebooks show the figures of pyplot at the end of a cell; the value of a cell was shown alone, so that `orbit();`
+    showed nothing."""
+    from matplotlib import pyplot
+
+    display, images = types.ModuleType("IPython.display"), []
+    display.Image, display.display = bytes, images.append
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    motion = curve.isel(point=3)
+    for figure in (motion.nhbm.orbit(), motion.nhbm.spectrum("x1")):
+        assert pyplot.fignum_exists(figure.number)
+        figure._ipython_display_()
+        assert not pyplot.fignum_exists(figure.number), "a value that was shown is not shown again"
+        figure._ipython_display_()
+    assert len(images) == 4 and all(image.startswith(b"\x89PNG") for image in images)
+
+
+@pytest.mark.parametrize("values", [
+    {"tones[0]": [0.8, 1.0, 1.2], "spring.stiffness": [0.1, 0.2]},
+    {"tones[0]": [0.8, 1.0, 1.2], "spring.stiffness": [0.1, 0.2, 0.3], "load[0].cos": [0.1, 0.2]},
+    {"tones[0]": np.linspace(0.8, 1.2, 13), "spring.stiffness": [0.1, 0.2]},
+])  # fmt: skip
+@pytest.mark.filterwarnings("error")
+def test_the_legend_of_a_sweep_leaves_room_for_its_lines(values):
+    axes = duffing().sweep(values, order=3).nhbm.plot("max x1")
+    axes.figure.canvas.draw()
+    assert axes.get_position().width > 0.6 and axes.get_position().height > 0.5
+    legend, bar = axes.get_legend(), axes.figure.axes[1:]
+    heading = legend.get_title().get_text() if legend and not bar else bar[0].get_ylabel()
+    assert "rad/s" in heading and len(axes.lines) == np.prod([len(v) for v in [*values.values()][:-1]])
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.close(axes.figure)
+
+
 def test_a_table_has_a_row_a_point(curve):
     table = curve.nhbm.to_dataframe("x1 (1)", "max x1")
     assert len(table) == curve.sizes["point"] and list(table)[:3] == ["tones_frequency", "x1 (1)", "max x1"]
     np.testing.assert_array_equal(table["x1 (1)"], curve.nhbm.amplitude("x1"))
     np.testing.assert_array_equal(table["max x1"], curve.nhbm.largest("x1"))
     assert set(table["stability"]) <= {"stable", "unstable", "unknown"} and (table["curve_kind"] == "peak").sum() == 1
-    np.testing.assert_array_equal(curve.nhbm.to_dataframe()["x1"], curve.nhbm.response("x1")[0])
+    np.testing.assert_array_equal(curve.nhbm.to_dataframe()["x1"], curve.nhbm.response("x1"))
     assert len(duffing().solve(order=5).nhbm.to_dataframe("x1 (1)")) == 1
     numbers = duffing().sweep({"tones[0]": [0.5, 0.6]}, of="x1 (1)", order=5)
     np.testing.assert_array_equal(numbers.nhbm.to_dataframe()["response"], numbers["response"])

@@ -94,7 +94,7 @@ def test_a_point_without_a_motion_is_not_drawn():
     points["status"][1] = "pending"
     points["n_harmonics"][1] = 0
     point = points.isel(point=1)
-    for values in (point.nhbm.amplitude("x1"), point.nhbm.largest("x1"), point.nhbm.time("x1", 0.0), point.nhbm.response("x1")[0]):
+    for values in (point.nhbm.amplitude("x1"), point.nhbm.largest("x1"), point.nhbm.time("x1", 0.0), point.nhbm.response("x1")):
         assert np.isnan(values)
     for draw in (point.nhbm.plot, point.nhbm.orbit, point.nhbm.spectrum, point.nhbm.animate, lambda: duffing().verify(point)):
         with pytest.raises(ModelError, match="no motion was found .status pending."):
@@ -159,8 +159,8 @@ def test_responses_have_the_axes_of_the_points():
     sweep = duffing().sweep({"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.4, 0.5, 0.6]}, order=3)
     table = sweep.set_index(point=["load_1_cos", "law_spring_stiffness"]).unstack("point")
     for of in ("x1", "x1 (1)", "max x1"):
-        on_table = table.nhbm.response(of)[0].transpose("load_1_cos", "law_spring_stiffness")
-        np.testing.assert_allclose(np.ravel(on_table), sweep.nhbm.response(of)[0], rtol=1e-14)
+        on_table = table.nhbm.response(of).transpose("load_1_cos", "law_spring_stiffness")
+        np.testing.assert_allclose(np.ravel(on_table), sweep.nhbm.response(of), rtol=1e-14)
 
 
 def test_a_dataset_without_a_motion_says_why():

@@ -329,14 +329,16 @@ def test_a_response_is_the_same_everywhere():
     model = duffing()
     motion = model.solve(order=5)
     for of in ("x1", "x1 (1)", "x1 (3)"):
-        assert float(motion.nhbm.response(of)[0]) == pytest.approx(model.response(of, order=5), rel=1e-12)
-    assert float(motion.nhbm.response("max x1")[0]) == float(motion.nhbm.largest("x1")) > 1.3 * float(motion.nhbm.response("x1")[0])
+        assert float(motion.nhbm.response(of)) == pytest.approx(model.response(of, order=5), rel=1e-12)
+    response = motion.nhbm.response("max x1")
+    assert response.name == "max x1" and response.attrs == {"long_name": "Largest displacement |x1|", "units": "m"}
+    assert float(motion.nhbm.response("max x1")) == float(motion.nhbm.largest("x1")) > 1.3 * float(motion.nhbm.response("x1"))
     found = model.sweep({"tones[0]": [0.8, 0.9]}, of="x1", order=5)
     points = model.sweep({"tones[0]": [0.8, 0.9]}, order=5)
-    np.testing.assert_allclose(points.nhbm.response("x1")[0], found["response"], rtol=1e-12)
+    np.testing.assert_allclose(points.nhbm.response("x1"), found["response"], rtol=1e-12)
     assert found["response"].attrs["units"] == "m"
     curve = model.curve(*RANGE, **COARSE, peak_of="x1")
-    of_curve = curve.nhbm.response("x1")[0]
+    of_curve = curve.nhbm.response("x1")
     assert float(of_curve.max()) == float(of_curve[curve["curve_kind"].values == "peak"][0])
 
 
@@ -373,16 +375,16 @@ def test_points_without_a_motion_have_no_response():
         points = model.sweep({"tones[0]": [0.5, 1.0, 1.6]}, order=3)
     assert points["status"].values.tolist() == ["converged", "not_finite", "converged"]
     for values in (points.nhbm.amplitude("x1"), points.nhbm.harmonic("x1"), points.nhbm.largest("x1"), points.nhbm.time("x1", 0.0),
-                   *(points.nhbm.response(of)[0] for of in ("x1", "x1 (1)", "max x1"))):  # fmt: skip
+                   *(points.nhbm.response(of) for of in ("x1", "x1 (1)", "max x1"))):  # fmt: skip
         assert np.isfinite(values).values.tolist() == [True, False, True]
 
 
 def test_values_have_names_and_units():
     motion = duffing().solve(order=5)
     found = {
-        "x1 (1)": (motion.nhbm.amplitude("x1"), motion.nhbm.harmonic("x1", 1), motion.nhbm.response("x1 (1)")[0]),
-        "x1": (motion.nhbm.time("x1", [0.0]), motion.nhbm.response("x1")[0]),
-        "max x1": (motion.nhbm.largest("x1"), motion.nhbm.response("max x1")[0]),
+        "x1 (1)": (motion.nhbm.amplitude("x1"), motion.nhbm.harmonic("x1", 1), motion.nhbm.response("x1 (1)")),
+        "x1": (motion.nhbm.time("x1", [0.0]), motion.nhbm.response("x1")),
+        "max x1": (motion.nhbm.largest("x1"), motion.nhbm.response("max x1")),
     }
     for name, arrays in found.items():
         for values in arrays:
@@ -459,4 +461,18 @@ def test_statuses_have_the_words_of_the_program():
     assert set(dataset.SOLVED) <= set(motion["status"].attrs["flag_meanings"].split())
     for status in dataset.SOLVED:
         found = motion.assign(status=motion["status"].copy(data=np.array(status)))
-        assert np.isfinite(found.nhbm.response("x1")[0]), status
+        assert np.isfinite(found.nhbm.response("x1")), status
+
+
+def test_stability_that_is_unknown_is_neither():
+    """`if not is_stable` took a motion of unknown stability for an unstable one."""
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.0, stiffness=1.0), tones=[0.9])
+    model.load("x1", 1, cos=0.3)
+    unknown = model.solve(order=3).nhbm.is_stable
+    assert unknown.item() is None
+    curve = duffing().curve(*RANGE, **COARSE)
+    words, verdicts = curve["stability"].values, curve.nhbm.is_stable.values
+    assert set(words) >= {"stable", "unstable"}
+    assert [{"stable": True, "unstable": False, "unknown": None}[word] for word in words] == verdicts.tolist()
+    with pytest.raises(TypeError):
+        ~unknown  # noqa: B018

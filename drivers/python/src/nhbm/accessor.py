@@ -40,8 +40,13 @@ class Accessor:
 
     @property
     def is_stable(self) -> xr.DataArray:
-        """Whether each motion is known to be stable."""
-        return self._dataset["stability"] == "stable"
+        """Whether each motion is stable: True or False, and None where that is unknown."""
+        words = self._dataset["stability"]
+        if not bool((words == "unknown").any()):
+            return words == "stable"
+        verdicts: xr.DataArray = xr.zeros_like(words, dtype=object)
+        verdicts.values[...] = np.vectorize({"stable": True, "unstable": False}.get, otypes=[object])(words.values)
+        return verdicts
 
     @property
     def message(self) -> str:
@@ -251,7 +256,7 @@ class Accessor:
         if len(set(names)) > 1:
             columns["located"] = [["", *names][int(k)] for k in found.nhbm.details["curve_response"].values]
         columns.update({name: found[name].values for name in varies_of(data)})
-        columns.update({one: found.nhbm.response(one)[0].values for one in of})
+        columns.update({one: found.nhbm.response(one).values for one in of})
         others = ("status", "stability", "n_unstable", "curve_branch")
         columns.update({name: found[name].values for name in others if name in found})
         import pandas
@@ -375,27 +380,31 @@ class Accessor:
         at = xr.DataArray(phases.reshape(*shape, n_tones), dims=[*axes, "tone"])
         return self._named(size, f"max {dof}", words_of(f"max {dof}"), self.unit_of(dof)), at
 
-    def response(self, of: str) -> tuple[xr.DataArray, str]:
-        """A response of each point, and its name with unit.
+    def response(self, of: str) -> xr.DataArray:
+        """A response of each point.
 
         Parameters
         ----------
         of : str
             "x1", the root mean square of its oscillation, "x1 (1)", the amplitude of a harmonic, or "max x1", the largest |x1|.
+
+        Returns
+        -------
+        xarray.DataArray
+            In the unit of the degree of freedom, with the attributes `long_name` and `units`; NaN for points without a motion.
         """
         check_found(self._dataset, "coefficients")
         name = largest_of(of)
         dof, tuple_ = (name, None) if name is not None else parts_of(of)
-        label = f"{words_of(of)} [{self.unit_of(dof)}]"
         if name is not None:
-            return self.largest(dof), label
+            return self._named(self.largest(dof), of, words_of(of), self.unit_of(dof))
         if tuple_ is not None:
-            return self.amplitude(dof, tuple_), label
+            return self._named(self.amplitude(dof, tuple_), of, words_of(of), self.unit_of(dof))
         oscillates = self._tuples().any("tone") & self._in_use()
         squares = (self._row("coefficients", dof).where(oscillates) ** 2).sum(["harmonic", "component"], min_count=1)
         size: Any = np.sqrt(squares / 2)
         size = size.fillna(0.0).where(self._has_motion())
-        return self._named(size, dof, words_of(of), self.unit_of(dof)), label
+        return self._named(size, of, words_of(of), self.unit_of(dof))
 
     def unit_of(self, dof: str) -> str:
         """Unit of the displacement of a degree of freedom."""
@@ -457,7 +466,7 @@ class Accessor:
         if name is None:
             oscillates = self._tuples().any("tone") & self._in_use()
             products = self._row("coefficients", dof) * self._row("gradient", dof)
-            return products.where(oscillates, 0.0).sum(["harmonic", "component"], skipna=False) / (2 * self.response(of)[0])
+            return products.where(oscillates, 0.0).sum(["harmonic", "component"], skipna=False) / (2 * self.response(of))
         at = self._peak(dof)[1]
         phases = (self._tuples() * at).sum("tone")
         parts = {"motion": self._row("coefficients", dof), "slopes": self._row("gradient", dof)}

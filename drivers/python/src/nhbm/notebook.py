@@ -201,14 +201,19 @@ def drawn(what: str, data: xr.Dataset, dofs: list[str], **options: Any) -> Any:
 
 
 def shown(figure: Any) -> Any:
-    """The figure, which notebooks without a backend for pictures show, too."""
+    """The figure, among those of pyplot: notebooks show it at the end of its cell, also behind a semicolon, and scripts by
+    `plt.show()`. Later cells show it as their value."""
+    plt = imported("matplotlib.pyplot", "pictures are drawn with")
+    plt.figure(FigureClass=lambda *_, **__: figure)
 
-    def png() -> bytes:
+    def display() -> None:
         into = io.BytesIO()
         figure.savefig(into, format="png", dpi=100, bbox_inches="tight")
-        return into.getvalue()
+        plt.close(figure)  # otherwise it is shown once more at the end of the cell
+        shell = imported("IPython.display", "notebooks are shown with", "ipython")
+        shell.display(shell.Image(into.getvalue()))
 
-    figure._repr_png_ = png
+    figure._ipython_display_ = display
     return figure
 
 

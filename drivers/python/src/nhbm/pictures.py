@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from nhbm.errors import ModelError, imported
 from nhbm.located import MARKERS, located_kinds
 
 _VERDICTS = ("stable", "-", "stable"), ("unstable", "--", "unstable"), ("unknown", ":", "stability not known")
-_MOST_LINES = 10  # of one picture with a legend
+_MOST_LINES = 10  # of one picture with a legend; more have a scale of colours
+_LEGEND_WIDTH, _HANDLE_WIDTH = 72, 7  # characters
 _SAMPLES, _MOST_SAMPLES = 12, 200_000  # of the fastest harmonic in a period, of a picture over time
 
 
@@ -44,12 +46,12 @@ def most_of(data: xr.Dataset) -> str:
     return str(data["dof"].values[int(np.where(lengths | ~lengths.any(), sizes, -1.0).argmax())])
 
 
-def _labelled(name: str, values: xr.DataArray, value: float | None = None) -> str:
-    """Name and unit of an axis, or name, value and unit."""
+def _labelled(name: str, values: xr.DataArray) -> str:
+    """Name and unit of an axis."""
     unit = re.sub(r"(?<=[A-Za-z])(\d)", lambda digit: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(digit[1])], str(values.attrs.get("units", "1")))
     unit = "" if unit == "1" else unit
     words = values.attrs.get("long_name", values.attrs.get("parameter", name))
-    return f"{words} = {value:.4g} {unit}".rstrip() if value is not None else words + (f" [{unit}]" if unit else "")
+    return words + (f" [{unit}]" if unit else "")
 
 
 def _over_time(ax: Any, data: xr.Dataset, dof: str) -> None:
@@ -68,21 +70,24 @@ def _over_time(ax: Any, data: xr.Dataset, dof: str) -> None:
 def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
     """Lines over what varies last: one for each branch of a curve, or for each of the other values of a sweep."""
     *others, name = varies_of(data) or ["point"]
-    y, label = data.nhbm.response(of)
+    y = data.nhbm.response(of)
     if "curve_branch" in data:
         others = ["curve_branch"]
-    groups = [("", np.arange(data.sizes["point"]))]
+    groups, color_of, heading = [("", np.arange(data.sizes["point"]))], "C{}".format, ""
     if others:
         rows, group = np.unique(np.stack([data[other].values for other in others], axis=1), axis=0, return_inverse=True)
-        names = [", ".join(_labelled(other, data[other], value) for other, value in zip(others, row)) for row in rows]
+        names = [", ".join(f"{value:.4g}" if isinstance(value, float) else str(value) for value in row) for row in rows.tolist()]
         groups = [(names[k], np.flatnonzero(group.ravel() == k)) for k in range(len(rows))]
+        heading = ", ".join(_labelled(other, data[other]) for other in others)
     is_curve = "curve_branch" in data
+    if len(groups) > _MOST_LINES and not is_curve:
+        color_of = _scale_of_colors(ax, rows, heading)
     kinds = located_kinds(data["curve_kind"].attrs) if "curve_kind" in data else {}
     drawn = set()
     for k, (title, points) in enumerate(groups):
         if is_curve:
             points = points[np.argsort(data["curve_length"].values[points], kind="stable")]
-        color = "C0" if is_curve else f"C{k % 10}"
+        color = "C0" if is_curve else color_of(k)
         stable = data["stability"].values[points]
         if is_curve:  # at a bifurcation itself a multiplier is on the unit circle
             located = (stable == "unknown") & np.isin(data["curve_kind"].values[points], list(kinds))
@@ -102,9 +107,34 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
         if len(here):
             mark = MARKERS.get(look.mark, "o")
             ax.plot(data[name].values[here], y.values[here], mark, color="C3", ms=6, mfc="none", label=look.label, ls="none")
-    ax.set(xlabel=_labelled(name, data[name]), ylabel=label)
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3)
+    ax.set(xlabel=_labelled(name, data[name]), ylabel=_labelled(of, y))
+    labels = ax.get_legend_handles_labels()[1]
+    if labels:
+        title = textwrap.fill(heading, _LEGEND_WIDTH) if len(groups) > 1 and not is_curve else None
+        ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=_columns_for(labels), borderaxespad=0.3, title=title,
+                  alignment="left")  # fmt: skip
+
+
+def _columns_for(labels: list[str]) -> int:
+    """The most columns of a legend that are not wider than its axes; it is filled column by column."""
+
+    def width(n: int) -> int:
+        n_rows = -(-len(labels) // n)
+        return sum(_HANDLE_WIDTH + max(map(len, labels[k : k + n_rows])) for k in range(0, len(labels), n_rows))
+
+    return next((n for n in range(min(5, len(labels)), 1, -1) if width(n) <= _LEGEND_WIDTH), 1)
+
+
+def _scale_of_colors(ax: Any, rows: Any, label: str) -> Any:
+    """The colour of each of many lines: by its value, with a scale beside the axes; by its number if several values vary."""
+    matplotlib = imported("matplotlib", "plots are drawn with")
+    is_number = rows.shape[1] == 1 and rows.dtype.kind in "fi"
+    values = rows[:, 0] if is_number else np.arange(len(rows))
+    scale = imported("matplotlib.cm", "plots are drawn with").ScalarMappable(
+        matplotlib.colors.Normalize(values.min(), values.max()), "viridis"
+    )
+    ax.figure.colorbar(scale, ax=ax, label=label if is_number else f"Number of the line, by {label}")
+    return lambda k: scale.to_rgba(values[k])
 
 
 def _numbers(ax: Any, data: xr.Dataset, name: Any) -> None:

@@ -44,8 +44,8 @@ def frame(data: xr.Dataset, of: tuple[str, ...], has_units: bool = False) -> Any
         add(name, data[name].values, str(data[name].attrs.get("units", "")))
     if "coefficients" in data:
         for one in of or [str(dof) for dof in data["dof"].values[:_MOST_DOFS]]:
-            values, label = data.nhbm.response(one)
-            add(one, values.values, label.rpartition("[")[2].rstrip("]"))
+            values = data.nhbm.response(one)
+            add(one, values.values, str(values.attrs["units"]))
     elif of:
         raise ModelError("this dataset has numbers, not motions; leave the responses out")
     else:
