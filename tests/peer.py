@@ -1,4 +1,4 @@
-"""The three peer cases of tests/performance by pyHarm, run inside a virtual environment that has it.
+"""The three peer cases of tests/measurements/performance by pyHarm, run inside a virtual environment that has it.
 
 usage: python peer.py duffing_upper|duffing_lower|jenkins|chain_100 REPEATS
 

@@ -4,7 +4,7 @@
 usage: pictures.py [NAME ...]      writes docs/pictures/NAME.png; without NAME all, in about half an hour
 
 A page with code is run as the tests run it. The commands of the others are in `DRAWN` below. Not here, as they measure or need
-other programs: `MEASURED` (drawn by tests/accuracy, tests/performance, tests/benchmarks and tests/layers).
+other programs: `MEASURED` (drawn by tests/measurements/accuracy, tests/measurements/performance, tests/benchmarks and tests/layers).
 NHBM and NHBM_LIBRARY name the program and libnhbm.so. Look at each picture before you commit it.
 """
 

@@ -1,4 +1,4 @@
-"""The command tests/accuracy: its references, and the places in its page for all that it writes."""
+"""The command tests/measurements/accuracy: its references, and the places in its page for all that it writes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "accuracy_parts"))
+sys.path.insert(0, str(ROOT / "tests" / "measurements" / "accuracy_parts"))
 
 import against_time  # noqa: E402
 import paper  # noqa: E402
@@ -20,13 +20,13 @@ MIDSPAN = {"dofs": ("v3",), "weights": (1.0,)}
 
 
 def test_no_case_has_the_name_of_a_section():
-    sections = re.findall(r"^    \"(\w+)\": _\w+,$", (ROOT / "tests" / "accuracy").read_text(encoding="utf-8"), re.MULTILINE)
+    sections = re.findall(r"^    \"(\w+)\": _\w+,$", (ROOT / "tests" / "measurements" / "accuracy").read_text(encoding="utf-8"), re.MULTILINE)
     assert "time" in sections and not set(sections) & {case.name for case in against_time.CASES}
 
 
 def test_page_has_both_marks_of_each_text():
     page = (ROOT / "docs" / "why" / "accuracy.md").read_text(encoding="utf-8")
-    names = re.findall(r"rewrite\(\"([a-z0-9 ]+)\"", (ROOT / "tests" / "accuracy").read_text(encoding="utf-8"))
+    names = re.findall(r"rewrite\(\"([a-z0-9 ]+)\"", (ROOT / "tests" / "measurements" / "accuracy").read_text(encoding="utf-8"))
     assert "time" in names and len(names) == len(set(names))
     for name in names:
         assert page.count(f"<!-- {name} -->\n") == 1 and page.count(f"<!-- end of {name} -->\n") == 1, name

@@ -203,9 +203,9 @@ def test_other_comments_are_no_expectations():
 
 
 def test_inputs_of_the_validation_page_name_their_reference():
-    """`tests/validation` leaves out an input whose comment names none, and with it the row of the page."""
+    """`tests/measurements/validation` leaves out an input whose comment names none, and with it the row of the page."""
     root = Path(__file__).resolve().parents[2]
-    spec = spec_from_loader("validation", SourceFileLoader("validation", str(root / "tests" / "validation")))
+    spec = spec_from_loader("validation", SourceFileLoader("validation", str(root / "tests" / "measurements" / "validation")))
     spec.loader.exec_module(validation := module_from_spec(spec))
     page = (root / "docs" / "why" / "validation.md").read_text(encoding="utf-8")
     table = page.split("<!-- inputs -->")[1].split("<!-- end of inputs -->")[0]

@@ -1,4 +1,4 @@
-"""Signals and limits end a run within a second at any time. Many more cases in `tests/limits`, label long."""
+"""Signals and limits end a run within a second at any time. Many more cases in `tests/campaigns/limits`, label long."""
 
 import signal
 import subprocess
@@ -120,7 +120,7 @@ def test_a_law_that_gives_up_for_ever_ends_by_itself(tmp_path):
 @pytest.mark.long
 def test_limits_hold_everywhere():
     done = subprocess.run(
-        [sys.executable, ROOT / "tests/limits", "--runs", "3"], env={**environment(), "NHBM": program()}, capture_output=True
+        [sys.executable, ROOT / "tests/campaigns/limits", "--runs", "3"], env={**environment(), "NHBM": program()}, capture_output=True
     )
     assert done.returncode == 0, done.stdout.decode()
 

@@ -1,4 +1,4 @@
-"""tests/points and tests/time_domain: their time integration begins at the right state, otherwise the reported error is its own;
+"""tests/campaigns/points and tests/campaigns/time_domain: their time integration begins at the right state, otherwise the reported error is its own;
 wrong numbers in a file are reported; tables are made from the stored part of an interrupted campaign."""
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-TESTS = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TESTS))
+CAMPAIGNS = Path(__file__).resolve().parents[1] / "campaigns"
+sys.path.insert(0, str(CAMPAIGNS))
 
 import h5py  # noqa: E402
 from point_parts import pieces  # noqa: E402
@@ -88,7 +88,7 @@ def test_integration_gets_past_a_corner_between_two_stops():
 def test_laws_that_are_named_are_held_against_integration(kinds, count):
     """All are solved within the tolerance, and no integration departs from one that is called stable."""
     words = ["--seed", "7", "--count", str(count), "--kinds", kinds, "--tolerance", "1e-2", "--title", " 1 tones, .*, (?!rigid)"]
-    done = subprocess.run([sys.executable, TESTS / "points", *words], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, CAMPAIGNS / "points", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "| above 1; above 3 | 0; 0 |" in done.stdout, done.stdout + done.stderr
 
 
@@ -109,7 +109,7 @@ def test_what_a_file_says_wrongly_is_reported(tmp_path):
     (tmp_path / "model.nml").write_text(MODEL)
     result = tmp_path / "model.h5"
     assert run("solve", "model.nml", "--quiet", cwd=tmp_path).status == 0
-    words = [sys.executable, TESTS / "time_domain", result, "--state", tmp_path / "rows.jsonl"]
+    words = [sys.executable, CAMPAIGNS / "time_domain", result, "--state", tmp_path / "rows.jsonl"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "| `converged` | 2 | motion | agrees |" in done.stdout, done.stdout + done.stderr
     with h5py.File(result, "r+") as file:
@@ -132,7 +132,7 @@ def test_a_campaign_goes_on_from_what_it_kept(tmp_path):
     lines.append({"question": [7, False, 1e-3, False, False], "case": {**kept[0], "truth": 9e-2}})
     state = tmp_path / "kept.jsonl"
     state.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    words = [sys.executable, TESTS / "points", "--seed", "7", "--count", "4", "--tolerance", "1e-2", "--state", state]
+    words = [sys.executable, CAMPAIGNS / "points", "--seed", "7", "--count", "4", "--tolerance", "1e-2", "--state", state]
     done = subprocess.run(words, env={**os.environ, "NHBM": str(tmp_path / "none")}, capture_output=True, text=True, check=False)
     assert done.returncode == 1, done.stderr  # one is beyond three tolerances
     for row in (

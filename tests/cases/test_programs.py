@@ -42,7 +42,7 @@ def test_programs_of_an_earlier_header_run(tmp_path):
 def test_the_wall_in_c_has_the_number_of_the_paper(tmp_path):
     """The same number as the program in Fortran, of which tests/configure/install.cmake asserts it."""
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
-    source = ROOT / "examples" / "wall" / "wall.c"
+    source = ROOT / "drivers" / "examples" / "wall" / "wall.c"
     command = [compiler, "-std=c11", "-Wall", "-Wextra", "-Werror", *INCLUDES, source, LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}"]
     subprocess.run([*command, "-o", "wall"], cwd=tmp_path, check=True)
     done = subprocess.run(["./wall"], cwd=tmp_path, capture_output=True, text=True, check=True)

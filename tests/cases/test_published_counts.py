@@ -17,7 +17,7 @@ OF_ROUNDING = 0.05  # of the tuples; of the levels one
 
 def _tolerances() -> dict:
     """Models of the tables by tolerance, as the script that writes them has them."""
-    loader = SourceFileLoader("performance", str(ROOT / "tests" / "performance"))
+    loader = SourceFileLoader("performance", str(ROOT / "tests" / "measurements" / "performance"))
     script = module_from_spec(spec_from_loader("performance", loader))
     loader.exec_module(script)
     return script.TOLERANCES

@@ -1,4 +1,4 @@
-"""tests/scenes: a few scenes of each kind, and what it says of wrong arguments."""
+"""tests/campaigns/scenes: a few scenes of each kind, and what it says of wrong arguments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def scenes(*words):
-    script = [sys.executable, str(ROOT / "tests" / "scenes"), *map(str, words)]
+    script = [sys.executable, str(ROOT / "tests" / "campaigns" / "scenes"), *map(str, words)]
     return subprocess.run(script, capture_output=True, text=True, check=False)
 
 

@@ -357,7 +357,7 @@ def test_broken_chains_are_solved_again_from_their_beginning(disturbance, undist
 
 @on_linux
 def test_curve_that_a_signal_ends_within_a_point_goes_on(tmp_path):
-    """The signal arrives during a step, twice; tests/interrupted tries a thousand moments."""
+    """The signal arrives during a step, twice; tests/campaigns/interrupted tries a thousand moments."""
     run("solve", write(tmp_path, DUFFING, "whole"), "--quiet", cwd=tmp_path)
     result = tmp_path / "case.h5"
     for at in (297, 608):

@@ -202,7 +202,7 @@ def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
     assert np.isnan(largest[0]) and largest[1] < 5e-2 and 1e-2 < largest[2] < 1.8e-2
 
 
-# Converged motions from which a time integration departs; that of another program (tests/points) ends at the given distance from
+# Converged motions from which a time integration departs; that of another program (tests/campaigns/points) ends at the given distance from
 # them.
 DEPARTING = {
     "grows slowly": (
@@ -329,7 +329,7 @@ def test_verify_agrees_with_blades_that_run_along_the_casing(tmp_path, frame):
 
 def test_verify_agrees_where_the_basin_is_smaller_than_the_error(tmp_path):
     """Eight contacts in a period, multipliers -.7265 +- .6317i by exact shooting; disturbances of 3e-3, the error of the series,
-    diverge (`tests/workflows --seed 961430816 --first 9`)."""
+    diverge (`tests/campaigns/workflows --seed 961430816 --first 9`)."""
     text = "&structure type='modal_beam', length=1.0, bending_stiffness=0.010265982254684338, mass_per_length=1.0, n_modes=1,\n"
     text += "damping_mass=0.005246432155835139 /\n&tones frequency=0.43447070654402514 /\n"
     text += "&law type='elastic_stop', dofs='q1', weights=0.9982940737339058, stiffness=4.8, gap=0.5571072182761566 /\n"

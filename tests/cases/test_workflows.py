@@ -1,4 +1,4 @@
-"""tests/workflows: several of its models are correct; so are its references, and it detects a wrong motion."""
+"""tests/campaigns/workflows: several of its models are correct; so are its references, and it detects a wrong motion."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-TESTS = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TESTS))
+CAMPAIGNS = Path(__file__).resolve().parents[1] / "campaigns"
+sys.path.insert(0, str(CAMPAIGNS))
 
 from point_parts.models import Law, Model  # noqa: E402
 from point_parts.truth import Motion, build, error_of  # noqa: E402
@@ -105,4 +105,4 @@ def test_references_that_take_too_long_are_given_up(library, tmp_path):
 
 
 def test_an_unknown_workflow_is_a_wrong_argument():
-    assert subprocess.run([sys.executable, TESTS / "workflows", "--kinds", "frequncy"], capture_output=True).returncode == 2
+    assert subprocess.run([sys.executable, CAMPAIGNS / "workflows", "--kinds", "frequncy"], capture_output=True).returncode == 2

@@ -28,7 +28,7 @@ if(NOT installed MATCHES "/hb_new_model\\.mod")
    message(FATAL_ERROR "nhbm::core lacks hb_new_model; it has ${installed}")
 endif()
 set(example ${FOLDER}/example)
-execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT}/examples/wall -B ${example} -DCMAKE_PREFIX_PATH=${FOLDER}/installed OUTPUT_QUIET
+execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT}/drivers/examples/wall -B ${example} -DCMAKE_PREFIX_PATH=${FOLDER}/installed OUTPUT_QUIET
    COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${CMAKE_COMMAND} --build ${example} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${example}/wall OUTPUT_VARIABLE output COMMAND_ERROR_IS_FATAL ANY)

@@ -4,7 +4,7 @@ execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --config ${CONFIG} -
    OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
 if(CASE STREQUAL "example")                        # builds with the core alone, and gives the number of the paper's wall
    set(example ${FOLDER}/example)
-   execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT}/examples/wall -B ${example} -DCMAKE_PREFIX_PATH=${FOLDER}
+   execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT}/drivers/examples/wall -B ${example} -DCMAKE_PREFIX_PATH=${FOLDER}
       -DCMAKE_BUILD_TYPE=${CONFIG} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
    execute_process(COMMAND ${CMAKE_COMMAND} --build ${example} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
    execute_process(COMMAND ${example}/wall OUTPUT_VARIABLE output COMMAND_ERROR_IS_FATAL ANY)
@@ -23,7 +23,7 @@ if(CASE STREQUAL "example")                        # builds with the core alone,
          execute_process(COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${described} ${PKG_CONFIG} --cflags --libs nhbm
             OUTPUT_VARIABLE flags OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
          separate_arguments(flags)
-         execute_process(COMMAND ${CC} ${ROOT}/examples/wall/wall.c ${flags} -Wl,-rpath,${described}/.. -o ${FOLDER}/${command}
+         execute_process(COMMAND ${CC} ${ROOT}/drivers/examples/wall/wall.c ${flags} -Wl,-rpath,${described}/.. -o ${FOLDER}/${command}
             COMMAND_ERROR_IS_FATAL ANY)
       endif()
       execute_process(COMMAND ${FOLDER}/${command} OUTPUT_VARIABLE output COMMAND_ERROR_IS_FATAL ANY)
