@@ -4,18 +4,21 @@ module hb_idle_laws
    use hb_floquet, only: free_motions
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t
+   use hb_law_reach, only: exerts_no_force, has_reach
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved, outcome
    use hb_system, only: system_t
+   use hb_thresholds, only: faint
    implicit none
    private
    public :: describe_idle_law, idle_law_text, idle_laws_t
 
    integer, parameter :: n_samples = 512
    integer, parameter :: largest_examined = 1000                      ! degrees of freedom, for free bodies
-   real(wp), parameter :: margin = 1.05_wp                            ! a motion so much larger or smaller has no force either: a
-                                                                      ! body at rest on a wall is on one side of it only then
+   real(wp), parameter :: margin = 0.05_wp                            ! a motion larger or smaller by this share has no force
+                                                                      ! either: a body at rest on a wall is on one side of it only
+                                                                      ! then
    real(wp), parameter :: far = 10.0_wp                               ! lengths of a law, at which it exerts a force unless it is
                                                                       ! switched off, as by a stiffness of zero
 
@@ -50,7 +53,7 @@ contains
       end if
       if (.not. allocated(self%is_idle)) then
          self%n_motions = 0
-         self%is_idle = [(may_be_idle(system%laws(i)%law), i=1, size(system%laws))]
+         self%is_idle = [(has_length_and_reach(system%laws(i)%law), i=1, size(system%laws))]
          allocate (self%largest(size(system%laws)), source=0.0_wp)
       end if
       self%n_motions = self%n_motions + 1
@@ -62,8 +65,9 @@ contains
       end if
       dofs = system%dofs_of_unknowns()
       do i = 1, size(system%laws)
-         if (motion%status == outcome%integrated .and. system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts: the
-         if (.not. self%is_idle(i)) cycle                             ! series lies within the gap
+         if (has_stored_force(discretisation, motion, dofs, system%laws(i)%law)) self%is_idle(i) = .false.
+         if (motion%status == outcome%integrated .and. system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts
+         if (.not. self%is_idle(i)) cycle
          call find_force(system%laws(i)%law, dofs, q, v, is_idle, largest)
          self%is_idle(i) = is_idle
          self%largest(i) = max(self%largest(i), largest)
@@ -171,13 +175,32 @@ contains
       text = "law '"//label//"' exerts no force: no motion reaches it; check the units of lengths and loads"
    end function idle_law_text
 
-   !> Whether a law has a length within which it may exert no force, and a force that depends on the present motion alone.
-   pure logical function may_be_idle(law)
+   !> Whether forces act at the degrees of freedom of a law in a motion that time integration has found: its series, which may lack
+   !> harmonics, stays within gaps that the motion exceeds, but is in balance with the forces, to the errors of its averages.
+   pure logical function has_stored_force(discretisation, motion, dofs, law)
+      type(discretisation_t), intent(in) :: discretisation
+      type(motion_result_t), intent(in) :: motion
+      integer, intent(in) :: dofs(:)                                  !! of the stored forces
+      class(law_t), intent(in) :: law
+      real(wp) :: none
+      integer :: i
+
+      has_stored_force = .false.
+      if (motion%status /= outcome%integrated .or. .not. allocated(motion%force_coefficients)) return
+      if (size(motion%force_coefficients, 3) /= size(dofs)) return
+      none = faint*maxval(abs(discretisation%loads%values))
+      do i = 1, size(dofs)
+         if (.not. any(law%dofs == dofs(i))) cycle
+         has_stored_force = has_stored_force .or. any(abs(motion%force_coefficients(:, :, i)) > none)
+      end do
+   end function has_stored_force
+
+   !> Whether a law has a length within which it may exert no force.
+   pure logical function has_length_and_reach(law)
       class(law_t), intent(in) :: law
 
-      may_be_idle = law%length_scale > 0.0_wp .and. law%n_states == 0 .and. law%n_phases == 0 .and. &
-                    .not. (law%is_users_own .or. law%needs_frequencies)
-   end function may_be_idle
+      has_length_and_reach = law%length_scale > 0.0_wp .and. has_reach(law)
+   end function has_length_and_reach
 
    !> Whether the force of a law vanishes along a motion, but not along a much larger one, and the largest displacement at its
    !> coordinates.
@@ -190,7 +213,7 @@ contains
       class(law_t), allocatable :: law
       real(wp), allocatable :: f(:, :), p(:, :), rates(:, :), z(:, :)
       integer, allocatable :: at(:), places(:, :)
-      real(wp), parameter :: factors(2) = [margin, 1.0_wp/margin]
+      real(wp), parameter :: factors(2) = [1.0_wp + margin, 1.0_wp/(1.0_wp + margin)]
       real(wp) :: reach
       logical :: has_force
       integer :: i, k, n, place
@@ -214,10 +237,7 @@ contains
          rates = matmul(v(:, at), law%shape)
          if (.not. law%needs_velocity) rates = rates(:, :0)
          largest = max(largest, maxval(abs(z)))
-         do i = 1, size(factors)
-            call law%evaluate(factors(i)*z, factors(i)*rates, p, f)
-            is_idle = is_idle .and. .not. any(abs(f) > 0.0_wp)
-         end do
+         is_idle = is_idle .and. exerts_no_force(law, z, rates, factors)
          if (.not. (is_idle .and. maxval(abs(z)) > 0.0_wp)) cycle
          reach = far*law%length_scale/maxval(abs(z))
          do i = -1, 1, 2

@@ -13,10 +13,12 @@ module hb_departure
    use hb_integration_config, only: integration_config_t, integration_method
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
+   use hb_law, only: law_box_t
    use hb_modes, only: slowest_decay
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_options, only: options_t
    use hb_primary_method, only: evaluation_work
+   use hb_reached_laws, only: few_percent, reached_laws
    use hb_stability, only: harmonic_motion_t
    use hb_structure, only: max_dofs
    use hb_system, only: system_t
@@ -49,6 +51,7 @@ contains
       type(integration_record_t) :: other_record, record
       type(integration_state_t) :: other, state
       type(integration_system_t), target :: equations
+      type(law_box_t), allocatable :: laws(:)
       real(wp), allocatable :: there(:, :), rates(:, :)
       type(motion_series_t) :: series
       integer, allocatable :: law_dofs(:)
@@ -57,7 +60,8 @@ contains
 
       departure = -1.0_wp
       ! impacts and sliders ask for more than a state of displacements and velocities
-      if (any([(system%laws(i)%law%is_multiplier .or. system%laws(i)%law%n_states > 0, i=1, size(system%laws))])) return
+      laws = reached_laws(system%laws, motion, few_percent)
+      if (any([(laws(i)%law%is_multiplier .or. laws(i)%law%n_states > 0, i=1, size(laws))])) return
       if (allocated(system%structure%sparse)) return
       call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
@@ -67,7 +71,7 @@ contains
          if (.not. rate*longest_transient >= enough_decay) return
          n_transient = ceiling(enough_decay/rate)
          call new_motion_series(series, motion%tuples, omega, motion%amplitudes)
-         call new_integration_system(equations, structure, system%laws, discretisation%loads%whole(), &
+         call new_integration_system(equations, structure, laws, discretisation%loads%whole(), &
                                      discretisation%harmonics%frequencies(omega), omega)
       end associate
       call series%at(series%phases([0.0_wp]), at_start, velocity)

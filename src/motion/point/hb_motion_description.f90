@@ -12,18 +12,20 @@ module hb_motion_description
    use hb_fftw, only: new_real_block, real_block_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
+   use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
    use hb_linear_part, only: linear_part_t
    use hb_model_basis, only: asymmetry
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
+   use hb_reached_laws, only: few_percent, reached_laws
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, share_of_stability, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
    use hb_system, only: system_t
    use hb_text, only: rounded
-   use hb_thresholds, only: agreement, minor
+   use hb_thresholds, only: agreement, minor, safety
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -229,7 +231,7 @@ contains
                        "because disturbances grow "//rounded(result%stability%growth)//" times within the slowest period"
    end subroutine allow_for_growth
 
-   !> Calls the stability finder of the model; without one the stability is unknown.
+   !> Calls the stability finder of the model, with the laws that the motion reaches; without one the stability is unknown.
    subroutine request_stability(system, discretisation, options, config, motion, work_allowed, stability)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -238,10 +240,13 @@ contains
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(stability_t), intent(out) :: stability
+      type(law_box_t), allocatable :: laws(:)
 
       if (system%normal_mode%is_requested .or. config%method == stability_method%off) return
       if (.not. allocated(options%callbacks%stability_finder)) return
-      call options%callbacks%stability_finder%find(stability, config, motion, system%structure, system%laws, &
+      laws = system%laws
+      if (.not. config%is_integrated) laws = reached_laws(laws, motion, max(few_percent, safety*options%error_estimate%truncation))
+      call options%callbacks%stability_finder%find(stability, config, motion, system%structure, laws, &
                                                  excitation_t(discretisation%loads, &
                                                               discretisation%harmonics%frequencies(motion%tones%omega), &
                                                               options%integration%restitution), work_allowed)

@@ -1,0 +1,102 @@
+!> The laws that a motion reaches: rigid walls that exert no force on it have no influence on its stability. Laws with slopes need
+!> no such choice: the slopes are zero.
+module hb_reached_laws
+   use hb_kinds, only: two_pi, wp
+   use hb_law, only: law_box_t, law_t
+   use hb_law_reach, only: exerts_no_force, has_reach
+   use hb_stability, only: harmonic_motion_t
+   implicit none
+   private
+   public :: few_percent, reached_laws
+
+   real(wp), parameter :: few_percent = 0.05_wp                       !! of a motion: a law that is so near may be reached
+   integer, parameter :: samples_of_harmonic = 16                     ! of the highest one of a tone: a peak between them is higher
+                                                                      ! by 2 %, which is within the margin
+   integer, parameter :: max_samples = 100000                         ! of the torus; beyond, the corners of a box around it
+   integer, parameter :: per_part = 4096                              ! samples at one time
+
+contains
+
+   !> The laws without the rigid walls that exert no force on a motion, nor on one that is larger or smaller by a margin.
+   function reached_laws(laws, motion, margin) result(reached)
+      type(law_box_t), intent(in) :: laws(:)                          !! on its degrees of freedom
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: margin                                  !! relative to the motion
+      type(law_box_t), allocatable :: reached(:)
+      logical :: is_reached(size(laws))
+      integer :: i
+
+      is_reached = [(reaches(laws(i)%law, motion, margin), i=1, size(laws))]
+      reached = laws(pack([(i, i=1, size(laws))], is_reached))
+   end function reached_laws
+
+   !> Whether a motion reaches a law; laws with slopes count as reached.
+   logical function reaches(given, motion, margin)
+      class(law_t), intent(in) :: given
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: margin
+      class(law_t), allocatable :: law
+      complex(wp), allocatable :: amplitudes(:, :)
+      real(wp), allocatable :: z(:, :), rates(:, :)
+      integer :: counts(size(motion%tuples, 1)), first, last, n
+
+      reaches = .true.
+      if (.not. (given%is_multiplier .and. has_reach(given)) .or. given%needs_velocity .or. allocated(given%positions)) return
+      counts = samples_of_harmonic*max(1, maxval(abs(motion%tuples), dim=2))
+      allocate (law, source=given)
+      call law%prepare(1.0_wp)                                        ! the sign of a force does not depend on it
+      amplitudes = matmul(transpose(cmplx(law%shape, 0.0_wp, wp)), motion%amplitudes(law%dofs, :))
+      if (product(real(counts, wp)) > max_samples) then
+         z = corners_of(motion%tuples, amplitudes)
+         allocate (rates(size(z, 1), 0))
+         reaches = .not. exerts_no_force(law, z, rates, [1.0_wp/(1.0_wp + margin), 1.0_wp, 1.0_wp + margin])
+         return
+      end if
+      n = product(counts)
+      allocate (rates(min(n, per_part), 0))
+      do first = 1, n, per_part
+         last = min(n, first + per_part - 1)
+         z = motion_at(motion%tuples, amplitudes, counts, first, last)
+         if (.not. exerts_no_force(law, z, rates(:size(z, 1), :), [1.0_wp/(1.0_wp + margin), 1.0_wp, 1.0_wp + margin])) return
+      end do
+      reaches = .false.
+   end function reaches
+
+   !> Corners of the box that no phase leaves, (corners, coordinates): what walls admit is convex.
+   pure function corners_of(tuples, amplitudes) result(z)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_coordinates, n_harmonics)
+      real(wp) :: z(2**size(amplitudes, 1), size(amplitudes, 1))
+      logical :: is_mean(size(tuples, 2))
+      integer :: c, i
+
+      is_mean = all(tuples == 0, dim=1)
+      do c = 1, size(z, 2)
+         associate (mean => sum(real(amplitudes(c, :)), mask=is_mean), extent => sum(abs(amplitudes(c, :)), mask=.not. is_mean))
+            z(:, c) = [(mean + merge(extent, -extent, btest(i - 1, c - 1)), i=1, size(z, 1))]
+         end associate
+      end do
+   end function corners_of
+
+   !> Coordinates at some of the points of a grid over the torus, counted along the first tone first, (points, coordinates).
+   pure function motion_at(tuples, amplitudes, counts, first, last) result(z)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_coordinates, n_harmonics)
+      integer, intent(in) :: counts(:)                                !! points along each tone
+      integer, intent(in) :: first, last
+      real(wp) :: z(last - first + 1, size(amplitudes, 1))
+      real(wp) :: phases(size(counts))
+      integer :: i, k, rest
+
+      do i = first, last
+         rest = i - 1
+         do k = 1, size(counts)
+            phases(k) = two_pi*modulo(rest, counts(k))/counts(k)
+            rest = rest/counts(k)
+         end do
+         associate (angles => matmul(phases, real(tuples, wp)))
+            z(i - first + 1, :) = real(matmul(amplitudes, cmplx(cos(angles), sin(angles), wp)))
+         end associate
+      end do
+   end function motion_at
+end module hb_reached_laws
