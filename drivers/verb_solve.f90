@@ -347,6 +347,7 @@ contains
       if (allocated(study%plan%curve)) call write_curves(study, path)
       if (summary%n_by_fallback > 0) call say(number_of(summary%n_by_fallback, "point")// &
          " solved by a fallback (see 'fallback' in the results)")
+      call say_if(sticking_text(path))
       do i = 1, study%model%system%tones%n_tones
          if (study%model%system%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i, study%model%system%tones))
       end do
@@ -392,6 +393,26 @@ contains
          number_of(summary%n_near_commensurate, "point")//" a low-order combination of the tones nearly vanishes"// &
          " (see 'combination')"//near_text(study, summary%first_near_commensurate))
    end subroutine write_summary
+
+   !> Writes a line, unless it is empty.
+   subroutine say_if(text)
+      character(*), intent(in) :: text
+
+      if (len(text) > 0) call say(text)
+   end subroutine say_if
+
+   !> That joints stick throughout a motion, so that it is one of many; empty if none does.
+   function sticking_text(path) result(text)
+      character(*), intent(in) :: path                                !! of the result file
+      character(:), allocatable :: text
+      integer :: n
+
+      text = ""
+      n = count(numbers_of(path, "n_full_stick") > 0)
+      if (n == 0) return
+      text = "in "//number_of(n, "point")//" joints stick throughout (see 'n_full_stick'): a continuum of motions is possible, "// &
+             "with any force that they hold; stored is the one that is loaded from rest"
+   end function sticking_text
 
    !> How the points of a complete file that did not converge are tried again; empty if there are none.
    function retry_text(summary, study, path) result(text)

@@ -229,24 +229,25 @@ contains
       end if
    end function commensurate_text
 
-   !> The model of fewer tones with the same loads, for k.omega = 0.
+   !> The model of fewer tones with the same loads, for k.omega = 0: one tone instead of all that are multiples of one frequency.
    function model_of_fewer(tones, k) result(text)
       type(tones_t), intent(in) :: tones
       integer, intent(in) :: k(:)
       character(max_text) :: text
-      integer, allocatable :: in_it(:)
+      integer, allocatable :: in_it(:), multiples(:), together(:)
+      real(wp) :: common
       integer :: i, m
 
       in_it = pack([(i, i=1, size(k))], k /= 0)
+      call find_multiples(tones%omega, in_it(1), together, multiples, common)
       m = findloc(abs(k(in_it)), 1, dim=1, back=.true.)
-      if (size(in_it) == 2) then
-         associate (a => in_it(1), b => in_it(2))
-            text = "use one tone of "//to_text(rounded_to(tones%in_unit(tones%omega(a)/abs(k(b))), n_known))//" "// &
-                   trim(tones%unit())// &
-               " instead of both, with tuple "//to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "// &
-               to_text(abs(k(a)))//" for those of tone "//to_text(b)
-            if (all(abs(k(in_it)) == 1)) text = trim(text)//"; 2*3.14 in an input is 3.14 twice"
-         end associate
+      if (size(together) > 1) then
+         text = "use one tone of "//to_text(rounded_to(tones%in_unit(common), n_known))//" "//trim(tones%unit())//" instead"
+         if (size(together) == 2) text = trim(text)//" of both, with tuple "//to_text(multiples(1))//" for loads of tone "// &
+            to_text(together(1))//" and "//to_text(multiples(2))//" for those of tone "//to_text(together(2))
+         if (size(together) > 2) text = trim(text)//", with the tuples "//trim(listed(multiples))//" for loads of the tones "// &
+            trim(listed(together))
+         if (all(multiples == 1)) text = trim(text)//"; 2*3.14 in an input is 3.14 twice"
       else if (m > 0) then
          m = in_it(m)
          text = "leave out tone "//to_text(m)//", and give its loads the tuple "// &
@@ -255,6 +256,50 @@ contains
          text = "fewer tones, of which these are integer combinations, give the same motion"
       end if
    end function model_of_fewer
+
+   !> The tones that are small multiples of one frequency, as a tone is; this one alone if no other is.
+   pure subroutine find_multiples(omega, of, found, multiples, common)
+      real(wp), intent(in) :: omega(:)                                !! [rad/s]
+      integer, intent(in) :: of                                       !! tone
+      integer, allocatable, intent(out) :: found(:)                   !! tones
+      integer, allocatable, intent(out) :: multiples(:)               !! each of them, relative to the common frequency
+      real(wp), intent(out) :: common                                 !! frequency [rad/s]
+      integer, parameter :: largest = 60                              ! multiple
+      integer :: i, most, n
+
+      most = 0
+      do n = 1, largest                                               ! the common frequency is the n-th part of the tone
+         associate (fits => is_multiple(omega, omega(of)/n, largest))
+            if (count(fits) <= most) cycle
+            most = count(fits)
+            found = pack([(i, i=1, size(omega))], fits)
+            common = omega(of)/n
+         end associate
+      end do
+      multiples = nint(omega(found)/common)
+   end subroutine find_multiples
+
+   !> Whether a frequency is a multiple of a common one, up to rounding.
+   elemental logical function is_multiple(omega, common, largest)
+      real(wp), intent(in) :: omega, common
+      integer, intent(in) :: largest
+
+      associate (ratio => omega/common)
+         is_multiple = ratio < largest + 0.5_wp .and. abs(ratio - anint(ratio)) <= rounding*ratio .and. ratio > 0.5_wp
+      end associate
+   end function is_multiple
+
+   !> Numbers as a list: 2, 3 and 6.
+   pure function listed(numbers) result(text)
+      integer, intent(in) :: numbers(:)
+      character(12*size(numbers) + 5) :: text
+      integer :: i
+
+      text = to_text(numbers(1))
+      do i = 2, size(numbers)
+         text = trim(text)//trim(merge(" and", ",   ", i == size(numbers)))//" "//to_text(numbers(i))
+      end do
+   end function listed
 
    function list_of(omega) result(text)
       real(wp), intent(in) :: omega(:)

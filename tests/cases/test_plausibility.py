@@ -1,6 +1,7 @@
 """The command says what is not plausible: stops that no motion reaches, gaps of a kilometre, tones far above or below all
 natural frequencies, signs that feed energy."""
 
+import pytest
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, run
 
 MODEL = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
@@ -123,3 +124,28 @@ def test_a_stop_that_both_tones_reach_together(tmp_path):
     text = MODEL.format(gap=0.5).replace("tuple = 1, cos = 0.1", "tuple = 1, 0, cos = 0.05")
     text = text.replace("frequency = 0.9", "frequency = 1.0, 1.618033988749895")
     assert "exerts no force" not in said(text + "&load dof = 'x1', tuple = 0, 1, cos = 0.8 /\n", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "common", "tuples"), [("1.0, 1.5, 3.0", "0.5 Hz", "2, 3 and 6"), ("4.0, 6.0, 10.0, 14.0", "2.0 Hz", "2, 3, 5 and 7")]
+)
+def test_commensurate_tones_are_named_at_once(hertz, common, tuples, tmp_path):
+    n = len(hertz.split(","))
+    (tmp_path / "case.nml").write_text(
+        "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /\n"
+        f"&tones hertz = {hertz} /\n&load dof = 'x1', tuple = {'1, ' + ', '.join((n - 1) * '0')}, cos = 0.3 /\n"
+        f"&law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /\n"
+    )
+    done = run("check", "case.nml", cwd=tmp_path)
+    assert f"one tone of {common}" in done.stdout + done.stderr and tuples in done.stdout + done.stderr
+
+
+def test_a_joint_that_sticks_throughout_is_named(tmp_path):
+    text = (
+        "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /\n&tones frequency = 0.7 /\n"
+        "&load dof = 'x1', tuple = 1, cos = {load} /\n&law type = 'jenkins', dof = 'x1', stiffness = 1.0, limit = 1.0 /\n"
+    )
+    for load, sticks in ((0.1, True), (5.0, False)):
+        (tmp_path / "case.nml").write_text(text.format(load=load))
+        done = run("solve", "case.nml", "--overwrite", cwd=tmp_path)
+        assert ("continuum" in done.stdout + done.stderr) == sticks
