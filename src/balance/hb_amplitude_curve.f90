@@ -219,7 +219,7 @@ contains
       logical :: is_on_curve
 
       low = 0.0_wp
-      high = curve%last_step
+      high = curve%last%step
       do i = 1, max_bisections
          call self%set_scales(from%amplitude(1))
          call curve%point_at(0.5_wp*(low + high), x, is_on_curve)

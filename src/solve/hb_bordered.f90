@@ -15,7 +15,15 @@ module hb_bordered
    use hb_problem, only: problem_t
    implicit none
    private
-   public :: bordered_problem_t, new_bordered_problem, row_t
+   public :: bordered_problem_t, new_bordered_problem, plane_t, row_t
+
+   !> A linear equation of all unknowns.
+   type :: plane_t
+      real(wp), allocatable :: functional(:)                          !! (n_unknowns)
+      real(wp) :: value = 0.0_wp                                      !! of it
+      real(wp), allocatable :: units_across(:)                        !! for crossings of another curve of solutions: units of
+                                                                      !! lengths, in which steps are normal to both (n_unknowns)
+   end type plane_t
 
    !> A function of all unknowns with a prescribed value.
    type, abstract :: row_t
@@ -33,8 +41,7 @@ module hb_bordered
       integer :: row_at = 0                                           !! index of its value
       logical, allocatable :: is_held(:)                              !! unknowns of the base problem fixed at zero; none if not
                                                                       !! allocated
-      real(wp), allocatable :: units_across(:)                     !! for crossings of another curve of solutions: units of
-                                                                   !! lengths, in which steps are normal to both (n_unknowns)
+      real(wp), allocatable :: units_across(:)                        !! of the last equation, `plane_t`
       integer :: n_base = 0                                           !! unknowns of the base problem
       real(wp), allocatable :: border(:, :)                           !! derivatives by the parameters, (n_base, parameters), at
                                                                       !! the last tangent
@@ -54,6 +61,7 @@ module hb_bordered
       procedure :: unknowns => bordered_unknowns
       procedure :: move_to => bordered_move_to
       procedure :: rescale => bordered_rescale
+      procedure :: hold => bordered_hold
       procedure, private :: find_border => bordered_find_border
       procedure, private :: solve_block => bordered_solve_block
    end type bordered_problem_t
@@ -114,6 +122,20 @@ contains
       self%r_scale = [self%base%r_scale, (norm2(self%functionals(:, i)*self%x_scale), i=1, size(self%values))]
       if (allocated(self%row)) self%r_scale(self%n_base + self%row_at) = abs(self%values(self%row_at))
    end subroutine bordered_rescale
+
+   !> Makes a plane the last equation.
+   subroutine bordered_hold(self, plane)
+      class(bordered_problem_t), intent(inout) :: self
+      type(plane_t), intent(in) :: plane
+
+      associate (last => size(self%values))
+         self%functionals(:, last) = plane%functional
+         self%values(last) = plane%value
+      end associate
+      if (allocated(self%units_across)) deallocate (self%units_across)
+      if (allocated(plane%units_across)) self%units_across = plane%units_across
+      call self%rescale()
+   end subroutine bordered_hold
 
    !> The vector of unknowns: those of the base problem, and its present parameters.
    pure function bordered_unknowns(self, x) result(all_unknowns)

@@ -11,7 +11,7 @@
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
 module hb_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
-   use hb_bordered, only: bordered_problem_t
+   use hb_bordered, only: bordered_problem_t, plane_t
    use hb_kinds, only: wp
    use hb_krylov, only: solve_krylov
    use hb_newton, only: solve_newton
@@ -20,7 +20,7 @@ module hb_curve
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    implicit none
    private
-   public :: curve_config_t, curve_t, event_t, new_curve
+   public :: curve_config_t, curve_t, event_t, new_curve, path_t
 
    real(wp), parameter :: min_growth = 0.05_wp ! of a functional along the curve, relative to its largest component
 
@@ -38,33 +38,36 @@ module hb_curve
       real(wp) :: angle = 0.0_wp                                      !! [rad] desired turn per step; 0: any
    end type curve_config_t
 
-   !> State of a curve. To continue from a stored point, set `x`, `direction`, `step` and `orientation`.
-   type :: curve_t
+   !> Where a curve is, and what its next step depends on: a value, which may be stored and assigned to a curve.
+   type :: path_t
+      real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
+      real(wp), allocatable :: direction(:)                           !! tangent there, of length 1
+      real(wp) :: orientation = 0.0_wp                                !! sign of the determinant on this piece; 0: not known
+      real(wp) :: step = 0.0_wp                                       !! length of the next step
+      real(wp) :: length = 0.0_wp                                     !! of the arc so far
+      real(wp) :: largest = 0.0_wp                                    !! motion so far, from which the caller derives units
+      integer :: n_branch_points = 0                                  !! passed so far
+   end type path_t
+
+   !> A curve: its path and its equations.
+   type, extends(path_t) :: curve_t
       type(bordered_problem_t) :: problem
       type(bordered_problem_t), allocatable :: part                   !! if present: the problem for the unknowns `retained` alone,
                                                                       !! on a curve along which all others are zero
       integer, allocatable :: retained(:)                             !! (unknowns of `part`)
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector                              !! its limit of work is that of the whole curve
-      real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
-      real(wp), allocatable :: direction(:)                           !! tangent there, of length 1
+      type(path_t) :: last                                            !! the previous point; its `step` led from there to x
       real(wp), allocatable :: units(:)                               !! of lengths, > 0
       real(wp), allocatable :: functional(:)                          !! if present: planes are those of this functional, as
                                                                       !! long as it grows along the curve
-      real(wp) :: step = 0.0_wp                                       !! length of the next step
-      real(wp) :: orientation = 0.0_wp                                !! sign of the determinant on this piece; 0: not known
       real(wp) :: angle = 0.0_wp                                      !! [rad] by which the last `turn` rotated the direction
-      integer :: n_branch_points = 0                                  !! passed so far
-      real(wp), allocatable :: last_x(:), last_direction(:)           !! the previous point
-      real(wp) :: last_step = 0.0_wp                                  !! length of the step from there to x
       logical :: is_around_kink = .false.                             !! the last step is: its planes cross the curve on both sides
       integer :: status = outcome%pending                             !! `stalled`: no further step; `singular`: no tangent
       type(report_t) :: report                                        !! the work so far
       integer, private :: last_iterations = 0                         ! of the corrector
       logical, private :: is_turned = .false.                         ! at a kink, since the previous point
       logical, private :: is_along_functional = .false.               ! the last plane was that of `functional`
-      real(wp), private :: last_orientation = 0.0_wp                  ! at the previous point
-      integer, private :: last_branch_points = 0                      ! up to the previous point
    contains
       procedure :: advance => curve_advance
       procedure :: retreat => curve_retreat
@@ -125,13 +128,10 @@ contains
       logical :: is_on_curve
 
       do while (self%status == outcome%pending)
-         self%last_x = self%x
-         self%last_direction = self%direction
-         self%last_step = self%step
-         self%last_orientation = self%orientation
-         self%last_branch_points = self%n_branch_points
+         self%last = self%path_t
          self%is_around_kink = self%is_turned
          call self%point_at(self%step, self%x, is_on_curve)
+         if (is_on_curve) self%length = self%last%length + self%step
          if (is_on_curve .or. self%status /= outcome%pending) return
          call self%retreat()
       end do
@@ -140,13 +140,12 @@ contains
    !> Returns to the previous point and shortens the step, because it left the curve or was too long for the caller.
    subroutine curve_retreat(self)
       class(curve_t), intent(inout) :: self
+      real(wp) :: step
       logical :: is_possible
 
-      self%x = self%last_x
-      self%direction = self%last_direction
-      self%orientation = self%last_orientation
-      self%n_branch_points = self%last_branch_points
-      self%step = self%config%reduction*min(self%step, self%last_step)
+      step = self%config%reduction*min(self%step, self%last%step)
+      self%path_t = self%last
+      self%step = step
       if (self%step >= self%config%shortest_step) return
       is_possible = .false.
       if (self%config%kink_step > 0.0_wp .and. .not. self%is_turned) call self%turn_at_kink(is_possible)
@@ -164,14 +163,14 @@ contains
       self%angle = 0.0_wp
       call self%tangent_at(self%x, direction, sign_now, is_singular)
       if (is_singular) then
-         if (.not. allocated(self%last_x)) self%status = outcome%singular   ! otherwise the old direction is retained
+         if (.not. allocated(self%last%x)) self%status = outcome%singular   ! otherwise the old direction is retained
       else
          if (.not. self%is_along_functional .and. abs(self%orientation*sign_now) > 0.0_wp) then
             is_other = self%orientation*sign_now < 0.0_wp
             is_back = .false.
             if (dot_product(direction/self%units, self%direction/self%units) <= self%config%little) then
                is_back = is_other
-               if (allocated(self%part) .and. allocated(self%last_x)) call evaluate_part(self, is_back)
+               if (allocated(self%part) .and. allocated(self%last%x)) call evaluate_part(self, is_back)
             end if
             if (is_other .neqv. is_back) self%n_branch_points = self%n_branch_points + 1
             if (is_back) direction = -direction
@@ -183,7 +182,7 @@ contains
          self%direction = direction
       end if
       self%is_turned = .false.
-      if (.not. allocated(self%last_x)) return
+      if (.not. allocated(self%last%x)) return
       factor = 1.0_wp
       if (self%last_iterations <= self%config%easy_iterations) factor = self%config%growth
       if (self%config%angle > 0.0_wp .and. self%angle*factor > self%config%angle .and. .not. self%is_around_kink) &
@@ -199,7 +198,7 @@ contains
       real(wp) :: direction(size(self%x)), sign_before, sign_now
       logical :: is_singular
 
-      call corrected_tangent(self, self%last_x, direction, sign_before, is_singular)
+      call corrected_tangent(self, self%last%x, direction, sign_before, is_singular)
       if (is_singular) return
       call corrected_tangent(self, self%x, direction, sign_now, is_singular)
       if (.not. is_singular) is_changed = sign_before*sign_now < 0.0_wp
@@ -225,8 +224,8 @@ contains
 
       limited = self%corrector
       limited%max_work = self%corrector%max_work - self%report%work
-      call self%set_plane(self%last_x, self%last_direction, step)
-      x = self%last_x + step*self%last_direction
+      call self%set_plane(self%last%x, self%last%direction, step)
+      x = self%last%x + step*self%last%direction
       if (present(guess)) x = guess
       if (allocated(self%part)) then
          call copy_plane_to_part(self)
@@ -267,11 +266,12 @@ contains
       logical, intent(out) :: is_found
       real(wp) :: step, x(size(self%x))
 
-      call self%find_zero(event, [0.0_wp, self%last_step], [event%value(self, self%last_x), event%value(self, self%x)], x, step, &
+      call self%find_zero(event, [0.0_wp, self%last%step], [event%value(self, self%last%x), event%value(self, self%x)], x, step, &
                           is_found)
       if (.not. is_found) return
       self%x = x
-      self%last_step = step
+      self%last%step = step
+      self%length = self%last%length + step
    end subroutine curve_locate
 
    !> As `locate`, without changing the curve: by false position, in which the weight of the older end falls from step
@@ -296,9 +296,9 @@ contains
 
       bracket = positions
       at_ends = values
-      x_at(:, 1) = self%last_x
+      x_at(:, 1) = self%last%x
       x_at(:, 2) = self%x
-      position = [0.0_wp, self%last_step]                             ! of these two points
+      position = [0.0_wp, self%last%step]                             ! of these two points
       weights = 1.0_wp                                                ! weights of the values, for false position
       near = 0
       is_found = .false.
@@ -308,7 +308,7 @@ contains
             if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(high - low) > 0.0_wp) &
                step = bracket(1) + (bracket(2) - bracket(1))*min(0.999_wp, max(0.001_wp, -low/(high - low)))
          end associate
-         is_close = i > fast_steps .or. bracket(2) - bracket(1) <= close*self%last_step
+         is_close = i > fast_steps .or. bracket(2) - bracket(1) <= close*self%last%step
          call find_point(event%may_jump .and. is_close, is_on_curve)
          if (self%status /= outcome%pending) return
          if (.not. is_on_curve) then                                  ! the bracket cannot shrink further
@@ -322,7 +322,7 @@ contains
          if (ieee_is_nan(value)) return
          is_found = abs(value) <= event%tolerance
          if (is_found) return
-         if (bracket(2) - bracket(1) <= smallest_bracket*self%last_step) then
+         if (bracket(2) - bracket(1) <= smallest_bracket*self%last%step) then
             is_found = is_zero_between()
             return
          end if
@@ -366,7 +366,7 @@ contains
 
       !> Whether the curve passes through the bracket without a leap, and the function has a zero there, or may jump.
       logical function is_zero_between()
-         is_zero_between = norm2((x_at(:, 2) - x_at(:, 1))/self%units) <= jump*self%last_step .and. &
+         is_zero_between = norm2((x_at(:, 2) - x_at(:, 1))/self%units) <= jump*self%last%step .and. &
             (event%may_jump .or. abs(at_ends(2) - at_ends(1)) <= jump*abs(values(2) - values(1)))
       end function is_zero_between
    end subroutine curve_find_zero
@@ -375,16 +375,15 @@ contains
    subroutine curve_set_plane(self, x, direction, distance)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:), direction(:), distance
-      integer :: last
+      type(plane_t) :: plane
 
-      last = size(self%problem%values)
-      self%problem%functionals(:, last) = direction/self%units**2
+      plane%functional = direction/self%units**2
       self%is_along_functional = .false.
       if (allocated(self%functional)) self%is_along_functional = &
          dot_product(self%functional, direction) > min_growth*maxval(abs(self%functional*self%units))
-      if (self%is_along_functional) self%problem%functionals(:, last) = self%functional/dot_product(self%functional, direction)
-      self%problem%values(last) = dot_product(self%problem%functionals(:, last), x) + distance
-      call self%problem%rescale()
+      if (self%is_along_functional) plane%functional = self%functional/dot_product(self%functional, direction)
+      plane%value = dot_product(plane%functional, x) + distance
+      call self%problem%hold(plane)
    end subroutine curve_set_plane
 
    !> Copies the functionals of the whole problem to `part`.
@@ -412,7 +411,7 @@ contains
       is_singular = .not. is_possible
       if (is_singular) return
       along = self%direction
-      if (self%is_around_kink) along = self%last_direction
+      if (self%is_around_kink) along = self%last%direction
       call self%set_plane(x, along, 0.0_wp)
       call find_tangent(self%problem, x, self%report, along, tangent, determinant_sign, is_singular)
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
@@ -462,7 +461,7 @@ contains
          self%step = shares(i)*self%config%kink_step
          call corrected_tangent(self, self%x + self%step*direction, next, sign_beyond, is_singular)
          if (is_singular .or. .not. sign_before*sign_beyond < 0.0_wp) cycle
-         self%last_direction = -next
+         self%last%direction = -next
          call self%point_at(self%step, x, is_on_curve)
          if (self%status /= outcome%pending) exit
          if (.not. is_on_curve) cycle
@@ -494,14 +493,14 @@ contains
       step = dot_product((x - self%x)/self%units, half_way/self%units)
       if (.not. step > 0.0_wp) return
       next = self%direction
-      self%last_direction = half_way
+      self%last%direction = half_way
       call self%point_at(step, met, is_on_curve)
       if (is_on_curve) is_on_curve = norm2((met - x)/self%units) <= step
       if (is_on_curve) then
          self%direction = half_way
          self%step = step
       else
-         self%last_direction = next
+         self%last%direction = next
       end if
    end subroutine face_both_sides
 

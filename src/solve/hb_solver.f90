@@ -460,8 +460,8 @@ contains
       logical :: is_possible
 
       n = size(x)
-      associate (position => curve%x(n + 1), position_before => curve%last_x(n + 1))
-         x = curve%last_x(:n) + (1.0_wp - position_before)/(position - position_before)*(curve%x(:n) - curve%last_x(:n))
+      associate (position => curve%x(n + 1), position_before => curve%last%x(n + 1))
+         x = curve%last%x(:n) + (1.0_wp - position_before)/(position - position_before)*(curve%x(:n) - curve%last%x(:n))
          call problem%set_parameters([-kind], [1.0_wp], is_possible)
          call solve_newton(problem, config, x, report)
          call curve%report%add(report)

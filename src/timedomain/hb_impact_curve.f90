@@ -6,7 +6,7 @@
 !> them are the scales and the section.
 module hb_impact_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_bordered, only: bordered_problem_t, new_bordered_problem, plane_t
    use hb_cancellation, only: verdict, verdict_on_work
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
@@ -39,6 +39,7 @@ module hb_impact_curve
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: coordinates_of, system_t
    use hb_tangent_solver, only: find_null_vector
+   use hb_thresholds, only: faint
    use hb_tuple_choice, only: new_lowest_set
    implicit none
    private
@@ -61,6 +62,7 @@ module hb_impact_curve
       procedure :: make_step => impact_curve_make_step
       procedure :: adopt_level => impact_curve_adopt_level
       procedure :: find_roughness => impact_curve_find_roughness
+      procedure :: border => impact_curve_border
       procedure :: make_curve => impact_curve_make_curve
       procedure :: prepare_step => impact_curve_prepare_step
       procedure :: transfer_start => impact_curve_transfer_start
@@ -69,6 +71,7 @@ module hb_impact_curve
       procedure :: find_series => impact_curve_find_series
       procedure :: find_stability => impact_curve_find_stability
       procedure :: find_contact => impact_curve_find_contact
+      procedure :: plane_at => impact_curve_plane_at
       procedure :: describe => impact_curve_describe
       procedure :: system_at => impact_curve_system_at
       procedure :: pack => impact_curve_pack
@@ -195,7 +198,7 @@ contains
             call self%curve%set_plane(x, direction, 0.0_wp)
             call solve_newton(self%curve%problem, self%curve%corrector, x, report)
             is_found = report%status == outcome%converged .and. &
-                       norm2((x - from)/self%curve%units) <= longest_chord*parts(i)*norm2(from(:n))/self%largest
+                       norm2((x - from)/self%curve%units) <= longest_chord*parts(i)*norm2(from(:n))/self%curve%largest
             if (is_found) exit
          end do
       end associate
@@ -339,6 +342,14 @@ contains
 
    end subroutine impact_curve_transfer_start
 
+   !> Assigns to the curve its problem, with a given functional.
+   subroutine impact_curve_border(self, functional)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: functional(:)
+
+      call new_bordered_problem(self%curve%problem, self%orbit, [1], reshape(functional, [size(functional), 1]), [0.0_wp])
+   end subroutine impact_curve_border
+
    !> Sets up the curve at one of its points.
    subroutine impact_curve_make_curve(self, x, direction)
       class(impact_curve_t), intent(inout), target :: self
@@ -348,7 +359,8 @@ contains
       type(solver_config_t) :: corrector
       real(wp) :: units(size(x))
 
-      call new_bordered_problem(bordered, self%orbit, [1], reshape(direction, [size(x), 1]), [0.0_wp])
+      call self%border(direction)
+      bordered = self%curve%problem
       corrector%tolerance = accurate
       corrector%max_iterations = max_corrections
       corrector%patience = 3
@@ -381,7 +393,7 @@ contains
       if (self%curve%status == outcome%pending .and. any(before /= self%at_point%impacts) .and. &
           all(self%waiting%kind /= curve_kind%grazing)) then
          allocate (first(0))
-         call add_waiting(first, curve_kind%grazing, 0.0_wp, self%curve%last_x)
+         call add_waiting(first, curve_kind%grazing, 0.0_wp, self%curve%last%x)
          self%waiting = [first, self%waiting]
       end if
       self%problem%refusal = self%orbit%refusal
@@ -419,12 +431,22 @@ contains
       end subroutine move
    end subroutine impact_curve_prepare_step
 
-   !> Computes the results of a motion of the curve.
-   subroutine impact_curve_describe(self, point, result, error)
+   !> None: the errors of a motion of the map do not depend on one.
+   function impact_curve_plane_at(self, point) result(plane)
       class(impact_curve_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
+      type(plane_t) :: plane
+
+   end function impact_curve_plane_at
+
+   !> Computes the results of a motion of the curve.
+   subroutine impact_curve_describe(self, point, plane, result, error, compares_in_time)
+      class(impact_curve_t), intent(inout), target :: self
+      type(waiting_t), intent(in) :: point
+      type(plane_t), intent(in) :: plane                              !! of no influence
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: compares_in_time               !! of no influence: it is integrated
       type(coordinates_t) :: coordinates
       type(discretisation_t) :: here
       type(options_t) :: options
@@ -485,8 +507,8 @@ contains
       class(impact_curve_t), intent(inout), target :: self
 
       associate (curve => self%curve, n => self%orbit%n_unknowns)
-         self%largest = max(self%largest, norm2(curve%x(:n)))
-         curve%units = [spread(self%largest, 1, n), self%orbit%parameter_scales([1])]
+         curve%largest = max(faint, curve%largest, norm2(curve%x(:n)))
+         curve%units = [spread(curve%largest, 1, n), self%orbit%parameter_scales([1])]
       end associate
    end subroutine impact_curve_update_units
 

@@ -48,8 +48,7 @@ contains
       self%curve = here
       if (.not. is_passed) return
       self%curve%status = outcome%pending
-      self%curve%last_x = here%x
-      self%curve%last_direction = here%direction
+      self%curve%last = here%path_t
       self%curve%x = found
       self%curve%direction = tangent
       self%curve%orientation = 0.0_wp
@@ -61,7 +60,9 @@ contains
          self%waiting = [waiting_t ::]
          call add_waiting(self%waiting, curve_kind%grazing, along, corner)
          call add_corners(self, known, along, corner)
-         call add_waiting(self%waiting, curve_kind%regular, along + norm2((found - corner)/units), found)
+         along = along + norm2((found - corner)/units)
+         call add_waiting(self%waiting, curve_kind%regular, along, found)
+         self%curve%length = here%length + along
          self%first_waiting = 1
       end associate
    end procedure pass_grazing
@@ -93,8 +94,8 @@ contains
       real(wp) :: step, y(size(x))
       logical :: is_on_curve
 
-      self%curve%last_x = x
-      self%curve%last_direction = direction
+      self%curve%last%x = x
+      self%curve%last%direction = direction
       self%curve%corrector%patience = 1                               ! on this piece Newton's method gains from the first step on
       last = x
       along = 0.0_wp

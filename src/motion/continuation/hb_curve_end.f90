@@ -99,7 +99,7 @@ contains
                text = trim(text)//" too large to be meaningful"
             end if
          else
-            text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
+            text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%curve%length)
          end if
       end associate
    end function end_text

@@ -1,13 +1,14 @@
 !> The points that a curve notes: those that are found and not yet reported, origins of branches, reported extremes.
 module hb_curve_points
+   use hb_curve, only: path_t
    use hb_kinds, only: wp
    use hb_level, only: level_t
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_point_kinds, only: curve_kind
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: add_origin, add_waiting, origin_t, reported_extreme_t, waiting_t
+   public :: add_origin, add_waiting, origin_t, path_of, reported_extreme_t, store_path, waiting_t
 
    !> A motion with the direction of a curve there.
    type :: origin_t
@@ -55,6 +56,24 @@ contains
       if (.not. allocated(list)) allocate (list(0))
       list = [list, point]
    end subroutine add_waiting
+
+   !> Stores in a row what a curve needs to continue from there, besides its point and direction.
+   pure subroutine store_path(path, position)
+      type(path_t), intent(in) :: path
+      type(curve_position_t), intent(inout) :: position
+
+      position%step = path%step
+      position%orientation = path%orientation
+      position%largest_motion = path%largest
+   end subroutine store_path
+
+   !> The path of a stored row.
+   pure type(path_t) function path_of(position) result(path)
+      type(curve_position_t), intent(in) :: position
+
+      path = path_t(position%unknowns, position%direction, position%orientation, position%step, abs(position%length), &
+                    position%largest_motion)
+   end function path_of
 
    !> Adds an origin of a branch.
    subroutine add_origin(list, is_apart, x, direction, level)

@@ -88,7 +88,7 @@ contains
       if (self%estimate <= ample*self%model%options%accuracy%tolerance) &
          call shrink(self, self%model%system, refined%whole, self%model%options, error)
       if (allocated(error)) return
-      call self%save_state(first)
+      first = self%state()
       call effort%enter(huge(1.0_wp))
       call refine(refined, ending)
       call effort%leave()
@@ -114,7 +114,7 @@ contains
          if (allocated(self%error) .or. .not. is_solved) return
       end if
       self%motion%n_levels = self%n_levels + 1
-      call self%motion%save_state(self%here)
+      self%here = self%motion%state()
       call step_here(self)
       associate (status => self%motion%curve%status)
          self%is_stalled = status == outcome%stalled
@@ -163,13 +163,15 @@ contains
       class(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_there
       type(motion_result_t) :: result
+      type(waiting_t) :: here
 
       associate (motion => self%motion)
          if (self%is_stalled) then
             is_there = .false.
             call restore_curve(motion, self%here, self%error)
             if (allocated(self%error)) return
-            call motion%describe(waiting_t(curve_kind%regular, 0.0_wp, motion%curve%x), result, self%error)
+            here = waiting_t(curve_kind%regular, 0.0_wp, motion%curve%x)
+            call motion%describe(here, motion%plane_at(here), result, self%error)
             if (allocated(self%error)) return
             call self%choose_for(result, motion%curve%x, 0.0_wp, is_there)
             if (is_there) return
@@ -222,6 +224,7 @@ contains
       class(refined_crossing_t), intent(inout) :: self
       logical, intent(out) :: is_solved
       type(level_t) :: before
+      type(waiting_t) :: here
       real(wp), allocatable :: direction(:), x(:)
 
       associate (motion => self%motion)
@@ -244,7 +247,8 @@ contains
          call motion%make_curve(self%x, self%direction)
          if (allocated(self%result)) deallocate (self%result)
          allocate (self%result)
-         call motion%describe(waiting_t(curve_kind%regular, 0.0_wp, self%x), self%result, self%error)
+         here = waiting_t(curve_kind%regular, 0.0_wp, self%x)
+         call motion%describe(here, motion%plane_at(here), self%result, self%error)
          self%estimate = estimate_of(self%result)
       end associate
    end subroutine refined_crossing_solve
@@ -346,11 +350,11 @@ contains
       call choose_smaller(system, discretisation, options, smaller, is_smaller)
       if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
-      call self%save_state(here)
+      here = self%state()
       call change_set(self, smaller, is_found, error)
       if (allocated(error)) return
       if (is_found) then                                              ! otherwise an event would be reported twice, or never
-         call find_differences(here, self%curve_state_t, differences)
+         call find_differences(here, self%state(), differences)
          is_found = .not. differences%any()
       end if
       if (.not. is_found) call restore_curve(self, here, error)
@@ -369,7 +373,7 @@ contains
       do i = self%first_waiting, size(self%waiting)
          associate (point => self%waiting(i))
             allocate (point%result)
-            call self%describe(point, point%result, error)
+            call self%describe(point, self%plane_at(point), point%result, error)
             if (allocated(error)) return
             if (point%kind == curve_kind%regular) self%estimate = estimate_of(point%result)
             if (.not. estimate_of(point%result) > estimate) cycle
@@ -388,10 +392,9 @@ contains
       call self%adopt_level(here%level, error)
       if (allocated(error)) return
       call self%transfer_start()
-      call self%restore_state(here)
-      self%curve%problem%has_preconditioner = .false.                 ! the balance is another one
+      call self%restore(here%path)
+      self%at_point = here%at_point
       self%first_waiting = size(self%waiting) + 1
-      call self%update_units()
    end subroutine restore_curve
 
    !> Changes the set and the grid of the curve at its point; `is_found` is false if the motion is not found there.
@@ -412,7 +415,7 @@ contains
       is_found = .false.
       call self%adopt_level(level, error)
       if (allocated(error)) return
-      is_at_branch_point = self%has_left_branch() .and. self%length <= 0.0_wp   ! there are two tangents
+      is_at_branch_point = self%has_left_branch() .and. self%curve%length <= 0.0_wp   ! there are two tangents
       is_found = is_at_branch_point
       roughness = self%roughness ! a curve that continues from a stored row has the roughness of the start
       is_rough = self%is_rough

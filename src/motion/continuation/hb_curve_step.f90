@@ -46,8 +46,7 @@ contains
    subroutine step(self)
       class(observed_motion_t), intent(inout), target :: self
       type(event_values_t) :: at_end
-      real(wp) :: largest, units(size(self%curve%x))
-      integer :: n_branch_points
+      real(wp) :: units(size(self%curve%x))
       logical :: is_balance, is_lost, is_near, is_short, is_taken
 
       call self%problem%refusal%forget()
@@ -55,9 +54,7 @@ contains
       is_balance = .not. allocated(self%at_point%impacts)
       associate (curve => self%curve)
          do
-            largest = self%largest
             units = curve%units
-            n_branch_points = curve%n_branch_points
             call curve%advance()
             if (curve%status == outcome%stalled) call try_end(self)
             if (curve%status == outcome%stalled .and. self%is_rough .and. self%tolerance_factor < max_tolerance_factor) then
@@ -70,8 +67,8 @@ contains
             if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
             call self%update_units()
             call curve%turn()
-            is_short = curve%last_step <= short*curve%config%longest_step
-            is_near = norm2((curve%x - curve%last_x)/curve%units) <= longest_chord*curve%last_step
+            is_short = curve%last%step <= short*curve%config%longest_step
+            is_near = norm2((curve%x - curve%last%x)/curve%units) <= longest_chord*curve%last%step
             is_taken = is_short .or. (curve%angle <= largest_turn .and. is_near)
             if (is_taken .and. is_balance) is_taken = .not. has_switched_branch(self)
             if (is_taken) then
@@ -83,19 +80,18 @@ contains
                self%waiting = [waiting_t ::]
                self%first_waiting = 1
                call self%evaluate_here(at_end)
-               call find_events(self, at_end, curve%n_branch_points > n_branch_points, is_lost)
+               call find_events(self, at_end, curve%n_branch_points > curve%last%n_branch_points, is_lost)
                if (is_short .or. self%is_rough .or. .not. is_lost) exit
                self%waiting = [waiting_t ::]
             end if
             call curve%retreat()
             if (curve%status == outcome%stalled) call try_end(self)
             if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
-            self%largest = largest
             curve%units = units
          end do
       end associate
       if (allocated(self%at_point%stability%multipliers) .and. allocated(at_end%stability%multipliers)) &
-         at_end%speed = movement(self%at_point%stability%multipliers, at_end%stability%multipliers)/self%curve%last_step
+         at_end%speed = movement(self%at_point%stability%multipliers, at_end%stability%multipliers)/self%curve%last%step
       self%at_point = at_end
    end subroutine step
 
@@ -143,7 +139,7 @@ contains
       logical :: is_on_curve
 
       has_switched_branch = .false.
-      if (self%curve%last_step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
+      if (self%curve%last%step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
       has_switched_branch = abs(retained_doubling(self)) <= faint                       ! to the motion of the whole period
       if (has_switched_branch) return
       if (size(self%problem%which) > 1) return                                ! unknown tones have no given phases
@@ -154,7 +150,7 @@ contains
             if (set%sin_at(h) == 0) cycle
             do d = 0, self%problem%n_dofs - 1
                passed = passed_t(cos=d*set%n_coefficients + set%cos_at(h), sin=d*set%n_coefficients + set%sin_at(h))
-               passed%before = passed%of(curve%last_x, self%weights)
+               passed%before = passed%of(curve%last%x, self%weights)
                passed%behind = passed%of(curve%x, self%weights)
                if (passed%largest() < faint*size_of_motion) cycle
                if (abs(passed%before - passed%behind) <= passed%largest()) cycle
@@ -164,7 +160,7 @@ contains
                has_switched_branch = leaves_line(self, passed, share)
                if (has_switched_branch .or. curve%status /= outcome%pending) return
                event = zero_of(passed, self%weights)
-               call curve%find_zero(event, [0.0_wp, curve%last_step], [event%value(curve, curve%last_x), &
+               call curve%find_zero(event, [0.0_wp, curve%last%step], [event%value(curve, curve%last%x), &
                                                                        event%value(curve, curve%x)], x, position, is_on_curve)
                has_switched_branch = .not. is_on_curve
                if (has_switched_branch .or. curve%status /= outcome%pending) return
@@ -182,10 +178,10 @@ contains
       logical :: is_on_curve
 
       associate (curve => self%curve)
-         call curve%point_at(share*curve%last_step, x, is_on_curve)
+         call curve%point_at(share*curve%last%step, x, is_on_curve)
          leaves_line = .not. is_on_curve
-         if (.not. leaves_line) leaves_line = off_the_line*curve%last_step < &
-            norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units)
+         if (.not. leaves_line) leaves_line = off_the_line*curve%last%step < &
+            norm2((x - (curve%last%x + share*(curve%x - curve%last%x)))/curve%units)
          if (.not. leaves_line) leaves_line = largest_change*passed%largest() < &
             abs(passed%of(x, self%weights) - (passed%before + share*(passed%behind - passed%before)))
       end associate

@@ -6,8 +6,8 @@ module hb_followed_motion
    use hb_autonomous, only: find_energy
    use hb_basis, only: basis_t, whole_basis
    use hb_bifurcation_error, only: add_error_of_bifurcation, add_error_of_graze
-   use hb_bordered, only: bordered_problem_t, new_bordered_problem
-   use hb_curve, only: curve_config_t, curve_t, new_curve
+   use hb_bordered, only: bordered_problem_t, new_bordered_problem, plane_t
+   use hb_curve, only: curve_config_t, curve_t, new_curve, path_t
    use hb_curve_course, only: curve_course_t
    use hb_curve_events, only: event_values_t
    use hb_curve_points, only: origin_t, reported_extreme_t, waiting_t
@@ -42,17 +42,18 @@ module hb_followed_motion
    real(wp), parameter :: without_laws = 2.5_wp                       ! steps are so much longer: 30 points of a resonance circle
    real(wp), parameter :: max_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
 
-   !> A curve at one of its points, to which it can go back. One that was saved points at no problem: those of its set may be
-   !> freed before it is restored.
+   !> A point of a curve, to which it can go back on the same or on another set: a value.
    type :: curve_state_t
-      type(level_t) :: level                                          !! present set and grid
-      type(curve_t) :: curve
+      type(level_t) :: level                                          !! set and grid
+      type(path_t) :: path
       type(event_values_t) :: at_point                                !! what events compare
-      real(wp) :: largest = faint                                     !! motion so far, in units of typical ones
    end type curve_state_t
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
-   type, extends(curve_state_t) :: followed_motion_t
+   type :: followed_motion_t
+      type(level_t) :: level                                          !! present set and grid
+      type(curve_t) :: curve
+      type(event_values_t) :: at_point                                !! what events compare
       type(curve_request_t) :: request
       type(model_t) :: model                                          !! at the start, as read
       real(wp), allocatable :: further(:)                             !! unknowns in addition to those of the balance, at the start
@@ -68,7 +69,6 @@ module hb_followed_motion
       type(origin_t), allocatable :: origins(:) !! branch points on the branches from the start, separate motions
       type(origin_t) :: branch_start                                  !! start of this branch
       type(origin_t) :: start_on_set                                  !! the same on the present set
-      real(wp) :: length = 0.0_wp                                     !! arc length of this branch so far
       type(curve_course_t) :: course                                  !! of this branch
       type(reported_extreme_t), allocatable :: reported(:)            !! on this branch
       real(wp) :: roughness = 0.0_wp !! of the residual as a function of frequencies, at the start of this branch
@@ -81,10 +81,11 @@ module hb_followed_motion
       type(waiting_t), allocatable :: waiting(:)
    contains
       procedure :: adopt_level => followed_motion_adopt_level
+      procedure :: border => followed_motion_border
       procedure :: make_curve => followed_motion_make_curve
       procedure :: config => followed_motion_config
-      procedure :: save_state => followed_motion_save_state
-      procedure :: restore_state => followed_motion_restore_state
+      procedure :: state => followed_motion_state
+      procedure :: restore => followed_motion_restore
       procedure :: restrict_to_symmetry => followed_motion_restrict_to_symmetry
       procedure :: correct_on_plane => followed_motion_correct_on_plane
       procedure :: find_roughness => followed_motion_find_roughness
@@ -95,6 +96,7 @@ module hb_followed_motion
       procedure :: update_units => followed_motion_update_units
       procedure :: prepare_step => followed_motion_prepare_step
       procedure :: transfer_start => followed_motion_transfer_start
+      procedure :: plane_at => followed_motion_plane_at
       procedure :: describe => followed_motion_describe
       procedure :: free_phases => followed_motion_free_phases
       procedure :: has_left_branch => followed_motion_has_left_branch
@@ -186,6 +188,7 @@ contains
       real(wp), intent(in) :: x(:), direction(:)
       type(bordered_problem_t) :: bordered
       type(curve_config_t) :: config
+      type(path_t) :: before
       type(solver_config_t) :: corrector
       real(wp) :: units(size(x))
 
@@ -196,13 +199,15 @@ contains
       corrector%max_iterations = max_corrections
       corrector%line_search = .false.
       self%curve%x = x
-      call border(self, direction)
+      call self%border(direction)
       call self%update_units()
-      call self%set_conditions()
       bordered = self%curve%problem
       units = self%curve%units
       if (self%is_rough) config%shortest_step = 1.0e-3_wp*config%longest_step    ! shorter steps do not help
+      before = self%curve%path_t
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
+      self%curve%length = before%length
+      self%curve%largest = before%largest
       call self%restrict_to_symmetry()
    end subroutine followed_motion_make_curve
 
@@ -218,8 +223,8 @@ contains
       config%growth = 2.0_wp
    end function followed_motion_config
 
-   !> Assigns to the curve a problem with a given last functional; the other functionals are not set.
-   subroutine border(self, functional)
+   !> Assigns to the curve the problem with the conditions at its point, and a given last functional.
+   subroutine followed_motion_border(self, functional)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: functional(:)
       type(bordered_problem_t) :: bordered
@@ -229,30 +234,30 @@ contains
       functionals(:, size(functionals, 2)) = functional
       call new_bordered_problem(bordered, self%problem, self%problem%which, functionals, 0.0_wp*functionals(1, :))
       self%curve%problem = bordered
-   end subroutine border
+      call self%set_conditions()
+   end subroutine followed_motion_border
 
-   !> Saves the state at the present point.
-   subroutine followed_motion_save_state(self, state)
+   !> The state at the present point.
+   function followed_motion_state(self) result(state)
       class(followed_motion_t), intent(in) :: self
-      type(curve_state_t), intent(out) :: state
+      type(curve_state_t) :: state
 
-      state = self%curve_state_t
-      nullify (state%curve%problem%base)
-      if (allocated(state%curve%part)) deallocate (state%curve%part)
-   end subroutine followed_motion_save_state
+      state%level = self%level
+      state%path = self%curve%path_t
+      state%at_point = self%at_point
+   end function followed_motion_state
 
-   !> Returns to a state on the present set, with the problems that exist now; the work remains counted.
-   subroutine followed_motion_restore_state(self, state)
+   !> Sets up the curve at a point of it on the present set, as it was there.
+   subroutine followed_motion_restore(self, path)
       class(followed_motion_t), intent(inout), target :: self
-      type(curve_state_t), intent(in) :: state
-      type(report_t) :: report
+      type(path_t), intent(in) :: path
 
-      report = self%curve%report
-      self%curve_state_t = state
-      self%curve%report = report
-      self%curve%problem%base => self%problem
+      self%curve%path_t = path
+      self%curve%status = outcome%pending
+      call self%border(path%direction)
+      call self%update_units()
       call self%restrict_to_symmetry()
-   end subroutine followed_motion_restore_state
+   end subroutine followed_motion_restore
 
    !> Restricts corrections to odd motions if curve and direction are odd; the tangent still detects branches of other
    !> motions.
@@ -295,12 +300,8 @@ contains
       if (.not. is_found) return
       units = self%units_at(x)
       self%curve%x = x
-      call border(self, direction/units**2)
-      call self%set_conditions()
-      associate (problem => self%curve%problem, last => size(self%curve%problem%values))
-         problem%values(last) = dot_product(x, problem%functionals(:, last))
-      end associate
-      call self%curve%problem%rescale()
+      call self%border(direction)
+      call self%curve%problem%hold(plane_t(direction/units**2, dot_product(x, direction/units**2)))
       corrector = self%problem%model%options%solver
       corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(x(:self%problem%n_unknowns)), &
                                 10.0_wp*self%roughness)
@@ -338,14 +339,9 @@ contains
       type(bordered_problem_t) :: problem
       type(report_t) :: report
       real(wp) :: there(size(x))
-      integer :: last
 
       problem = self%curve%problem
-      last = size(problem%values)
-      problem%functionals(:, last) = 0.0_wp
-      problem%functionals(size(x), last) = 1.0_wp
-      problem%values(last) = x(size(x))
-      call problem%rescale()
+      call problem%hold(plane_t([0.0_wp*x(2:), 1.0_wp], x(size(x))))
       there = x
       call solve_newton(problem, self%curve%corrector, there, report)
       call self%curve%report%add(report)
@@ -396,7 +392,7 @@ contains
       tone_vanishes = .false.
       associate (set => self%problem%model%discretisation%harmonics, which => self%problem%which)
          u = reshape(self%curve%x(:size(u))/self%weights, shape(u))
-         before = reshape(self%curve%last_x(:size(u))/self%weights, shape(u))
+         before = reshape(self%curve%last%x(:size(u))/self%weights, shape(u))
          do i = 1, size(which) - 1
             if (which(i) > set%n_tones) cycle
             do h = 1, set%n_harmonics
@@ -404,7 +400,7 @@ contains
                u(set%cos_at(h), :) = 0.0_wp
                if (set%sin_at(h) > 0) u(set%sin_at(h), :) = 0.0_wp
             end do
-            tone_vanishes = tone_vanishes .or. sum(u*before) <= 0.0_wp .or. norm2(u) <= rounding*self%largest
+            tone_vanishes = tone_vanishes .or. sum(u*before) <= 0.0_wp .or. norm2(u) <= rounding*self%curve%largest
          end do
       end associate
    end function followed_motion_tone_vanishes
@@ -426,8 +422,8 @@ contains
 
       call self%problem%move_to_point(self%curve%x, is_possible)
       associate (n => self%problem%n_unknowns, curve => self%curve)
-         self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
-         curve%units = [self%weights*self%largest, self%problem%parameter_scales(self%problem%which)]
+         curve%largest = max(faint, curve%largest, norm2(curve%x(:n)/self%weights))
+         curve%units = [self%weights*curve%largest, self%problem%parameter_scales(self%problem%which)]
          curve%corrector%tolerance = max(self%problem%model%options%solver%tolerance, &
                                          2.0_wp*self%problem%rounding_level(curve%x(:n)), &
                                          10.0_wp*self%tolerance_factor*self%roughness)
@@ -455,13 +451,16 @@ contains
       end associate
    end subroutine followed_motion_transfer_start
 
-   !> Computes the results of a motion of the curve.
-   subroutine followed_motion_describe(self, point, result, error)
+   !> Computes the results of a motion of the curve, with its errors in a plane.
+   subroutine followed_motion_describe(self, point, plane, result, error, compares_in_time)
       class(followed_motion_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
+      type(plane_t), intent(in) :: plane                              !! across the curve there
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: compares_in_time               !! with a short time integration
       type(basis_t), target :: basis
+      type(options_t) :: options
       type(solution_t) :: solution
       real(wp), target :: u(self%problem%harmonics%n_coefficients, self%problem%n_dofs)
       real(wp) :: r(self%problem%n_unknowns)
@@ -480,15 +479,16 @@ contains
          if (model%system%normal_mode%is_requested) result%artificial_damping = balance%xi
          result%n_harmonics = model%discretisation%harmonics%n_harmonics
          result%n_unknowns = n
-         if (model%options%error_estimate%is_on) call set_normal_plane(self, point)
+         options = model%options
+         if (present(compares_in_time)) options%compares_in_time = compares_in_time
+         if (allocated(plane%functional)) call self%curve%problem%hold(plane)
          basis = whole_basis(model%discretisation%harmonics, model%discretisation%torus)
          solution%basis => basis
          solution%balance => self%problem%balance_t
          solution%u => u
          solution%problem => self%curve%problem
-         call describe_motion(model%system, model%discretisation, model%options, solution, result, error)
+         call describe_motion(model%system, model%discretisation, options, solution, result, error)
       end associate
-      if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
       if (allocated(error)) return
       if (self%model%options%accuracy%is_on) call apply_safety_factor(self%model%system, result)
       associate (unit => max(abs(point%x(size(point%x))), minor*abs(self%request%to - self%request%from)))
@@ -506,17 +506,19 @@ contains
       result%n_levels = self%n_levels
    end subroutine followed_motion_describe
 
-   !> Makes the last equation the plane across the tangent at a point, in units of the motion there: it does not
-   !> depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
+   !> The plane across the tangent at a point, in units of the motion there, in which its errors are estimated, if they are: it does
+   !> not depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
    !> tangent, steps are across both; at a given value this is held.
-   subroutine set_normal_plane(self, point)
+   function followed_motion_plane_at(self, point) result(plane)
       class(followed_motion_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
+      type(plane_t) :: plane
       type(report_t) :: report
       real(wp) :: determinant_sign, tangent(size(point%x)), units(size(point%x))
-      integer :: last
-      logical :: is_crossed, is_singular
+      logical :: is_crossed, is_possible, is_singular
 
+      if (.not. self%problem%model%options%error_estimate%is_on) return
+      call self%problem%move_to_point(point%x, is_possible)
       is_singular = all(abs(point%x - self%curve%x) <= 0.0_wp)        ! its tangent is the direction
       if (.not. is_singular) then
          report = self%curve%report                                   ! not counted as work of the curve
@@ -527,17 +529,15 @@ contains
       if (point%kind == curve_kind%start) is_crossed = self%has_left_branch()
       is_crossed = is_crossed .or. point%is_crossing
       if (is_singular) tangent = self%curve%direction
-      associate (u => point%x(:self%problem%n_unknowns), problem => self%curve%problem)
+      associate (u => point%x(:self%problem%n_unknowns))
          units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%problem%which)]
-         last = size(problem%values)
-         if (any(point%kind == [curve_kind%value, curve_kind%end]) .and. .not. is_crossed) &
-            tangent = [0.0_wp*tangent(2:), units(size(units))]
-         problem%functionals(:, last) = tangent/units**2/norm2(tangent/units)
-         problem%values(last) = dot_product(problem%functionals(:, last), point%x)
-         call problem%rescale()
-         if (is_crossed) problem%units_across = units
       end associate
-   end subroutine set_normal_plane
+      if (any(point%kind == [curve_kind%value, curve_kind%end]) .and. .not. is_crossed) &
+         tangent = [0.0_wp*tangent(2:), units(size(units))]
+      plane%functional = tangent/units**2/norm2(tangent/units)
+      plane%value = dot_product(plane%functional, point%x)
+      if (is_crossed) plane%units_across = units
+   end function followed_motion_plane_at
 
    !> The unknown tones whose phases are arbitrary: all but those of a normal mode, whose amplitude has a phase.
    pure function followed_motion_free_phases(self) result(tones)

@@ -59,7 +59,7 @@ contains
          if (curve%status /= outcome%pending .or. work_is_over()) exit
          call curve%advance()
          if (curve%status /= outcome%pending) exit
-         if ((curve%x(n + 1) - 1.0_wp)*(curve%last_x(n + 1) - 1.0_wp) < 0.0_wp) then
+         if ((curve%x(n + 1) - 1.0_wp)*(curve%last%x(n + 1) - 1.0_wp) < 0.0_wp) then
             call solve_at_loads(problem, config, curve, there, is_solution)
             if (is_solution) found = reshape([found, there], [n, size(found, 2) + 1])
             if (is_solution) is_solution = .not. is_apart(there, reshape(x, [n, 1]), scale, faint)
@@ -83,8 +83,8 @@ contains
       logical :: is_possible
 
       n = size(curve%x) - 1
-      associate (position => curve%x(n + 1), before => curve%last_x(n + 1))
-         allocate (x, source=curve%last_x(:n) + (1.0_wp - before)/(position - before)*(curve%x(:n) - curve%last_x(:n)))
+      associate (position => curve%x(n + 1), before => curve%last%x(n + 1))
+         allocate (x, source=curve%last%x(:n) + (1.0_wp - before)/(position - before)*(curve%x(:n) - curve%last%x(:n)))
       end associate
       call problem%set_parameters([-deformation%load], [1.0_wp], is_possible)
       call solve_newton(problem, config, x, report)

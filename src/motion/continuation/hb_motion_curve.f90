@@ -12,7 +12,7 @@ module hb_motion_curve
    use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_origin, only: find_first
-   use hb_curve_points, only: add_origin, add_waiting, origin_t, reported_extreme_t, waiting_t
+   use hb_curve_points, only: add_origin, add_waiting, origin_t, path_of, reported_extreme_t, store_path, waiting_t
    use hb_curve_request, only: curve_request_t
    use hb_curve_return, only: note_course, restore_course
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
@@ -216,6 +216,7 @@ contains
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: result
+      type(waiting_t) :: here
 
       self%request = request
       call self%prepare(model%system, model%discretisation, model%options, further_of(stored(1), model%system), &
@@ -232,26 +233,20 @@ contains
          call self%start_branch(error)
          if (allocated(error)) return
          self%n_reported = size(stored)
-         self%length = abs(last%length)
          if (model%options%accuracy%is_on) then
             call self%adopt_level(level_of(model%discretisation, last), error)
             if (allocated(error)) return
-            call self%make_curve(last%unknowns, last%direction)
             call self%transfer_start()
          end if
-         self%curve%x = last%unknowns
-         self%curve%direction = last%direction
-         self%curve%step = last%step
-         self%curve%orientation = last%orientation
-         self%largest = last%largest_motion
+         call self%restore(path_of(last))
          call restore_passed(self, model%discretisation, stored)
          self%course%n_unreliable = last%n_unreliable
          self%course%n_exhausted = last%n_exhausted
-         call self%update_units()
          call self%evaluate_here(self%at_point)
          call restore_speed(self, stored)
          if (model%options%accuracy%is_on .and. last%kind == curve_kind%regular) then
-            call self%describe(waiting_t(last%kind, x=self%curve%x), result, error)
+            here = waiting_t(last%kind, x=self%curve%x)
+            call self%describe(here, self%plane_at(here), result, error)
             self%estimate = estimate_of(result)
          end if
       end associate
@@ -382,10 +377,10 @@ contains
       end if
       self%has_collapsed = .false.
       call self%course%begin()
-      self%length = 0.0_wp
       self%reported = [reported_extreme_t ::]
       self%estimate = huge(1.0_wp)
-      self%largest = faint
+      self%curve%length = 0.0_wp
+      self%curve%largest = 0.0_wp
       call self%find_roughness(self%branch_start%x)
       call self%make_curve(self%branch_start%x, direction)
       if (self%has_left_branch()) then
@@ -594,7 +589,7 @@ contains
          if (allocated(point%result)) then
             result = point%result
          else
-            call self%describe(point, result, error)
+            call self%describe(point, self%plane_at(point), result, error)
          end if
          if (.not. allocated(error)) call compare_in_time(self, point, result, error)
          call result%withdraw_verdict()
@@ -615,9 +610,7 @@ contains
          if (.not. accuracy%is_on .or. result%status /= outcome%converged .or. allocated(self%at_point%impacts)) return
          if (kind%is_bifurcation .or. point%kind == curve_kind%fold .or. point%is_crossing) return
          if (estimate_of(result) <= margin*accuracy%tolerance .or. .not. self%model%system%may_jump_within_period()) return
-         self%problem%model%options%compares_in_time = .true.
-         call self%describe(point, compared, error)
-         self%problem%model%options%compares_in_time = .false.
+         call self%describe(point, self%plane_at(point), compared, error, compares_in_time=.true.)
          if (.not. allocated(error)) call allow_for_departure(compared%departure, accuracy%tolerance, result)
       end associate
    end subroutine compare_in_time
@@ -629,13 +622,15 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(curve_position_t) :: position
       type(point_kind_t) :: kind
+      real(wp) :: length
 
+      length = self%curve%last%length + point%position
       call store_met_motion(self, point%x, self%level)
       if (point%kind == curve_kind%regular) call count_doubtful_steps(self, result)
-      call note_course(self, point%kind, point%x, self%length + point%position)
+      call note_course(self, point%kind, point%x, length)
       position%kind = point%kind
       position%parameter = point%x(size(point%x))
-      position%length = self%sense()*(self%length + point%position)
+      position%length = self%sense()*length
       position%branch = self%branch
       position%unknowns = self%pack(point%x)
       if (self%model%options%accuracy%is_on) then
@@ -648,13 +643,10 @@ contains
       if (kind%by == located_by%response) position%response = point%response
       if (kind%by == located_by%multipliers .and. kind%has_derivatives .and. allocated(result%stability%multipliers)) &
          position%angle = angle_of_pair(result%stability%multipliers)
-      if (kind%is_extreme) self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%position)]
+      if (kind%is_extreme) self%reported = [self%reported, reported_extreme_t(point%response, length)]
       select case (point%kind)
       case (curve_kind%regular, curve_kind%start)
-         self%length = self%length + point%position
-         position%step = self%curve%step
-         position%orientation = self%curve%orientation
-         position%largest_motion = self%largest
+         call store_path(self%curve%path_t, position)
          position%n_unreliable = self%course%n_unreliable
          position%n_exhausted = self%course%n_exhausted
       case (curve_kind%branch)

@@ -118,7 +118,7 @@ contains
       self%last = stored(size(stored))
       self%step = self%last%step
       self%value = self%last%parameter
-      self%length = self%last%length
+      self%curve%length = self%last%length
       self%n_reported = size(stored)
       self%is_done = self%n_reported >= request%n_points
    end subroutine motion_ridge_continue_from
@@ -168,14 +168,14 @@ contains
       integer, intent(in) :: kind
       type(motion_result_t), intent(inout) :: result
 
-      if (kind /= curve_kind%start) self%length = self%length + abs(value - self%value)/self%request%moving%typical
+      if (kind /= curve_kind%start) self%curve%length = self%curve%length + abs(value - self%value)/self%request%moving%typical
       self%last = result%curve
       self%value = value
       associate (position => result%curve)
          position%kind = kind
          position%parameter = value
          position%over = position%unknowns(size(position%unknowns))
-         position%length = self%length
+         position%length = self%curve%length
          position%branch = 0
          position%step = self%step
          if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (position%direction) ! not a point of continuation

@@ -62,9 +62,9 @@ contains
       call sort_by_position(self%waiting)
       grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%grazing)
       do i = 0, size(grazes)
-         piece%ends = [0.0_wp, self%curve%last_step]
+         piece%ends = [0.0_wp, self%curve%last%step]
          piece%stability = [self%at_point%stability, search%at_end%stability]
-         associate (tolerance => self%model%options%stability%tolerance, length => self%curve%last_step)
+         associate (tolerance => self%model%options%stability%tolerance, length => self%curve%last%step)
             if (i > 0) call evaluate_stability_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
             if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
                                                              piece%stability(2))
@@ -163,7 +163,7 @@ contains
       logical :: is_there
 
       associate (position => piece%ends(1) + share*(piece%ends(2) - piece%ends(1)))
-         call point_between(self%curve, position/self%curve%last_step, x, is_there)
+         call point_between(self%curve, position/self%curve%last%step, x, is_there)
       end associate
       may_be_outside = .false.
       if (is_there) call self%find_stability(x, self%model%options%stability%tolerance, there)
@@ -284,7 +284,7 @@ contains
       if (size(search%folds, 2) > 0 .or. search%has_branched) return
       at_ends = [(bifurcation_value(bifurcation%branch, piece%stability(i)%multipliers), i=1, 2)]
       if (minval(abs(at_ends)) <= rounding .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
-      if (piece%ends(2) - piece%ends(1) < self%curve%last_step) return
+      if (piece%ends(2) - piece%ends(1) < self%curve%last%step) return
       if (is_branch(piece%stability(1)%multipliers) .and. is_branch(piece%stability(2)%multipliers)) then
          call find_place_between(self, search, bifurcation%branch, piece, at_ends, position, is_found)
       else
@@ -295,7 +295,7 @@ contains
       branch = branch_event_t(curve_kind%branch, .true.)              ! only a sign
       value = branch%value(self%curve, x)
       if (.not. value*self%curve%orientation < 0.0_wp) return
-      ends = reshape([0.0_wp, position, position, self%curve%last_step], [2, 2])
+      ends = reshape([0.0_wp, position, position, self%curve%last%step], [2, 2])
       do i = 1, 2
          call find_zero(self, search, branch, [3 - 2*i, 2*i - 3]*self%curve%orientation, is_found, ends(:, i))
          if (is_found) call sharpen(self, bifurcation%branch, ends(:, i), is_there)
@@ -315,7 +315,7 @@ contains
          if (size(before) == 0 .or. size(before) /= size(behind) .or. .not. search%is_smooth) return
          share = meeting(before, behind, 0, reach_on(self, piece))
          if (share > 0.0_wp) is_found = may_be_outside(self, piece, share)
-         position = share*self%curve%last_step
+         position = share*self%curve%last%step
       end subroutine find_meeting_at_one
    end subroutine find_pair_of_branches
 
@@ -340,7 +340,7 @@ contains
       position = 0.0_wp
       if (.not. search%is_smooth .or. minval(abs(at_ends)) > near) return
       if (kind /= bifurcation%doubling .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
-      call point_between(self%curve, 0.5_wp*sum(piece%ends)/self%curve%last_step, x, is_found)
+      call point_between(self%curve, 0.5_wp*sum(piece%ends)/self%curve%last%step, x, is_found)
       if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
       is_found = .false.
       if (.not. allocated(there%multipliers)) return
@@ -408,7 +408,7 @@ contains
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
             if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, position, x)
          end associate
-         call evaluate_stability_at(self, min(piece%ends(2), position + rounding*self%curve%last_step), sharp, begin, there)
+         call evaluate_stability_at(self, min(piece%ends(2), position + rounding*self%curve%last%step), sharp, begin, there)
          if (.not. allocated(there%multipliers)) return
          number%n = n_outside(there)
       end do
@@ -479,7 +479,7 @@ contains
       real(wp) :: beside, function_there, x(size(self%curve%x))
       logical :: is_on_curve
 
-      beside = minor*self%curve%last_step
+      beside = minor*self%curve%last%step
       if (found%position + beside > piece%ends(2)) beside = -min(beside, 0.5_wp*(found%position - piece%ends(1)))
       call self%curve%point_at(found%position + beside, x, is_on_curve)
       if (.not. is_on_curve) return
@@ -510,7 +510,7 @@ contains
          if (is_there) return
          integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
          do i = -3, 0                                                ! decades of the step
-            ends = min(max(found%position + 10.0_wp**i*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
+            ends = min(max(found%position + 10.0_wp**i*curve%last%step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
                call curve%point_at(ends(k), x, is_on_curve)
                if (.not. is_on_curve) return

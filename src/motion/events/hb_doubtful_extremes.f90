@@ -48,7 +48,7 @@ contains
             extreme%sense = curve_kinds(point%kind)%sense
             if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, first_rise(self))*(-1)**n_folds_between(self, i)
             call raise_error(self, extreme, point%x, error)
-            if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
+            if (.not. allocated(error)) call raise_error(self, extreme, curve%last%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
             if (.not. allocated(error)) call find_fall(self, extreme, point%position, 1, is_retained(i), error)
             if (is_retained(i) .and. .not. allocated(error)) &
@@ -67,9 +67,9 @@ contains
       integer :: i
 
       associate (curve => self%curve, n => size(self%curve%x))
-         rise = curve%last_direction(n)
+         rise = curve%last%direction(n)
          i = findloc(self%waiting(self%first_waiting:)%kind, curve_kind%fold, dim=1) + self%first_waiting - 1
-         if (curve%is_around_kink) rise = self%waiting(i)%x(n) - curve%last_x(n)
+         if (curve%is_around_kink) rise = self%waiting(i)%x(n) - curve%last%x(n)
       end associate
    end function first_rise
 
@@ -108,7 +108,7 @@ contains
       point%kind = curve_kind%regular
       point%x = x
       point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is searched for
-      call self%describe(point, result, error)
+      call self%describe(point, self%plane_at(point), result, error)
       if (allocated(error)) return
       associate (found => result%error_estimate)
          if (extreme%response == 0) then
@@ -138,13 +138,13 @@ contains
 
       curve = self%curve
       if (side < 0) then
-         curve%x = curve%last_x
-         curve%direction = -curve%last_direction
+         curve%x = curve%last%x
+         curve%direction = -curve%last%direction
          curve%orientation = 0.0_wp
       end if
-      curve%step = finer*curve%last_step
+      curve%step = finer*curve%last%step
       curve%config%longest_step = finer*curve%config%longest_step
-      length = self%length
+      length = self%curve%last%length
       span = 0.0_wp
       is_clear = .true.
       has_error = .true.
@@ -162,11 +162,11 @@ contains
          end if
          if (side < 0 .and. is_clear) is_clear = .not. any(self%reported%response == extreme%response .and. &
                                                            self%reported%length >= length)
-         if (.not. is_clear .or. span >= widest*self%curve%last_step) exit
+         if (.not. is_clear .or. span >= widest*self%curve%last%step) exit
          call curve%advance()
          if (curve%status /= outcome%pending) exit
-         length = length - curve%last_step
-         span = span + curve%last_step
+         length = length - curve%last%step
+         span = span + curve%last%step
          call curve%turn()
          has_error = .false.
       end do
@@ -185,7 +185,7 @@ contains
       integer :: i
 
       is_clear = .false.
-      limit = merge(self%curve%last_step, 0.0_wp, side > 0)
+      limit = merge(self%curve%last%step, 0.0_wp, side > 0)
       do i = n_halvings, 1, -1
          call self%curve%point_at(position + (limit - position)*0.5_wp**i, x, is_clear)
          if (.not. is_clear) return

@@ -62,12 +62,12 @@ contains
          call find_values(self, search)
          self%is_closed = is_back(self)
          if (self%is_closed) then
-            call add_waiting(self%waiting, curve_kind%end, curve%last_step, self%start_on_set%x)
+            call add_waiting(self%waiting, curve_kind%end, curve%last%step, self%start_on_set%x)
             self%waiting(size(self%waiting))%is_crossing = self%has_left_branch()
          else
             call find_junction(self)
          end if
-         call add_waiting(self%waiting, curve_kind%regular, curve%last_step, curve%x)
+         call add_waiting(self%waiting, curve_kind%regular, curve%last%step, curve%x)
          associate (n => size(self%waiting))                          ! gfortran 16.2 loses `self` in an index on the left
             self%waiting(n)%stability = at_end%stability
          end associate
@@ -91,7 +91,7 @@ contains
       associate (curve => self%curve, n => size(self%curve%x))
          associate (at_ends => [self%at_point%rise, search%at_end%rise]/curve%units(n))
             if (search%is_smooth) between = quadratic_between(at_ends/[1.0_wp, search%along], &
-                                                              (curve%x(n) - curve%last_x(n))/(curve%units(n)*search%length))
+                                                              (curve%x(n) - curve%last%x(n))/(curve%units(n)*search%length))
             call find_all(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), at_ends, between)  ! also a corner
          end associate
          do i = 1, size(self%waiting)
@@ -109,7 +109,7 @@ contains
 
       call find_zero(self, search, branch_event_t(curve_kind%branch, .true.), &   ! only a sign
                 [-1.0_wp, 1.0_wp]*self%curve%orientation, is_found)
-      if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last_step], is_there)
+      if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last%step], is_there)
    end subroutine find_branch
 
    !> Finds where a response is extremal, including corners, equals a given amplitude, or is in quadrature with its
@@ -155,7 +155,7 @@ contains
          else if (.not. minval(abs(values)) < nearby*response%unit_of(search%at_end%squares(i))) then
             return
          else if (response%kind == curve_kind%amplitude) then         ! `slope` is that of its function
-            slopes(1) = self%slope_at(response, curve%last_x, curve%last_direction)
+            slopes(1) = self%slope_at(response, curve%last%x, curve%last%direction)
             slopes(2) = self%slope_at(response, curve%x, curve%direction)/search%along
             between = cubic_between(values, slopes, search%length)
          else
@@ -215,7 +215,7 @@ contains
          if (.not. search%is_smooth .or. is_at_origin(self)) return
          associate (before => self%at_point%extremes, behind => search%at_end%extremes, n => self%problem%n_unknowns, &
                     curve => self%curve)
-            change = norm2((curve%x(:n) - curve%last_x(:n))/curve%units(:n))
+            change = norm2((curve%x(:n) - curve%last%x(:n))/curve%units(:n))
             if (.not. any(before*behind > 0.0_wp .and. min(abs(before), abs(behind)) < &
                           change*spread(behind(2, :) - behind(1, :), 1, 2))) return
             call point_between(curve, 0.5_wp, x, is_there)
@@ -231,7 +231,7 @@ contains
 
          is_repeated = point%switch == k .and. point%extreme == 2 .and. &
                        any(self%waiting%switch == k .and. self%waiting%extreme == 1 .and. &
-                           abs(self%waiting%position - point%position) <= max(rounding, agreement*self%curve%last_step))
+                           abs(self%waiting%position - point%position) <= max(rounding, agreement*self%curve%last%step))
       end function is_repeated
    end subroutine find_grazes
 
@@ -246,10 +246,10 @@ contains
       logical :: is_on_curve
 
       do side = -1, 1, 2
-         beside = side*minor*self%curve%last_step
+         beside = side*minor*self%curve%last%step
          if (side < 0) beside = max(beside, -0.5_wp*found%position)
-         if (side > 0) beside = min(beside, 0.5_wp*(self%curve%last_step - found%position))
-         if (abs(beside) < faint*self%curve%last_step) cycle          ! differences would show rounding errors
+         if (side > 0) beside = min(beside, 0.5_wp*(self%curve%last%step - found%position))
+         if (abs(beside) < faint*self%curve%last%step) cycle          ! differences would show rounding errors
          call self%curve%point_at(found%position + beside, x, is_on_curve)
          if (.not. is_on_curve) cycle
          change = graze%unit*graze%value(self%curve, x)
@@ -265,7 +265,7 @@ contains
       integer :: i
       logical :: is_there
 
-      if (self%length <= 0.0_wp) return
+      if (self%curve%last%length <= 0.0_wp) return
       if (self%branch == 0 .and. allocated(self%request%origin)) then
          if (self%request%origin%is_torus) return
          call find_halving(self, x, position, is_there)
@@ -288,7 +288,7 @@ contains
 
          belongs_to_junction = (curve_kinds(point%kind)%is_extreme .or. &
                                 any(point%kind == [curve_kind%branch, curve_kind%symmetry_breaking])) .and. &
-                               abs(point%position - position) <= minor*self%curve%last_step
+                               abs(point%position - position) <= minor*self%curve%last%step
       end function belongs_to_junction
    end subroutine find_junction
 
@@ -307,7 +307,7 @@ contains
       i = findloc(self%waiting%kind, curve_kind%fold, dim=1)
       is_there = i > 0 .or. share >= -faint
       x = self%curve%x
-      position = self%curve%last_step
+      position = self%curve%last%step
       if (i == 0) return
       x = self%waiting(i)%x
       position = self%waiting(i)%position
@@ -325,7 +325,7 @@ contains
       if (self%request%origin%is_torus) return
       before = 0.0_wp
       behind = 0.0_wp
-      associate (set => self%problem%model%discretisation%harmonics, last_x => self%curve%last_x, x => self%curve%x, &
+      associate (set => self%problem%model%discretisation%harmonics, last_x => self%curve%last%x, x => self%curve%x, &
                  weights => self%weights)
          do h = 1, set%n_harmonics
             if (all(modulo(set%tuples(:, h), 2) == 0)) cycle
@@ -352,13 +352,13 @@ contains
          do k = 1, size(self%origins)
             if (k == self%branch .or. self%origins(k)%is_apart) cycle
             x = transferred(self%origins(k)%level%set, self%level%set, self%origins(k)%x, size(self%problem%which))
-            associate (gap => (x - curve%last_x)/units, direction => curve%last_direction/units)
+            associate (gap => (x - curve%last%x)/units, direction => curve%last%direction/units)
                position = dot_product(gap, direction)/norm2(direction)
-               if (position <= 0.0_wp .or. position > curve%last_step) cycle
-               if (norm2(gap - position*direction/norm2(direction)) > minor*curve%last_step) cycle
+               if (position <= 0.0_wp .or. position > curve%last%step) cycle
+               if (norm2(gap - position*direction/norm2(direction)) > minor*curve%last%step) cycle
             end associate
             is_there = any([(self%waiting(i)%kind == curve_kind%fold .and. &
-                             abs(self%waiting(i)%position - position) <= minor*curve%last_step, i=1, size(self%waiting))])
+                             abs(self%waiting(i)%position - position) <= minor*curve%last%step, i=1, size(self%waiting))])
             if (is_there) return
          end do
       end associate
@@ -377,8 +377,8 @@ contains
 
       n = size(x)
       associate (curve => self%curve, request => self%request)
-         allocate (positions, source=[0.0_wp, search%folds(1, :), curve%last_step])
-         allocate (values, source=[curve%last_x(n), search%folds(2, :), curve%x(n)])
+         allocate (positions, source=[0.0_wp, search%folds(1, :), curve%last%step])
+         allocate (values, source=[curve%last%x(n), search%folds(2, :), curve%x(n)])
          allocate (wanted, source=[request%from, request%to, request%values])
          event%unit = abs(request%to - request%from)
          do i = 1, size(wanted)
@@ -415,18 +415,18 @@ contains
 
       is_back = .false.
       associate (curve => self%curve, units => self%curve%units)
-         if (self%length < 3.0_wp*curve%last_step) return
+         if (curve%last%length < 3.0_wp*curve%last%step) return
          there = self%start_on_set%x
          direction_there = self%start_on_set%direction
          if (has_images(self)) then
-            phases = nearest_phases(self, curve%last_x, there)
+            phases = nearest_phases(self, curve%last%x, there)
             there = image_of(self, there, phases)
             direction_there = image_of(self, direction_there, phases)
          end if
-         associate (gap => (there - curve%last_x)/units, direction => curve%last_direction/units)
+         associate (gap => (there - curve%last%x)/units, direction => curve%last%direction/units)
             along = dot_product(gap, direction)/norm2(direction)
-            if (along <= 0.0_wp .or. along > curve%last_step) return
-            if (norm2(gap - along*direction/norm2(direction)) > minor*curve%last_step) return
+            if (along <= 0.0_wp .or. along > curve%last%step) return
+            if (norm2(gap - along*direction/norm2(direction)) > minor*curve%last%step) return
             is_back = dot_product(direction_there/units, direction) > 0.0_wp
          end associate
       end associate

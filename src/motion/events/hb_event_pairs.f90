@@ -64,9 +64,9 @@ contains
       real(wp), intent(out) :: length, along
       logical, intent(out) :: is_smooth
 
-      associate (last => curve%last_direction/curve%units, now => curve%direction/curve%units)
+      associate (last => curve%last%direction/curve%units, now => curve%direction/curve%units)
          along = dot_product(now, last)/dot_product(last, last)
-         length = dot_product((curve%x - curve%last_x)/curve%units, last)/dot_product(last, last)
+         length = dot_product((curve%x - curve%last%x)/curve%units, last)/dot_product(last, last)
       end associate
       is_smooth = along > close .and. length > 0.0_wp
    end subroutine place_of_end
@@ -80,10 +80,10 @@ contains
       real(wp) :: along, length
 
       call place_of_end(curve, length, along, is_there)
-      x = curve%last_x
+      x = curve%last%x
       if (.not. is_there) return
-      x = curve%last_x*(1.0_wp + 2.0_wp*part)*(1.0_wp - part)**2 + curve%x*part**2*(3.0_wp - 2.0_wp*part) + &
-          length*part*(1.0_wp - part)*((1.0_wp - part)*curve%last_direction - part*curve%direction/along)
+      x = curve%last%x*(1.0_wp + 2.0_wp*part)*(1.0_wp - part)**2 + curve%x*part**2*(3.0_wp - 2.0_wp*part) + &
+          length*part*(1.0_wp - part)*((1.0_wp - part)*curve%last%direction - part*curve%direction/along)
    end subroutine point_between
 
    !> Whether a function with the same sign at both ends may have the other one in between.

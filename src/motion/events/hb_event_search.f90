@@ -40,10 +40,10 @@ contains
 
       n = size(self%waiting)
       if (may_change_sign(at_ends, between)) then
-         call find_other_sign(self%curve, event, [0.0_wp, self%curve%last_step], at_ends, between, middle, value, is_found)
+         call find_other_sign(self%curve, event, [0.0_wp, self%curve%last%step], at_ends, between, middle, value, is_found)
          if (.not. is_found) return
          call find_zero(self, search, event, [at_ends(1), value], is_found, [0.0_wp, middle])
-         call find_zero(self, search, event, [value, at_ends(2)], is_found, [middle, self%curve%last_step])
+         call find_zero(self, search, event, [value, at_ends(2)], is_found, [middle, self%curve%last%step])
       else if (changes_sign()) then
          call find_zero(self, search, event, at_ends, is_found)
       end if
@@ -71,12 +71,12 @@ contains
 
       is_found = .false.
       if (curve_kinds(event%kind)%sense*at_ends(1) < 0.0_wp) return
-      ends = [0.0_wp, self%curve%last_step]
+      ends = [0.0_wp, self%curve%last%step]
       if (present(part)) ends = part
       allocate (sought, source=event)
       call self%curve%find_zero(sought, ends, at_ends, x, position, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
-      if (is_at_origin(self)) is_found = is_found .and. position > next_to_none*self%curve%last_step
+      if (is_at_origin(self)) is_found = is_found .and. position > next_to_none*self%curve%last%step
       if (is_found) call add_waiting(self%waiting, event%kind, position, x)
    end subroutine find_zero
 
@@ -91,7 +91,7 @@ contains
    pure logical function is_at_origin(self)
       class(observed_motion_t), intent(in) :: self
 
-      is_at_origin = self%branch > 0 .and. self%length <= 0.0_wp
+      is_at_origin = self%branch > 0 .and. self%curve%last%length <= 0.0_wp
    end function is_at_origin
 
    !> Sorts points by their positions on the step, and removes those beyond an end.

@@ -5,6 +5,8 @@
 !> signs of the previous set.
 module hb_passed_events
    use hb_bifurcation_location, only: n_outside
+   use hb_curve, only: curve_t
+   use hb_curve_events, only: event_values_t
    use hb_curve_points, only: waiting_t
    use hb_event_location, only: find_events
    use hb_followed_motion, only: curve_state_t
@@ -34,13 +36,13 @@ contains
 
    !> Compares the functions of events; those that are not known on both sets do not differ.
    pure subroutine find_differences(before, after, differences)
-      class(curve_state_t), intent(in) :: before, after
+      type(curve_state_t), intent(in) :: before, after
       type(set_differences_t), intent(out) :: differences
       integer :: i
 
       associate (a => before%at_point, b => after%at_point)
          differences%in_fold = a%rise*b%rise < 0.0_wp
-         differences%in_branch = before%curve%orientation*after%curve%orientation < 0.0_wp
+         differences%in_branch = before%path%orientation*after%path%orientation < 0.0_wp
          if (allocated(a%extremes) .and. allocated(b%extremes)) then
             if (size(a%extremes, 2) == size(b%extremes, 2)) differences%in_grazing = any(a%extremes*b%extremes < 0.0_wp)
          end if
@@ -85,7 +87,8 @@ contains
       class(observed_motion_t), intent(inout), target :: self
       type(curve_state_t), intent(in) :: before                       !! at the start of the step, on the previous set
       type(curve_state_t), intent(in) :: here                         !! likewise, on the present set
-      type(curve_state_t) :: after
+      type(curve_t) :: after
+      type(event_values_t) :: at_after
       type(set_differences_t) :: differences, remaining
       type(waiting_t), allocatable :: passed(:), waiting(:)
       real(wp) :: position
@@ -94,21 +97,25 @@ contains
 
       call find_differences(before, here, differences)
       if (.not. differences%any()) return
-      call self%save_state(after)
+      after = self%curve
+      at_after = self%at_point
       call move_alloc(self%waiting, waiting)
       first_waiting = self%first_waiting
       is_closed = self%is_closed
-      call self%restore_state(here)
+      call self%restore(here%path)
+      self%at_point = here%at_point
       call self%prepare_step()
       passed = [waiting_t ::]
       position = 0.0_wp
       do i = 1, max_steps
          call find_on_step_before(self, position, differences, passed, is_on_curve)
-         if (.not. is_on_curve .or. position >= self%length) exit
-         call find_differences(before, self%curve_state_t, remaining)
+         if (.not. is_on_curve .or. position >= here%path%length) exit
+         call find_differences(before, self%state(), remaining)
          if (.not. remaining%any()) exit
       end do
-      call self%restore_state(after)
+      after%report = self%curve%report
+      self%curve = after
+      self%at_point = at_after
       self%is_closed = is_closed
       self%first_waiting = 1
       self%waiting = [passed, waiting(first_waiting:)]
@@ -123,39 +130,37 @@ contains
       type(waiting_t), allocatable, intent(inout) :: passed(:)        !! from the first to the last along the curve
       logical, intent(out) :: is_on_curve
       type(curve_state_t) :: ending, start
-      integer :: i, n_branch_points
+      integer :: i
       logical :: has_branched, is_lost
       type(waiting_t), allocatable :: found(:)
 
       associate (curve => self%curve)
-         call self%save_state(ending)
-         n_branch_points = curve%n_branch_points
+         ending = self%state()
          curve%direction = -curve%direction
          curve%orientation = -curve%orientation
          call curve%advance()
          is_on_curve = curve%status == outcome%pending
          if (.not. is_on_curve) return
          call curve%turn()
-         has_branched = curve%n_branch_points > n_branch_points
+         has_branched = curve%n_branch_points > curve%last%n_branch_points
          curve%direction = -curve%direction
          curve%orientation = -curve%orientation
          call self%evaluate_here(self%at_point)
-         call self%save_state(start)
-         curve%last_x = start%curve%x
-         curve%last_direction = start%curve%direction
-         curve%last_step = dot_product((ending%curve%x - start%curve%x)/curve%units, start%curve%direction/curve%units)
-         curve%x = ending%curve%x
-         curve%direction = ending%curve%direction
-         curve%orientation = ending%curve%orientation
+         start = self%state()
+         start%path%length = ending%path%length                       ! that of the point where the search begins
+         curve%last = start%path
+         curve%last%step = dot_product((ending%path%x - start%path%x)/curve%units, start%path%direction/curve%units)
+         curve%path_t = ending%path
          self%waiting = [waiting_t ::]
          call find_events(self, ending%at_point, has_branched, is_lost)
-         position = position + curve%last_step
+         position = position + curve%last%step
       end associate
       found = pack(self%waiting, [(differences%include(self%waiting(i)), i=1, size(self%waiting))])
       do i = 1, size(found)
          found(i)%position = found(i)%position - position
       end do
       passed = [found, passed]
-      call self%restore_state(start)
+      call self%restore(start%path)
+      self%at_point = start%at_point
    end subroutine find_on_step_before
 end module hb_passed_events
