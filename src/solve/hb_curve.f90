@@ -18,6 +18,7 @@ module hb_curve
    use hb_outcome, only: outcome
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_thresholds, only: agreement
    implicit none
    private
    public :: curve_config_t, curve_t, event_t, new_curve, path_t
@@ -77,6 +78,7 @@ module hb_curve
       procedure :: find_zero => curve_find_zero
       procedure :: tangent_at => curve_tangent_at
       procedure :: set_plane => curve_set_plane
+      procedure :: correct_at_value => curve_correct_at_value
       procedure, private :: turn_at_kink => curve_turn_at_kink
    end type curve_t
 
@@ -385,6 +387,25 @@ contains
       plane%value = dot_product(plane%functional, x) + distance
       call self%problem%hold(plane)
    end subroutine curve_set_plane
+
+   !> Solves for the point with the last unknown of x, near x.
+   subroutine curve_correct_at_value(self, x, is_there)
+      class(curve_t), intent(inout) :: self
+      real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_there                                !! if false, x is unchanged
+      type(bordered_problem_t) :: problem
+      type(report_t) :: report
+      real(wp) :: there(size(x))
+
+      problem = self%problem
+      call problem%hold(plane_t([0.0_wp*x(2:), 1.0_wp], x(size(x))))
+      there = x
+      call solve_newton(problem, self%corrector, there, report)
+      call self%report%add(report)
+      there(size(x)) = x(size(x))
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%units) < agreement ! else near a fold
+      if (is_there) x = there
+   end subroutine curve_correct_at_value
 
    !> Copies the functionals of the whole problem to `part`.
    subroutine copy_plane_to_part(self)

@@ -82,14 +82,16 @@ module hb_impact_curve
 
    ! Grazes; bodies in hb_impact_curve_grazing
    interface
-      module subroutine pass_grazing(self, is_stalled, is_passed)
+      module subroutine pass_grazing(self, is_stalled, points, is_passed)
          class(impact_curve_t), intent(inout), target :: self
          logical, intent(in) :: is_stalled                               !! after a step that failed
+         type(waiting_t), allocatable, intent(inout) :: points(:)        !! if it is passed: those of the step
          logical, intent(out) :: is_passed
       end subroutine pass_grazing
 
-      module subroutine end_at_grazing(self)
+      module subroutine end_at_grazing(self, points)
          class(impact_curve_t), intent(inout), target :: self
+         type(waiting_t), allocatable, intent(inout) :: points(:)
       end subroutine end_at_grazing
 
       module function grazes_ahead(self) result(grazes)
@@ -375,8 +377,9 @@ contains
 
    !> Performs one step, or passes a graze, before it or where it stalls. A graze at which the curve turns back cannot be located
    !> on a step: it is passed, or the short step begins there.
-   subroutine impact_curve_make_step(self, error)
+   subroutine impact_curve_make_step(self, points, error)
       class(impact_curve_t), intent(inout), target :: self
+      type(waiting_t), allocatable, intent(out) :: points(:)
       type(error_t), allocatable, intent(out) :: error
       type(waiting_t), allocatable :: first(:)
       integer, allocatable :: before(:)
@@ -384,20 +387,20 @@ contains
 
       allocate (before, source=self%at_point%impacts)
       call self%orbit%refusal%forget()
-      call pass_grazing(self, .false., is_passed)
-      if (.not. is_passed) call step(self)
+      call pass_grazing(self, .false., points, is_passed)
+      if (.not. is_passed) call step(self, points)
       if (self%curve%status == outcome%stalled .and. self%at_point%stability%n_unstable > 0) &
-         call pass_grazing(self, .true., is_passed)
+         call pass_grazing(self, .true., points, is_passed)
       if (verdict_on_work() == verdict%timed_out) self%curve%status = outcome%timed_out   ! integrations then miss impacts
       if (is_passed) return
       if (self%curve%status == outcome%pending .and. any(before /= self%at_point%impacts) .and. &
-          all(self%waiting%kind /= curve_kind%grazing)) then
+          all(points%kind /= curve_kind%grazing)) then
          allocate (first(0))
          call add_waiting(first, curve_kind%grazing, 0.0_wp, self%curve%last%x)
-         self%waiting = [first, self%waiting]
+         points = [first, points]
       end if
       self%problem%refusal = self%orbit%refusal
-      if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_grazing(self)
+      if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_grazing(self, points)
    end subroutine impact_curve_make_step
 
    !> Moves the section of the map, and the curve with its start, away from impacts.

@@ -57,29 +57,29 @@ contains
       call self%evaluate_here(self%at_point)
       associate (units => here%units)
          along = norm2((corner - here%x)/units)
-         self%waiting = [waiting_t ::]
-         call add_waiting(self%waiting, curve_kind%grazing, along, corner)
-         call add_corners(self, known, along, corner)
+         points = [waiting_t ::]
+         call add_waiting(points, curve_kind%grazing, along, corner)
+         call add_corners(self, known, along, corner, points)
          along = along + norm2((found - corner)/units)
-         call add_waiting(self%waiting, curve_kind%regular, along, found)
+         call add_waiting(points, curve_kind%regular, along, found)
          self%curve%length = here%length + along
-         self%first_waiting = 1
       end associate
    end procedure pass_grazing
 
    !> Adds folds and extreme responses at a corner, with what is known before it.
-   subroutine add_corners(self, before, position, x)
-      class(impact_curve_t), intent(inout) :: self
+   subroutine add_corners(self, before, position, x, points)
+      class(impact_curve_t), intent(in) :: self
       type(event_values_t), intent(in) :: before
       real(wp), intent(in) :: position, x(:)
+      type(waiting_t), allocatable, intent(inout) :: points(:)
       integer :: i, sense
 
-      if (before%rise*self%at_point%rise < 0.0_wp) call add_waiting(self%waiting, curve_kind%fold, position, x)
+      if (before%rise*self%at_point%rise < 0.0_wp) call add_waiting(points, curve_kind%fold, position, x)
       do i = 1, size(self%request%responses)
          associate (kind => self%request%responses(i)%kind)
             sense = curve_kinds(kind)%sense
             if (sense*before%functions(i) > 0.0_wp .and. sense*self%at_point%functions(i) < 0.0_wp) &
-               call add_waiting(self%waiting, kind, position, x, response=i)
+               call add_waiting(points, kind, position, x, response=i)
          end associate
       end do
    end subroutine add_corners
@@ -315,10 +315,9 @@ contains
       self%curve%status = outcome%pending
       call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%at_point%impacts, found, &
                      position)
-      self%waiting = [waiting_t ::]
-      call add_waiting(self%waiting, curve_kind%grazing, position, found)
-      self%first_waiting = 1
-      self%ends_here = .true.
+      points = [waiting_t ::]
+      call add_waiting(points, curve_kind%grazing, position, found)
+      points(1)%is_last = .true.
    end procedure end_at_grazing
 
    !> Whether a wall is struck a different number of times shortly behind the point of the curve.

@@ -14,7 +14,7 @@ module hb_curve_end
    use hb_thresholds, only: next_to_none, reliable
    implicit none
    private
-   public :: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
+   public :: count_doubtful_steps, describe_end, end_at_fold, end_if_doubtful, returns_to_fold
 
    character(*), parameter :: returns_to_fold = "the curve returns to this fold: it would pass over its points again"
 
@@ -63,10 +63,7 @@ contains
       if (is_refused(self) .or. len_trim(fault_of_laws(self)) > 0) then
          result%status = outcome%failed
          result%reason = reason%error
-      else if (self%has_collapsed) then
-         result%status = outcome%collapsed
-         result%reason = reason%none
-      else if (result%status == outcome%locked) then
+      else if (any(result%status == [outcome%collapsed, outcome%locked])) then
          result%reason = reason%none
       end if
       result%message = trim(end_text(self))
@@ -82,7 +79,7 @@ contains
             text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
          else if (len_trim(fault_of_laws(self)) > 0) then
             text = "continuation failed at the value "//to_text(value)//": "//fault_of_laws(self)
-         else if (self%has_collapsed) then
+         else if (self%curve%status == outcome%collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
          else if (self%curve%status == outcome%locked) then
             text = "the tones lock near the value "//to_text(rounded_to(course%locked_at, n_digits_of_lock))//", where "// &
@@ -134,18 +131,12 @@ contains
       if (accuracy%is_on .and. accuracy%grows_set) is_unreliable = estimate >= min(far_above*accuracy%tolerance, reliable)
    end function is_unreliable
 
-   !> Makes the end of a branch that has come back to a fold, reported last, the only waiting point.
-   subroutine set_end_at_fold(self)
-      class(followed_motion_t), intent(inout) :: self
+   !> The end of a branch that has come back to a fold.
+   pure function end_at_fold(fold) result(point)
+      type(waiting_t), intent(in) :: fold
       type(waiting_t) :: point
 
-      point%kind = curve_kind%end
-      associate (fold => self%waiting(self%first_waiting - 1))
-         point%position = fold%position
-         point%x = fold%x
-      end associate
+      point = waiting_t(curve_kind%end, fold%position, fold%x)
       point%is_crossing = .true.                                      ! there the value alone does not select a motion
-      self%waiting = [point]
-      self%first_waiting = 1
-   end subroutine set_end_at_fold
+   end function end_at_fold
 end module hb_curve_end

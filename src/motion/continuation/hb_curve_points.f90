@@ -1,4 +1,4 @@
-!> The points that a curve notes: those that are found and not yet reported, origins of branches, reported extremes.
+!> The points that a curve notes: those that are found on a step, origins of branches, reported extremes.
 module hb_curve_points
    use hb_curve, only: path_t
    use hb_kinds, only: wp
@@ -18,7 +18,7 @@ module hb_curve_points
       type(level_t) :: level                                          !! set and grid of both
    end type origin_t
 
-   !> A point that was found and is not yet reported.
+   !> A point that was found on a step.
    type :: waiting_t
       integer :: kind = curve_kind%none
       real(wp) :: position = 0.0_wp                                   !! position on the step
@@ -27,6 +27,8 @@ module hb_curve_points
       type(motion_result_t), allocatable :: result                    !! its results, if already computed
       integer :: response = 0                                         !! number in the request of the response that is located there
       logical :: is_crossing = .false.                                !! an end at which the branch meets another curve
+      logical :: is_return = .false.                                  !! an end that closes the branch: the other motions are the same
+      logical :: is_last = .false.                                    !! the branch ends there, although it is no end
       integer :: bifurcation = 0                                      !! of hb_stability, if it was found from multipliers
       integer :: extreme = 0, switch = 0                              !! that is zero there, of `extremes_of_switches`, if it grazes
       real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the function that vanishes
@@ -40,7 +42,7 @@ module hb_curve_points
 
 contains
 
-   !> Adds a point to those that are not yet reported. (gfortran 12 leaks the components of a structure constructor within an array
+   !> Adds a point to those of a step. (gfortran 12 leaks the components of a structure constructor within an array
    !> constructor, here and below.)
    subroutine add_waiting(list, kind, position, x, response)
       type(waiting_t), allocatable, intent(inout) :: list(:)

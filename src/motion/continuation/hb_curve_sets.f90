@@ -52,7 +52,8 @@ module hb_curve_sets
    !> A step from a point to the next one.
    type, extends(refined_curve_t) :: refined_step_t
       type(curve_state_t) :: here                                     ! at the point, on the level tried last
-      integer :: worst = 1                                            ! of the waiting points, the least accurate
+      type(waiting_t), allocatable :: points(:)                       ! of the step
+      integer :: worst = 1                                            ! of them, the least accurate
       logical :: is_stalled = .false.                                 ! no step is possible on that level
    contains
       procedure :: solve => refined_step_solve
@@ -74,8 +75,9 @@ contains
    ! Steps
 
    !> Performs one step on a set and a grid on which all of its points have the requested accuracy, if there is one.
-   subroutine step_to_tolerance(self, error)
+   subroutine step_to_tolerance(self, points, error)
       class(observed_motion_t), intent(inout), target :: self
+      type(waiting_t), allocatable, intent(out) :: points(:)
       type(error_t), allocatable, intent(out) :: error
       type(refined_step_t) :: refined
       type(curve_state_t) :: first
@@ -98,8 +100,9 @@ contains
          self%n_levels = 1
          if (.not. allocated(refined%error)) call step_here(refined)
       else if (refined%n_levels > 1 .and. self%curve%status == outcome%pending .and. .not. allocated(refined%error)) then
-         call find_passed_events(self, first, refined%here)
+         call find_passed_events(self, first, refined%here, refined%points)
       end if
+      call move_alloc(refined%points, points)
       call move_alloc(refined%error, error)
    end subroutine step_to_tolerance
 
@@ -153,8 +156,9 @@ contains
    subroutine step_here(self)
       type(refined_step_t), intent(inout) :: self
 
-      call step(self%motion)
-      if (self%motion%curve%status == outcome%pending) call describe_all(self%motion, self%worst, self%estimate, self%error)
+      call step(self%motion, self%points)
+      if (self%motion%curve%status == outcome%pending) &
+         call describe_all(self%motion, self%points, self%worst, self%estimate, self%error)
    end subroutine step_here
 
    !> Chooses the next level from the least accurate point or, if no step is possible, from the first point of the
@@ -179,7 +183,7 @@ contains
             motion%curve%status = outcome%stalled
             return
          end if
-         associate (point => motion%waiting(self%worst))
+         associate (point => self%points(self%worst))
             if (refined_curve_is_accurate(self)) then              ! the other motions may contain tuples that this one lacks
                self%next = level_at(motion, point%x)
                call fill(self%next, is_there)
@@ -194,7 +198,7 @@ contains
    logical function refined_step_is_accurate(self) result(is_accurate)
       class(refined_step_t), intent(inout) :: self
 
-      associate (kinds => self%motion%waiting(self%motion%first_waiting:)%kind)
+      associate (kinds => self%points%kind)
          is_accurate = refined_curve_is_accurate(self) .and. &
                        .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%symmetry_breaking)
       end associate
@@ -360,9 +364,10 @@ contains
       if (.not. is_found) call restore_curve(self, here, error)
    end subroutine shrink
 
-   !> Describes all waiting points, and finds the least accurate one.
-   subroutine describe_all(self, worst, estimate, error)
+   !> Describes all points of a step, and finds the least accurate one.
+   subroutine describe_all(self, points, worst, estimate, error)
       class(observed_motion_t), intent(inout), target :: self
+      type(waiting_t), intent(inout) :: points(:)
       integer, intent(out) :: worst
       real(wp), intent(out) :: estimate                               !! its estimated error
       type(error_t), allocatable, intent(out) :: error
@@ -370,8 +375,8 @@ contains
 
       worst = 1
       estimate = 0.0_wp
-      do i = self%first_waiting, size(self%waiting)
-         associate (point => self%waiting(i))
+      do i = 1, size(points)
+         associate (point => points(i))
             allocate (point%result)
             call self%describe(point, self%plane_at(point), point%result, error)
             if (allocated(error)) return
@@ -394,7 +399,6 @@ contains
       call self%transfer_start()
       call self%restore(here%path)
       self%at_point = here%at_point
-      self%first_waiting = size(self%waiting) + 1
    end subroutine restore_curve
 
    !> Changes the set and the grid of the curve at its point; `is_found` is false if the motion is not found there.

@@ -42,13 +42,15 @@ module hb_curve_step
 
 contains
 
-   !> Performs one step, and appends the events on it and its end to the waiting points.
-   subroutine step(self)
+   !> Performs one step, and finds the events on it and its end; none if the curve cannot be followed, see its status.
+   subroutine step(self, points)
       class(observed_motion_t), intent(inout), target :: self
+      type(waiting_t), allocatable, intent(out) :: points(:)
       type(event_values_t) :: at_end
       real(wp) :: units(size(self%curve%x))
       logical :: is_balance, is_lost, is_near, is_short, is_taken
 
+      allocate (points(0))
       call self%problem%refusal%forget()
       call self%prepare_step()
       is_balance = .not. allocated(self%at_point%impacts)
@@ -56,7 +58,7 @@ contains
          do
             units = curve%units
             call curve%advance()
-            if (curve%status == outcome%stalled) call try_end(self)
+            if (curve%status == outcome%stalled) call try_end(self, points)
             if (curve%status == outcome%stalled .and. self%is_rough .and. self%tolerance_factor < max_tolerance_factor) then
                self%tolerance_factor = 10.0_wp*self%tolerance_factor
                call self%update_units()
@@ -64,7 +66,7 @@ contains
                curve%step = curve%config%first_step
                cycle
             end if
-            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
+            if (curve%status /= outcome%pending .or. size(points) > 0) return
             call self%update_units()
             call curve%turn()
             is_short = curve%last%step <= short*curve%config%longest_step
@@ -72,21 +74,18 @@ contains
             is_taken = is_short .or. (curve%angle <= largest_turn .and. is_near)
             if (is_taken .and. is_balance) is_taken = .not. has_switched_branch(self)
             if (is_taken) then
-               if (is_balance) self%has_collapsed = self%tone_vanishes()
-               if (self%has_collapsed) then
-                  curve%status = outcome%collapsed
-                  return
+               if (is_balance) then
+                  if (self%tone_vanishes()) curve%status = outcome%collapsed
+                  if (curve%status == outcome%collapsed) return
                end if
-               self%waiting = [waiting_t ::]
-               self%first_waiting = 1
                call self%evaluate_here(at_end)
-               call find_events(self, at_end, curve%n_branch_points > curve%last%n_branch_points, is_lost)
+               call find_events(self, at_end, curve%n_branch_points > curve%last%n_branch_points, points, is_lost)
                if (is_short .or. self%is_rough .or. .not. is_lost) exit
-               self%waiting = [waiting_t ::]
+               points = [waiting_t ::]
             end if
             call curve%retreat()
-            if (curve%status == outcome%stalled) call try_end(self)
-            if (curve%status /= outcome%pending .or. size(self%waiting) >= self%first_waiting) return
+            if (curve%status == outcome%stalled) call try_end(self, points)
+            if (curve%status /= outcome%pending .or. size(points) > 0) return
             curve%units = units
          end do
       end associate
@@ -96,8 +95,9 @@ contains
    end subroutine step
 
    !> Steps to an end of the range that is too close for another step: beyond it there may be no motions.
-   subroutine try_end(self)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine try_end(self, points)
+      class(observed_motion_t), intent(inout) :: self
+      type(waiting_t), allocatable, intent(inout) :: points(:)
       real(wp) :: ends(2), gap, x(size(self%curve%x))
       integer :: i, n
       logical :: is_there
@@ -110,12 +110,11 @@ contains
             if (abs(gap) > next_to_none*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
             x = curve%x + gap/curve%direction(n)*curve%direction
             x(n) = ends(i)
-            call self%correct_at_value(x, is_there)
+            call curve%correct_at_value(x, is_there)
             if (.not. is_there) cycle
             curve%status = outcome%pending
-            self%waiting = [waiting_t ::]
-            call add_waiting(self%waiting, curve_kind%end, norm2((x - curve%x)/curve%units), x)
-            self%first_waiting = 1
+            points = [waiting_t ::]
+            call add_waiting(points, curve_kind%end, norm2((x - curve%x)/curve%units), x)
             return
          end associate
       end do
@@ -140,7 +139,7 @@ contains
 
       has_switched_branch = .false.
       if (self%curve%last%step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
-      has_switched_branch = abs(retained_doubling(self)) <= faint                       ! to the motion of the whole period
+      has_switched_branch = abs(retained_doubling(self, self%curve)) <= faint                       ! to the motion of the whole period
       if (has_switched_branch) return
       if (size(self%problem%which) > 1) return                                ! unknown tones have no given phases
       allocate (middles(0))

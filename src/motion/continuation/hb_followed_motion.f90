@@ -74,11 +74,7 @@ module hb_followed_motion
       real(wp) :: roughness = 0.0_wp !! of the residual as a function of frequencies, at the start of this branch
       logical :: is_rough = .false.                                   !! above the tolerance
       real(wp) :: tolerance_factor = 1.0_wp                           !! by which the tolerance may have increased along the branch
-      logical :: has_collapsed = .false.                              !! the motion of an unknown tone has vanished
-      logical :: is_closed = .false.                                  !! this branch has returned to its start
       logical :: is_out_of_work = .false.                             !! the last step has used up the work of a point
-      integer :: first_waiting = 1
-      type(waiting_t), allocatable :: waiting(:)
    contains
       procedure :: adopt_level => followed_motion_adopt_level
       procedure :: border => followed_motion_border
@@ -89,7 +85,6 @@ module hb_followed_motion
       procedure :: restrict_to_symmetry => followed_motion_restrict_to_symmetry
       procedure :: correct_on_plane => followed_motion_correct_on_plane
       procedure :: find_roughness => followed_motion_find_roughness
-      procedure :: correct_at_value => followed_motion_correct_at_value
       procedure :: set_conditions => followed_motion_set_conditions
       procedure :: tone_vanishes => followed_motion_tone_vanishes
       procedure :: units_at => followed_motion_units_at
@@ -330,25 +325,6 @@ contains
       self%is_rough = 10.0_wp*self%roughness > self%problem%model%options%solver%tolerance
       self%tolerance_factor = 1.0_wp
    end subroutine followed_motion_find_roughness
-
-   !> Solves for the motion at the value of x, near x.
-   subroutine followed_motion_correct_at_value(self, x, is_there)
-      class(followed_motion_t), intent(inout), target :: self
-      real(wp), intent(inout) :: x(:)
-      logical, intent(out) :: is_there                                !! if false, x is unchanged
-      type(bordered_problem_t) :: problem
-      type(report_t) :: report
-      real(wp) :: there(size(x))
-
-      problem = self%curve%problem
-      call problem%hold(plane_t([0.0_wp*x(2:), 1.0_wp], x(size(x))))
-      there = x
-      call solve_newton(problem, self%curve%corrector, there, report)
-      call self%curve%report%add(report)
-      there(size(x)) = x(size(x))
-      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < agreement ! else near a fold
-      if (is_there) x = there
-   end subroutine followed_motion_correct_at_value
 
    !> Sets the conditions of the curve: for the phases of unknown tones, from the present motion, and for the
    !> amplitude or the energy of a normal mode.

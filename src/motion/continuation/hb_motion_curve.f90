@@ -9,7 +9,7 @@ module hb_motion_curve
    use hb_bifurcation, only: angle_of_pair, movement
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_end, only: count_doubtful_steps, describe_end, end_if_doubtful, returns_to_fold, set_end_at_fold
+   use hb_curve_end, only: count_doubtful_steps, describe_end, end_at_fold, end_if_doubtful, returns_to_fold
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_origin, only: find_first
    use hb_curve_points, only: add_origin, add_waiting, origin_t, path_of, reported_extreme_t, store_path, waiting_t
@@ -50,7 +50,8 @@ module hb_motion_curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
-      logical :: ends_here = .false.                                  !! this branch ends at the last of the waiting points, a graze
+      type(waiting_t), allocatable :: points(:)                       !! of the last step
+      integer :: n_returned = 0                                       !! of them
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
@@ -175,8 +176,8 @@ contains
       call self%start_branch(error)
       if (allocated(error)) return
       call set_start(self)
-      call report(self, 1, result, error)
-      self%first_waiting = 2
+      call report(self, self%points(1), result, error)
+      self%n_returned = 1
       self%n_reported = 1
       self%is_done = allocated(error) .or. self%n_reported >= self%request%n_points
    end subroutine motion_curve_report_start
@@ -205,7 +206,6 @@ contains
       end associate
       call self%correct_on_plane(self%first%x, self%first%direction, is_found)
       if (is_found) call self%start_branch(error)
-      self%first_waiting = 1
    end subroutine motion_curve_begin_next_to
 
    !> Replaces `begin`: restores the state of a stored curve at its last point, a step or the start of a branch.
@@ -346,7 +346,8 @@ contains
          end do
       end if
       if (.not. allocated(self%request%responses)) allocate (self%request%responses(0))
-      self%waiting = [waiting_t ::]
+      self%points = [waiting_t ::]
+      self%n_returned = 0
       self%origins = [origin_t ::]
       self%met = [origin_t ::]
       self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
@@ -375,7 +376,6 @@ contains
          direction = 0.0_wp*self%branch_start%x
          direction(size(direction)) = self%first_sense*self%sense()
       end if
-      self%has_collapsed = .false.
       call self%course%begin()
       self%reported = [reported_extreme_t ::]
       self%estimate = huge(1.0_wp)
@@ -419,20 +419,19 @@ contains
 
    !> Ends this branch; the next one follows if there is one: the other one from the same origin, or along another curve
    !> after a row for its start.
-   subroutine leave(self, error)
+   subroutine leave(self, is_closed, error)
       class(motion_curve_t), intent(inout), target :: self
+      logical, intent(in) :: is_closed                                !! along a closed curve the other one would be the same
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: x(:)
       logical :: is_found, is_last
 
-      is_last = self%is_reversed .or. self%is_closed                  ! along a closed curve the other would be the same
+      is_last = self%is_reversed .or. is_closed
       associate (request => self%request)                             ! from an origin the other has the same motions, shifted
          if (self%branch == 0) is_last = is_last .or. allocated(request%origin) .or. &
                                          (request%start - request%from)*(request%start - request%to) >= 0.0_wp
       end associate
-      self%is_closed = .false.
-      self%ends_here = .false.
-      self%first_waiting = size(self%waiting) + 1
+      self%n_returned = size(self%points)
       self%is_reversed = .not. is_last
       if (is_last) self%branch = self%branch + 1
       do while (self%branch > 0 .and. self%branch <= size(self%origins))
@@ -450,13 +449,13 @@ contains
       if (self%branch > 0 .and. .not. allocated(error)) call set_start(self)
    end subroutine leave
 
-   !> Makes the start of this branch the only waiting point.
+   !> Makes the start of this branch the only point to be returned.
    subroutine set_start(self)
       class(motion_curve_t), intent(inout) :: self
 
-      self%waiting = [waiting_t ::]
-      call add_waiting(self%waiting, curve_kind%start, 0.0_wp, self%start_on_set%x)
-      self%first_waiting = 1
+      self%points = [waiting_t ::]
+      call add_waiting(self%points, curve_kind%start, 0.0_wp, self%start_on_set%x)
+      self%n_returned = 0
    end subroutine set_start
 
    !> Stores a motion at a value at which others are searched for.
@@ -493,15 +492,21 @@ contains
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: before
+      type(waiting_t) :: point
+      type(waiting_t), allocatable :: points(:)
       real(wp) :: started
       logical :: has_ended, is_end
 
       started = wall_clock()
       before = self%curve%report
-      if (self%first_waiting > size(self%waiting)) then
+      if (self%n_returned >= size(self%points)) then
          call end_if_doubtful(self, has_ended)
-         if (.not. has_ended) call self%make_step(error)
-         if (allocated(error)) return
+         if (.not. has_ended) then
+            call self%make_step(points, error)
+            if (allocated(error)) return
+            call move_alloc(points, self%points)
+            self%n_returned = 0
+         end if
       end if
       if (verdict_on_work() == verdict%interrupted) then             ! the events on the step may be incomplete
          result%status = outcome%interrupted
@@ -509,21 +514,21 @@ contains
       else if (self%curve%status /= outcome%pending) then
          call describe_end(self, result)
          call count_work(self%curve%report, before, result)
-         call leave(self, error)
+         call leave(self, .false., error)
       else
-         call report(self, self%first_waiting, result, error)
+         point = self%points(self%n_returned + 1)
+         call report(self, point, result, error)
          if (verdict_on_work() == verdict%interrupted) then          ! the results of the point may be incomplete
             result%status = outcome%interrupted
             return
          end if
          call count_work(self%curve%report, before, result)
-         is_end = self%ends_here .and. self%first_waiting == size(self%waiting)
-         if (is_end .and. is_solved(result%status)) result%reason = reason%grazing
-         is_end = is_end .or. self%waiting(self%first_waiting)%kind == curve_kind%end
+         if (point%is_last .and. is_solved(result%status)) result%reason = reason%grazing
+         is_end = point%is_last .or. point%kind == curve_kind%end
          if (is_end .and. self%course%is_retraced .and. .not. allocated(result%message)) result%message = returns_to_fold
-         self%first_waiting = self%first_waiting + 1
-         if (self%course%is_retraced .and. .not. is_end) call set_end_at_fold(self)
-         if (is_end .and. .not. allocated(error)) call leave(self, error)
+         self%n_returned = self%n_returned + 1
+         if (self%course%is_retraced .and. .not. is_end) self%points = [self%points(:self%n_returned), end_at_fold(point)]
+         if (is_end .and. .not. allocated(error)) call leave(self, point%is_return, error)
       end if
       result%solver_seconds = wall_clock() - started - result%error_estimate_seconds
       self%n_reported = self%n_reported + 1
@@ -548,53 +553,52 @@ contains
       type(motion_result_t), intent(out) :: result
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
+      type(waiting_t), allocatable :: points(:)
       integer :: i, n_steps
 
       is_found = .false.
       do n_steps = 1, nearby_steps
-         call self%make_step(error)
+         call self%make_step(points, error)
          if (allocated(error) .or. self%curve%status /= outcome%pending) return
-         i = findloc(self%waiting%kind, kind, dim=1)
+         i = findloc(points%kind, kind, dim=1)
          is_found = i > 0
          if (is_found) exit
-         self%first_waiting = size(self%waiting) + 1
       end do
       if (.not. is_found) return
-      call report(self, i, result, error)
+      call report(self, points(i), result, error)
       call count_work(self%curve%report, report_t(), result)
    end subroutine motion_curve_search_for
 
-   !> Performs one step, to the tolerance if one is requested.
-   subroutine make_step(self, error)
+   !> Performs one step, to the tolerance if one is requested, and returns its points.
+   subroutine make_step(self, points, error)
       class(motion_curve_t), intent(inout), target :: self
+      type(waiting_t), allocatable, intent(out) :: points(:)
       type(error_t), allocatable, intent(out) :: error
 
       if (self%model%options%accuracy%is_on) then
-         call step_to_tolerance(self, error)
+         call step_to_tolerance(self, points, error)
       else
-         call step(self)
+         call step(self, points)
       end if
       if (allocated(error) .or. self%curve%status /= outcome%pending .or. work_is_over()) return
-      call remove_doubtful_extremes(self, error)
+      call remove_doubtful_extremes(self, points, error)
    end subroutine make_step
 
-   !> Computes the result of one of the waiting points.
-   subroutine report(self, i, result, error)
+   !> Computes the result of a point.
+   subroutine report(self, point, result, error)
       class(motion_curve_t), intent(inout), target :: self
-      integer, intent(in) :: i
+      type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
 
-      associate (point => self%waiting(i))
-         if (allocated(point%result)) then
-            result = point%result
-         else
-            call self%describe(point, self%plane_at(point), result, error)
-         end if
-         if (.not. allocated(error)) call compare_in_time(self, point, result, error)
-         call result%withdraw_verdict()
-         if (.not. allocated(error)) call add_position(self, point, result)
-      end associate
+      if (allocated(point%result)) then
+         result = point%result
+      else
+         call self%describe(point, self%plane_at(point), result, error)
+      end if
+      if (.not. allocated(error)) call compare_in_time(self, point, result, error)
+      call result%withdraw_verdict()
+      if (.not. allocated(error)) call add_position(self, point, result)
    end subroutine report
 
    !> Compares a point with a short time integration if no set has made its estimate as small as those of others, and a slow tone

@@ -5,6 +5,7 @@
 module hb_motion_ridge
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
+   use hb_curve_points, only: waiting_t
    use hb_curve_request, only: curve_request_t
    use hb_curve_step, only: largest_change
    use hb_discretisation, only: discretisation_t
@@ -276,6 +277,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t) :: position
       type(curve_request_t) :: close
+      type(waiting_t), allocatable :: points(:)
       integer :: attempt, i, n
       logical :: is_found
 
@@ -296,13 +298,12 @@ contains
          if (allocated(error) .or. .not. is_found) return
          n = 0
          do i = 1, max_twin_steps
-            call self%short%make_step(error)
+            call self%short%make_step(points, error)
             if (allocated(error)) return
             if (self%short%curve%status /= outcome%pending) exit
-            n = n + count(self%short%waiting%kind == self%request%over%kind .or. self%short%waiting%kind == curve_kind%minimum)
+            n = n + count(points%kind == self%request%over%kind .or. points%kind == curve_kind%minimum)
             is_there = n > 1
             if (is_there) return
-            self%short%first_waiting = size(self%short%waiting) + 1
          end do
          position%direction = -position%direction
       end do

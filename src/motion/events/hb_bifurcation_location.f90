@@ -5,7 +5,7 @@ module hb_bifurcation_location
    use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus, movement
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t
-   use hb_curve_points, only: add_waiting, waiting_t
+   use hb_curve_points, only: waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
    use hb_event_search, only: find_zero, search_t, sort_by_position
    use hb_kinds, only: wp
@@ -52,32 +52,32 @@ module hb_bifurcation_location
 contains
 
    !> Finds bifurcations from the multipliers on each piece of the step between its grazes.
-   subroutine find_bifurcations(self, search)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_bifurcations(search)
       type(search_t), intent(inout) :: search
       type(piece_t) :: piece
       real(wp), allocatable :: grazes(:)
       integer :: i
 
-      call sort_by_position(self%waiting)
-      grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%grazing)
+      call sort_by_position(search%found)
+      grazes = pack(search%found%position, search%found%kind == curve_kind%grazing)
       do i = 0, size(grazes)
-         piece%ends = [0.0_wp, self%curve%last%step]
-         piece%stability = [self%at_point%stability, search%at_end%stability]
-         associate (tolerance => self%model%options%stability%tolerance, length => self%curve%last%step)
-            if (i > 0) call evaluate_stability_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
-            if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
-                                                             piece%stability(2))
+         piece%ends = [0.0_wp, search%curve%last%step]
+         piece%stability = [search%at_start%stability, search%at_end%stability]
+         associate (tolerance => search%motion%model%options%stability%tolerance, length => search%curve%last%step)
+            if (i > 0) &
+               call evaluate_stability_at(search, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
+            if (i < size(grazes)) &
+               call evaluate_stability_at(search, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), piece%stability(2))
          end associate
          if (.not. piece%ends(1) < piece%ends(2)) cycle
          if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) then
             if (.not. seem_different(piece%stability(1), piece%stability(2))) cycle
          end if
-         call make_certain(self, piece%ends(1), piece%stability(1))
-         call make_certain(self, piece%ends(2), piece%stability(2))
+         call make_certain(search, piece%ends(1), piece%stability(1))
+         call make_certain(search, piece%ends(2), piece%stability(2))
          if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
-         if (is_branch_known(self, search)) call find_pair_of_branches(self, search, piece)
-         call find_on_piece(self, search, piece, merge(max_divisions, 0, are_all_stored(piece)), &
+         if (is_branch_known(search)) call find_pair_of_branches(search, piece)
+         call find_on_piece(search, piece, merge(max_divisions, 0, are_all_stored(piece)), &
                             movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers) > far)
       end do
    end subroutine find_bifurcations
@@ -92,8 +92,7 @@ contains
 
    !> Finds bifurcations from the multipliers at both ends of a piece. It is halved if multipliers move far on it, and divided where
    !> two of them may meet, if they are outside the unit circle there: they leave it and return, with the same number at both ends.
-   recursive subroutine find_on_piece(self, search, piece, n_divisions, moves_far)
-      class(observed_motion_t), intent(inout), target :: self
+   recursive subroutine find_on_piece(search, piece, n_divisions, moves_far)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       integer, intent(in) :: n_divisions                              !! permitted
@@ -105,7 +104,7 @@ contains
       logical :: is_divided
 
       if (moves_far .and. n_divisions > max_divisions - max_halvings) then
-         call divide(self, piece, 0.5_wp, parts, is_divided)
+         call divide(search, piece, 0.5_wp, parts, is_divided)
          if (is_divided) then
             call find_on_parts()
             return
@@ -114,20 +113,20 @@ contains
       allocate (before, source=by_angle(piece%stability(1)%multipliers))
       allocate (behind, source=by_angle(piece%stability(2)%multipliers))
       do i = 0, merge(size(before), -1, size(before) == size(behind) .and. size(before) > 0 .and. n_divisions > 0)
-         share = meeting(before, behind, i, reach_on(self, piece))
+         share = meeting(before, behind, i, reach_on(search, piece))
          if (.not. share > 0.0_wp) cycle
          if (search%is_smooth) then
-            if (.not. may_be_outside(self, piece, share)) cycle
+            if (.not. may_be_outside(search, piece, share)) cycle
          end if
-         call divide(self, piece, share, parts, is_divided)
+         call divide(search, piece, share, parts, is_divided)
          if (.not. is_divided) cycle
          if (any(n_outside(parts(1)%stability(2)) == [n_outside(piece%stability(1)), n_outside(piece%stability(2))])) cycle
          call find_on_parts()
          return
       end do
-      n_before = size(self%waiting)
-      call find_by_kind(self, search, piece)
-      call find_by_number(self, search, piece, n_before)
+      n_before = size(search%found)
+      call find_by_kind(search, piece)
+      call find_by_number(search, piece, n_before)
 
    contains
 
@@ -137,43 +136,43 @@ contains
 
          move_far = maxval([(movement(parts(k)%stability(1)%multipliers, parts(k)%stability(2)%multipliers), k=1, 2)]) > far
          do k = 1, 2
-            call find_on_piece(self, search, parts(k), n_divisions - 1, move_far)
+            call find_on_piece(search, parts(k), n_divisions - 1, move_far)
          end do
       end subroutine find_on_parts
    end subroutine find_on_piece
 
    !> Distance that a multiplier may move on a piece, from that on it and on the step before.
-   pure real(wp) function reach_on(self, piece) result(reach)
-      class(observed_motion_t), intent(in) :: self
+   pure real(wp) function reach_on(search, piece) result(reach)
+      type(search_t), intent(in) :: search
       type(piece_t), intent(in) :: piece
 
       reach = far
-      if (self%at_point%speed >= 0.0_wp) reach = self%at_point%speed*(piece%ends(2) - piece%ends(1))
+      if (search%at_start%speed >= 0.0_wp) reach = search%at_start%speed*(piece%ends(2) - piece%ends(1))
       reach = max(reach, movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers))
    end function reach_on
 
    !> Whether the number of multipliers outside the unit circle may be another one at a place of a smooth step than at both ends
    !> of the piece.
-   logical function may_be_outside(self, piece, share)
-      class(observed_motion_t), intent(inout), target :: self
+   logical function may_be_outside(search, piece, share)
+      type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: share                                   !! of the piece
       type(stability_t) :: there
-      real(wp) :: x(size(self%curve%x))
+      real(wp) :: x(size(search%curve%x))
       logical :: is_there
 
       associate (position => piece%ends(1) + share*(piece%ends(2) - piece%ends(1)))
-         call point_between(self%curve, position/self%curve%last%step, x, is_there)
+         call point_between(search%curve, position/search%curve%last%step, x, is_there)
       end associate
       may_be_outside = .false.
-      if (is_there) call self%find_stability(x, self%model%options%stability%tolerance, there)
+      if (is_there) call search%motion%find_stability(x, search%motion%model%options%stability%tolerance, there)
       if (allocated(there%multipliers)) may_be_outside = n_outside(there) /= n_outside(piece%stability(1)) .and. &
                                                          n_outside(there) /= n_outside(piece%stability(2))
    end function may_be_outside
 
    !> Divides a piece in two, if the multipliers there are known.
-   subroutine divide(self, piece, share, parts, is_divided)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine divide(search, piece, share, parts, is_divided)
+      type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: share                                   !! of the piece, of its first part
       type(piece_t), intent(out) :: parts(2)
@@ -181,10 +180,10 @@ contains
 
       parts = piece
       associate (position => parts(1)%ends(2), there => parts(1)%stability(2))
-         call evaluate_stability_at(self, piece%ends(1) + share*(piece%ends(2) - piece%ends(1)), &
-                                    self%model%options%stability%tolerance, position, there)
+         call evaluate_stability_at(search, piece%ends(1) + share*(piece%ends(2) - piece%ends(1)), &
+                                    search%motion%model%options%stability%tolerance, position, there)
          is_divided = there%resolves_circle()
-         if (is_divided) call make_certain(self, position, there)
+         if (is_divided) call make_certain(search, position, there)
          is_divided = there%resolves_circle()
          parts(2)%ends(1) = position
          parts(2)%stability(1) = there
@@ -207,48 +206,46 @@ contains
 
    !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
    !> are.
-   subroutine make_certain(self, position, there)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine make_certain(search, position, there)
+      type(search_t), intent(inout) :: search
       real(wp), intent(in) :: position
       type(stability_t), intent(inout) :: there
       type(stability_t) :: better
       real(wp) :: same_position
 
       if (.not. allocated(there%multipliers)) return
-      associate (tolerance => max(self%model%options%stability%tolerance, there%noise))
+      associate (tolerance => max(search%motion%model%options%stability%tolerance, there%noise))
          if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*tolerance .and. there%resolves_circle()) return
       end associate
       if (clearly*epsilon(1.0_wp)*maxval(abs(there%multipliers)) >= minor) return   ! nor sharply
-      call evaluate_stability_at(self, position, sharp, same_position, better)
+      call evaluate_stability_at(search, position, sharp, same_position, better)
       if (.not. allocated(better%multipliers)) return
       there%multipliers = better%multipliers
       there%noise = better%noise
    end subroutine make_certain
 
    !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.
-   subroutine find_by_kind(self, search, piece)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_by_kind(search, piece)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       real(wp) :: at_ends(2)
       integer :: kind
 
       do kind = bifurcation%branch, bifurcation%torus
-         if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
+         if (kind == bifurcation%branch .and. is_branch_known(search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (minval(abs(at_ends)) <= rounding) cycle
          if (at_ends(1)*at_ends(2) < 0.0_wp) then
-            call find_zero_of_kind(self, search, kind, piece, at_ends)
+            call find_zero_of_kind(search, kind, piece, at_ends)
          else
-            call find_pair_of_kind(self, search, kind, piece, at_ends)
+            call find_pair_of_kind(search, kind, piece, at_ends)
          end if
       end do
    end subroutine find_by_kind
 
    !> Finds the two zeros of the function of a kind on a piece with the same sign at its ends.
-   subroutine find_pair_of_kind(self, search, kind, piece, at_ends)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_pair_of_kind(search, kind, piece, at_ends)
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
@@ -257,48 +254,50 @@ contains
       real(wp) :: position, value
       logical :: is_found
 
-      call find_place_between(self, search, kind, piece, at_ends, position, is_found)
+      call find_place_between(search, kind, piece, at_ends, position, is_found)
       if (.not. is_found) return
       half = piece
-      call evaluate_stability_at(self, position, sharp, half%ends(2), half%stability(2))
+      call evaluate_stability_at(search, position, sharp, half%ends(2), half%stability(2))
       if (.not. allocated(half%stability(2)%multipliers)) return
       value = bifurcation_value(kind, half%stability(2)%multipliers)
       if (.not. at_ends(1)*value < 0.0_wp) return
-      call find_zero_of_kind(self, search, kind, half, [at_ends(1), value])
+      call find_zero_of_kind(search, kind, half, [at_ends(1), value])
       half%ends = [half%ends(2), piece%ends(2)]
       half%stability = [half%stability(2), piece%stability(2)]
-      call find_zero_of_kind(self, search, kind, half, [value, at_ends(2)])
+      call find_zero_of_kind(search, kind, half, [value, at_ends(2)])
    end subroutine find_pair_of_kind
 
    !> Finds two branch points on a step whose determinant has the same sign at both ends: it has the other sign where a
    !> multiplier is beyond 1. One that passes 1 twice is closest to 1 at both ends.
-   subroutine find_pair_of_branches(self, search, piece)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_pair_of_branches(search, piece)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       type(branch_event_t) :: branch
-      real(wp) :: at_ends(2), ends(2, 2), position, value, x(size(self%curve%x))
+      type(waiting_t) :: point
+      real(wp) :: at_ends(2), ends(2, 2), position, value, x(size(search%curve%x))
       integer :: i
       logical :: is_found, is_there
 
       if (size(search%folds, 2) > 0 .or. search%has_branched) return
       at_ends = [(bifurcation_value(bifurcation%branch, piece%stability(i)%multipliers), i=1, 2)]
       if (minval(abs(at_ends)) <= rounding .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
-      if (piece%ends(2) - piece%ends(1) < self%curve%last%step) return
+      if (piece%ends(2) - piece%ends(1) < search%curve%last%step) return
       if (is_branch(piece%stability(1)%multipliers) .and. is_branch(piece%stability(2)%multipliers)) then
-         call find_place_between(self, search, bifurcation%branch, piece, at_ends, position, is_found)
+         call find_place_between(search, bifurcation%branch, piece, at_ends, position, is_found)
       else
          call find_meeting_at_one()
       end if
-      if (is_found) call self%curve%point_at(position, x, is_found)
+      if (is_found) call search%curve%point_at(position, x, is_found)
       if (.not. is_found) return
       branch = branch_event_t(curve_kind%branch, .true.)              ! only a sign
-      value = branch%value(self%curve, x)
-      if (.not. value*self%curve%orientation < 0.0_wp) return
-      ends = reshape([0.0_wp, position, position, self%curve%last%step], [2, 2])
+      value = branch%value(search%curve, x)
+      if (.not. value*search%curve%orientation < 0.0_wp) return
+      ends = reshape([0.0_wp, position, position, search%curve%last%step], [2, 2])
       do i = 1, 2
-         call find_zero(self, search, branch, [3 - 2*i, 2*i - 3]*self%curve%orientation, is_found, ends(:, i))
-         if (is_found) call sharpen(self, bifurcation%branch, ends(:, i), is_there)
+         call find_zero(search, branch, [3 - 2*i, 2*i - 3]*search%curve%orientation, ends(:, i), point, is_found)
+         if (.not. is_found) cycle
+         call sharpen(search, bifurcation%branch, ends(:, i), point, is_there)
+         search%found = [search%found, point]
       end do
 
    contains
@@ -313,18 +312,17 @@ contains
          allocate (before, source=by_angle(piece%stability(1)%multipliers))
          allocate (behind, source=by_angle(piece%stability(2)%multipliers))
          if (size(before) == 0 .or. size(before) /= size(behind) .or. .not. search%is_smooth) return
-         share = meeting(before, behind, 0, reach_on(self, piece))
-         if (share > 0.0_wp) is_found = may_be_outside(self, piece, share)
-         position = share*self%curve%last%step
+         share = meeting(before, behind, 0, reach_on(search, piece))
+         if (share > 0.0_wp) is_found = may_be_outside(search, piece, share)
+         position = share*search%curve%last%step
       end subroutine find_meeting_at_one
    end subroutine find_pair_of_branches
 
    !> Finds a place where the function of a kind has the other sign than at both ends of a piece. Multipliers in the middle are
    !> only computed where the function is close to zero, and not nearly constant, as that of a torus or branch point is with little
    !> damping.
-   subroutine find_place_between(self, search, kind, piece, at_ends, position, is_found)
-      class(observed_motion_t), intent(inout), target :: self
-      type(search_t), intent(in) :: search
+   subroutine find_place_between(search, kind, piece, at_ends, position, is_found)
+      type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: at_ends(2)
@@ -333,82 +331,80 @@ contains
       real(wp), parameter :: near = 0.3_wp                            ! to a bifurcation; also the least relative change
       type(bifurcation_event_t) :: change
       type(stability_t) :: there
-      real(wp) :: products(2), value, x(size(self%curve%x))
+      real(wp) :: products(2), value, x(size(search%curve%x))
       real(wp), allocatable :: between(:)
 
       is_found = .false.
       position = 0.0_wp
       if (.not. search%is_smooth .or. minval(abs(at_ends)) > near) return
       if (kind /= bifurcation%doubling .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
-      call point_between(self%curve, 0.5_wp*sum(piece%ends)/self%curve%last%step, x, is_found)
-      if (is_found) call self%find_stability(x, self%model%options%stability%tolerance, there)
+      call point_between(search%curve, 0.5_wp*sum(piece%ends)/search%curve%last%step, x, is_found)
+      if (is_found) call search%motion%find_stability(x, search%motion%model%options%stability%tolerance, there)
       is_found = .false.
       if (.not. allocated(there%multipliers)) return
       products = [bifurcation_product(kind, piece%stability(1)%multipliers), bifurcation_product(kind, &
                                                                                                  piece%stability(2)%multipliers)]
       between = parabola_between(products, bifurcation_product(kind, there%multipliers))
       if (.not. may_change_sign(products, between)) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, is_product=.true.)
-      call find_other_sign(self%curve, change, piece%ends, products, between, position, value, is_found)
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind, is_product=.true.)
+      call find_other_sign(search%curve, change, piece%ends, products, between, position, value, is_found)
    end subroutine find_place_between
 
    !> Finds the zero of the function of a kind on a piece.
-   subroutine find_zero_of_kind(self, search, kind, piece, at_ends)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_zero_of_kind(search, kind, piece, at_ends)
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: at_ends(2)
       type(bifurcation_event_t) :: change
       type(stability_t) :: there
-      real(wp) :: position, x(size(self%curve%x))
+      real(wp) :: position, x(size(search%curve%x))
       logical :: is_found
 
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
-      call self%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind)
+      call search%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
       if (.not. is_found) return
       if (kind == bifurcation%torus) then
-         call self%find_stability(x, sharp, there)
+         call search%motion%find_stability(x, sharp, there)
          if (.not. allocated(there%multipliers)) return
          if (.not. is_torus(there%multipliers)) return
       end if
-      call add_bifurcation(self, kind, piece, position, x)
+      call add_bifurcation(search, kind, piece, position, x)
    end subroutine find_zero_of_kind
 
    !> If the bifurcations found do not explain the change in the number of multipliers outside the unit circle on a
    !> piece, as when two cross it in the same way, each change of this number is located instead.
-   subroutine find_by_number(self, search, piece, n_before)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_by_number(search, piece, n_before)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
       type(number_event_t) :: number
       type(stability_t) :: there
-      real(wp) :: begin, position, x(size(self%curve%x))
+      real(wp) :: begin, position, x(size(search%curve%x))
       integer :: i, kind, n_last
       logical :: is_found, is_new
 
       n_last = n_outside(piece%stability(2))
       number%n = n_outside(piece%stability(1))
-      if (is_explained(self%waiting, piece, n_last - number%n)) return
-      self%waiting = self%waiting(:n_before)
-      number%motion => self
+      if (is_explained(search%found, piece, n_last - number%n)) return
+      search%found = search%found(:n_before)
+      number%motion => search%motion
       number%may_jump = .true.
       begin = piece%ends(1)
       do i = 1, max_multipliers
          if (number%n == n_last) return
-         call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
+         call search%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
          if (.not. is_found) return
-         call self%find_stability(x, sharp, there)
+         call search%motion%find_stability(x, sharp, there)
          if (.not. allocated(there%multipliers)) return
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
-            is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
-            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, position, x)
+            is_new = .not. (kind == bifurcation%branch .and. is_branch_known(search))
+            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(search, kind, piece, position, x)
          end associate
-         call evaluate_stability_at(self, min(piece%ends(2), position + rounding*self%curve%last%step), sharp, begin, there)
+         call evaluate_stability_at(search, min(piece%ends(2), position + rounding*search%curve%last%step), sharp, begin, there)
          if (.not. allocated(there%multipliers)) return
          number%n = n_outside(there)
       end do
@@ -442,73 +438,70 @@ contains
    end function kind_at
 
    !> Whether a multiplier 1 on the step is a fold or a branch point that was found without multipliers.
-   pure logical function is_branch_known(self, search)
-      class(observed_motion_t), intent(in) :: self
+   pure logical function is_branch_known(search)
       type(search_t), intent(in) :: search
 
-      is_branch_known = size(search%folds, 2) > 0 .or. search%has_branched .or. finds_all_intersections(self)
+      is_branch_known = size(search%folds, 2) > 0 .or. search%has_branched .or. finds_all_intersections(search)
    end function is_branch_known
 
    !> Adds a bifurcation of the series, if the motion of the time domain has it.
-   subroutine add_bifurcation(self, kind, piece, position, x)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine add_bifurcation(search, kind, piece, position, x)
+      type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: position, x(:)
+      type(waiting_t) :: point
       logical :: is_there
 
-      call add_waiting(self%waiting, kind_of(kind), position, x)
-      call sharpen(self, kind, piece%ends, is_there)
-      if (.not. is_there) then
-         self%waiting = self%waiting(:size(self%waiting) - 1)
-         return
-      end if
-      associate (found => self%waiting(size(self%waiting)))
-         if (abs(found%position - position) > 0.0_wp) return           ! of the integrated motion, which has no error of the set
-         call find_shift(self, kind, piece, found)
-      end associate
+      point = waiting_t(kind_of(kind), position, x)
+      call sharpen(search, kind, piece%ends, point, is_there)
+      if (.not. is_there) return
+      ! that of the integrated motion has no error of the set
+      if (.not. abs(point%position - position) > 0.0_wp) call find_shift(search, kind, piece, point)
+      search%found = [search%found, point]
    end subroutine add_bifurcation
 
    !> Finds by how much the value of a bifurcation moves with a change of the multipliers.
-   subroutine find_shift(self, kind, piece, found)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_shift(search, kind, piece, found)
+      type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
       type(waiting_t), intent(inout) :: found
       type(bifurcation_event_t) :: change
-      real(wp) :: beside, function_there, x(size(self%curve%x))
+      real(wp) :: beside, function_there, x(size(search%curve%x))
       logical :: is_on_curve
 
-      beside = minor*self%curve%last%step
+      beside = minor*search%curve%last%step
       if (found%position + beside > piece%ends(2)) beside = -min(beside, 0.5_wp*(found%position - piece%ends(1)))
-      call self%curve%point_at(found%position + beside, x, is_on_curve)
+      call search%curve%point_at(found%position + beside, x, is_on_curve)
       if (.not. is_on_curve) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
-      function_there = change%value(self%curve, x)
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind)
+      function_there = change%value(search%curve, x)
       if (.not. abs(function_there) > 0.0_wp) return
       found%bifurcation = kind
       found%shift = abs((x(size(x)) - found%x(size(x)))/function_there)
    end subroutine find_shift
 
-   !> Moves the bifurcation found last to that of the integrated periodic motion: near a kink of a law the multipliers
+   !> Moves a bifurcation to that of the integrated periodic motion: near a kink of a law the multipliers
    !> of a truncated motion have a first-order error in the truncation.
-   subroutine sharpen(self, kind, piece, is_there)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine sharpen(search, kind, piece, found, is_there)
+      type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
+      type(waiting_t), intent(inout) :: found
       logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
       type(bifurcation_event_t) :: integrated
-      real(wp) :: ends(2), position, values(2), x(size(self%curve%x))
+      real(wp) :: ends(2), position, values(2), x(size(search%curve%x))
       integer :: i, k
       logical :: is_on_curve
 
-      associate (model => self%model, curve => self%curve, found => self%waiting(size(self%waiting)))
+      associate (model => search%motion%model, curve => search%curve)
          is_there = model%options%stability%method /= stability_method%integration .or. model%system%tones%n_tones > 1 .or. &
-                    allocated(self%at_point%impacts)
+                    allocated(search%at_start%impacts)
          if (.not. is_there) is_there = all([(model%system%laws(i)%law%n_switches + model%system%laws(i)%law%n_states == 0, &
                                               i=1, size(model%system%laws))])
          if (is_there) return
-         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
+         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind, .true.)
          do i = -3, 0                                                ! decades of the step
             ends = min(max(found%position + 10.0_wp**i*curve%last%step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
@@ -527,27 +520,27 @@ contains
       end associate
    end subroutine sharpen
 
-   subroutine evaluate_stability_at(self, there, tolerance, position, stability)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine evaluate_stability_at(search, there, tolerance, position, stability)
+      type(search_t), intent(inout) :: search
       real(wp), intent(in) :: there, tolerance
       real(wp), intent(out) :: position
       type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
-      real(wp) :: x(size(self%curve%x))
+      real(wp) :: x(size(search%curve%x))
       logical :: is_on_curve
 
       position = there
-      call self%curve%point_at(position, x, is_on_curve)
-      if (is_on_curve) call self%find_stability(x, tolerance, stability)
+      call search%curve%point_at(position, x, is_on_curve)
+      if (is_on_curve) call search%motion%find_stability(x, tolerance, stability)
    end subroutine evaluate_stability_at
 
    !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
    !> of a truncated motion that pass 1 slightly beside a fold are then no other event.
-   pure logical function finds_all_intersections(self)
-      class(observed_motion_t), intent(in) :: self
+   pure logical function finds_all_intersections(search)
+      type(search_t), intent(in) :: search
 
-      finds_all_intersections = abs(self%curve%orientation) > 0.0_wp
-      if (allocated(self%at_point%impacts)) return
-      associate (set => self%problem%model%discretisation%harmonics)
+      finds_all_intersections = abs(search%curve%orientation) > 0.0_wp
+      if (allocated(search%at_start%impacts)) return
+      associate (set => search%motion%problem%model%discretisation%harmonics)
          finds_all_intersections = finds_all_intersections .and. set%n_harmonics == set%highest(1) + 1
       end associate
    end function finds_all_intersections

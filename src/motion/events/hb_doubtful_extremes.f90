@@ -33,20 +33,22 @@ contains
    !> slightly wavy and has extrema that the exact one does not have. A maximum is accepted if the curve falls on
    !> either side by more than the estimated errors of both ends of the fall, before it has risen by as much. Of
    !> several maxima on the same peak the first is reported. A minimum is the maximum of the negative function.
-   subroutine remove_doubtful_extremes(self, error)
+   subroutine remove_doubtful_extremes(self, points, error)
       class(observed_motion_t), intent(inout), target :: self
+      type(waiting_t), allocatable, intent(inout) :: points(:)        !! of the step
       type(error_t), allocatable, intent(out) :: error
       type(extreme_t) :: extreme
-      logical :: is_retained(size(self%waiting))
+      logical :: is_retained(size(points))
       integer :: i
 
       is_retained = .true.
-      do i = self%first_waiting, size(self%waiting)
-         associate (point => self%waiting(i), curve => self%curve)
+      do i = 1, size(points)
+         associate (point => points(i), curve => self%curve)
             if (.not. curve_kinds(point%kind)%is_extreme) cycle
             extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
             extreme%sense = curve_kinds(point%kind)%sense
-            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, first_rise(self))*(-1)**n_folds_between(self, i)
+            if (point%kind == curve_kind%fold) &
+               extreme%sense = sign(1.0_wp, first_rise(self%curve, points))*(-1)**n_folds_between(points, i)
             call raise_error(self, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%last%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
@@ -56,33 +58,28 @@ contains
             if (allocated(error)) return
          end associate
       end do
-      call self%update_units()
-      if (.not. all(is_retained)) self%waiting = pack(self%waiting, is_retained)
+      if (.not. all(is_retained)) points = pack(points, is_retained)
    end subroutine remove_doubtful_extremes
 
    !> How the value moves to the first fold of the step: along the direction at its start, which around a kink is that of the
    !> step and not of the curve.
-   pure real(wp) function first_rise(self) result(rise)
-      class(observed_motion_t), intent(in) :: self
-      integer :: i
+   pure real(wp) function first_rise(curve, points) result(rise)
+      type(curve_t), intent(in) :: curve
+      type(waiting_t), intent(in) :: points(:)
 
-      associate (curve => self%curve, n => size(self%curve%x))
+      associate (n => size(curve%x))
          rise = curve%last%direction(n)
-         i = findloc(self%waiting(self%first_waiting:)%kind, curve_kind%fold, dim=1) + self%first_waiting - 1
-         if (curve%is_around_kink) rise = self%waiting(i)%x(n) - curve%last%x(n)
+         if (curve%is_around_kink) rise = points(findloc(points%kind, curve_kind%fold, dim=1))%x(n) - curve%last%x(n)
       end associate
    end function first_rise
 
    !> Number of folds between the start of the step and the beginning of the arc that ends at a fold. Folds that a change
    !> of the set has left behind the start have negative positions.
-   pure integer function n_folds_between(self, i) result(n)
-      class(observed_motion_t), intent(in) :: self
-      integer, intent(in) :: i                                        !! of the waiting points, the fold
+   pure integer function n_folds_between(points, i) result(n)
+      type(waiting_t), intent(in) :: points(:)
+      integer, intent(in) :: i                                        !! the fold
 
-      associate (points => self%waiting(self%first_waiting:))
-         n = abs(count(self%waiting(self%first_waiting:i - 1)%kind == curve_kind%fold) &
-                 - count(points%kind == curve_kind%fold .and. points%position < 0.0_wp))
-      end associate
+      n = abs(count(points(:i - 1)%kind == curve_kind%fold) - count(points%kind == curve_kind%fold .and. points%position < 0.0_wp))
    end function n_folds_between
 
    !> The function at a point of the curve: the moving value, or the square of a response.

@@ -41,164 +41,153 @@ module hb_event_location
 
 contains
 
-   !> Finds folds, peaks, bifurcations, wanted values and ends on the completed step, and lists them in their order.
-   subroutine find_events(self, at_end, has_branched, is_lost)
-      class(observed_motion_t), intent(inout), target :: self
+   !> Finds folds, peaks, bifurcations, wanted values and ends on the step that a motion has completed, in their order.
+   subroutine find_events(motion, at_end, has_branched, found, is_lost)
+      class(observed_motion_t), intent(inout), target :: motion       !! moves to points of the step; the work is counted
       type(event_values_t), intent(in) :: at_end                      !! of the step
       logical, intent(in) :: has_branched                             !! a branch point was passed
+      type(waiting_t), allocatable, intent(out) :: found(:)           !! up to the end of the branch or else of the step
       logical, intent(out) :: is_lost                                 !! an event was not located because the step is too long
       type(search_t) :: search
 
-      search%at_end = at_end
-      search%has_branched = has_branched
-      associate (curve => self%curve)
-         if (self%is_rough) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance    ! of many points
-         call place_of_end(curve, search%length, search%along, search%is_smooth)
-         call find_folds(self, search)
-         if (has_branched) call find_branch(self, search)
-         call find_responses(self, search)
-         call find_grazes(self, search)
-         call find_bifurcations(self, search)
-         call find_values(self, search)
-         self%is_closed = is_back(self)
-         if (self%is_closed) then
-            call add_waiting(self%waiting, curve_kind%end, curve%last%step, self%start_on_set%x)
-            self%waiting(size(self%waiting))%is_crossing = self%has_left_branch()
-         else
-            call find_junction(self)
-         end if
-         call add_waiting(self%waiting, curve_kind%regular, curve%last%step, curve%x)
-         associate (n => size(self%waiting))                          ! gfortran 16.2 loses `self` in an index on the left
-            self%waiting(n)%stability = at_end%stability
-         end associate
-      end associate
-      call sort_by_position(self%waiting)
-      ! the tolerance was different: a stored curve has this one
-      call self%update_units()
+      call search%begin(motion, at_end, has_branched)
+      call find_folds(search)
+      if (has_branched) call find_branch(search)
+      call find_responses(search)
+      call find_grazes(search)
+      call find_bifurcations(search)
+      call find_values(search)
+      call find_return(search)
+      call search%finish(motion, found)
       is_lost = search%is_lost
    end subroutine find_events
 
    !> Finds where the value reverses: at a sharp kink the curve has reversed before its step, so the direction at the
    !> last point is used.
-   subroutine find_folds(self, search)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_folds(search)
       type(search_t), intent(inout) :: search
+      type(waiting_t), allocatable :: points(:)
       real(wp), allocatable :: between(:)
       integer :: i
 
-      allocate (search%folds(2, 0), between(0))
-      if (is_at_origin(self)) return
-      associate (curve => self%curve, n => size(self%curve%x))
-         associate (at_ends => [self%at_point%rise, search%at_end%rise]/curve%units(n))
+      if (is_at_origin(search)) return
+      allocate (between(0))
+      associate (curve => search%curve, n => size(search%curve%x))
+         associate (at_ends => [search%at_start%rise, search%at_end%rise]/curve%units(n))
             if (search%is_smooth) between = quadratic_between(at_ends/[1.0_wp, search%along], &
                                                               (curve%x(n) - curve%last%x(n))/(curve%units(n)*search%length))
-            call find_all(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), at_ends, between)  ! also a corner
+            call find_all(search, fold_event_t(curve_kind%fold, .true., rounding_of(search)), at_ends, between, points) ! or a corner
          end associate
-         do i = 1, size(self%waiting)
-            if (self%waiting(i)%kind /= curve_kind%fold) cycle
-            search%folds = reshape([search%folds, self%waiting(i)%position, self%waiting(i)%x(n)], [2, size(search%folds, 2) + 1])
-         end do
+         search%folds = reshape([(points(i)%position, points(i)%x(n), i=1, size(points))], [2, size(points)])
       end associate
+      search%found = [search%found, points]
    end subroutine find_folds
 
    !> Finds the intersection with another curve of the equations.
-   subroutine find_branch(self, search)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_branch(search)
       type(search_t), intent(inout) :: search
+      type(waiting_t) :: point
       logical :: is_found, is_there
 
-      call find_zero(self, search, branch_event_t(curve_kind%branch, .true.), &   ! only a sign
-                [-1.0_wp, 1.0_wp]*self%curve%orientation, is_found)
-      if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last%step], is_there)
+      associate (whole => [0.0_wp, search%curve%last%step])
+         call find_zero(search, branch_event_t(curve_kind%branch, .true.), &   ! only a sign
+                        [-1.0_wp, 1.0_wp]*search%curve%orientation, whole, point, is_found)
+         if (.not. is_found) return
+         call sharpen(search, bifurcation%branch, whole, point, is_there)
+      end associate
+      search%found = [search%found, point]
    end subroutine find_branch
 
    !> Finds where a response is extremal, including corners, equals a given amplitude, or is in quadrature with its
    !> load.
-   subroutine find_responses(self, search)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_responses(search)
       type(search_t), intent(inout) :: search
+      type(waiting_t), allocatable :: points(:)
       integer :: i
       real(wp) :: unit
       real(wp), allocatable :: between(:)
 
-      do i = 1, size(self%request%responses)
-         associate (response => self%request%responses(i), values => [self%at_point%functions(i), search%at_end%functions(i)])
-            call expect_function(self, search, i, between)
+      do i = 1, size(search%motion%request%responses)
+         associate (response => search%motion%request%responses(i), &
+                    values => [search%at_start%functions(i), search%at_end%functions(i)])
+            call expect_function(search, i, between)
             if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp) &
                        .or. may_change_sign(values, between))) cycle
-            unit = self%unit_of_function(response, self%curve%x)
+            unit = search%motion%unit_of_function(response, search%curve%x)
             if (.not. unit > 0.0_wp) cycle
             ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
-            if (is_at_origin(self) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
-            call find_all(self, search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, &
-                                                         rounding_of(self), self, response, unit), values/unit, between/unit, i)
+            if (is_at_origin(search) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
+            call find_all(search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, rounding_of(search), &
+                                                   search%motion, response, unit), values/unit, between/unit, points, i)
          end associate
+         search%found = [search%found, points]
       end do
    end subroutine find_responses
 
    !> The function of a response on the step as far as both ends show it; none if it cannot be close to zero.
-   subroutine expect_function(self, search, i, between)
-      class(observed_motion_t), intent(inout), target :: self
-      type(search_t), intent(in) :: search
+   subroutine expect_function(search, i, between)
+      type(search_t), intent(inout) :: search
       integer, intent(in) :: i                                        ! number of the response
       real(wp), allocatable, intent(out) :: between(:)
-      real(wp) :: middle(size(self%curve%x)), slopes(2)
+      real(wp) :: middle(size(search%curve%x)), slopes(2)
       logical :: is_there
 
       between = [real(wp) ::]
       if (.not. search%is_smooth) return
-      associate (response => self%request%responses(i), curve => self%curve, &
-                 values => [self%at_point%functions(i), search%at_end%functions(i)])
+      associate (response => search%motion%request%responses(i), curve => search%curve, &
+                 values => [search%at_start%functions(i), search%at_end%functions(i)])
          if (curve_kinds(response%kind)%is_extreme) then
             between = quadratic_between(values/[1.0_wp, search%along], &
-                                        (search%at_end%squares(i) - self%at_point%squares(i))/search%length)
+                                        (search%at_end%squares(i) - search%at_start%squares(i))/search%length)
          else if (.not. minval(abs(values)) < nearby*response%unit_of(search%at_end%squares(i))) then
             return
          else if (response%kind == curve_kind%amplitude) then         ! `slope` is that of its function
-            slopes(1) = self%slope_at(response, curve%last%x, curve%last%direction)
-            slopes(2) = self%slope_at(response, curve%x, curve%direction)/search%along
+            slopes(1) = search%motion%slope_at(response, curve%last%x, curve%last%direction)
+            slopes(2) = search%motion%slope_at(response, curve%x, curve%direction)/search%along
             between = cubic_between(values, slopes, search%length)
          else
             call point_between(curve, 0.5_wp, middle, is_there)
-            if (is_there) between = parabola_between(values, self%function_at(response, middle, curve%direction))
+            if (is_there) between = parabola_between(values, search%motion%function_at(response, middle, curve%direction))
          end if
       end associate
    end subroutine expect_function
 
    !> Finds where a contact begins, or becomes permanent.
-   subroutine find_grazes(self, search)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_grazes(search)
       type(search_t), intent(inout) :: search
-      integer :: i, k, m, n
+      type(grazing_event_t) :: graze
+      type(waiting_t) :: point
+      type(waiting_t), allocatable :: points(:)
+      integer :: i, k, n
       logical :: is_found
       real(wp) :: unit
       real(wp), allocatable :: between(:), middle(:, :)
-      type(grazing_event_t) :: graze
 
-      if (allocated(self%at_point%impacts)) then
-         if (any(self%at_point%impacts /= search%at_end%impacts)) &
-            call find_zero(self, search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, self, self%at_point%impacts), &
-                      [1.0_wp, -1.0_wp], is_found)
+      if (allocated(search%at_start%impacts)) then
+         if (all(search%at_start%impacts == search%at_end%impacts)) return
+         call find_zero(search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, search%motion, search%at_start%impacts), &
+                        [1.0_wp, -1.0_wp], [0.0_wp, search%curve%last%step], point, is_found)
+         if (is_found) search%found = [search%found, point]
          return
       end if
-      if (size(self%at_point%extremes, 2) /= size(search%at_end%extremes, 2)) return
+      if (size(search%at_start%extremes, 2) /= size(search%at_end%extremes, 2)) return
       call find_middle()
       do k = 1, size(search%at_end%extremes, 2)
-         associate (before => self%at_point%extremes(:, k), behind => search%at_end%extremes(:, k))
+         associate (before => search%at_start%extremes(:, k), behind => search%at_end%extremes(:, k))
             unit = max(maxval(abs(behind)), tiny(1.0_wp))
             do i = 1, 2
                if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
                between = [real(wp) ::]
                if (size(middle, 2) > 0) between = parabola_between([before(i), behind(i)], middle(i, k))/unit
-               n = size(self%waiting)
-               graze = grazing_event_t(curve_kind%grazing, .false., rounding_of(self), self%problem, i, k, unit)
-               call find_all(self, search, graze, [before(i), behind(i)]/unit, between)
-               self%waiting(n + 1:)%extreme = i
-               self%waiting(n + 1:)%switch = k
-               if (i == 2 .and. size(self%waiting) > n) &
-                  self%waiting = pack(self%waiting, [(.not. is_repeated(self%waiting(m)), m=1, size(self%waiting))])
-               do n = n + 1, size(self%waiting)
-                  call find_shift_of_graze(self, graze, self%waiting(n))
+               graze = grazing_event_t(curve_kind%grazing, .false., rounding_of(search), search%motion%problem, i, k, unit)
+               call find_all(search, graze, [before(i), behind(i)]/unit, between, points)
+               do n = 1, size(points)
+                  point = points(n)
+                  point%extreme = i
+                  point%switch = k
+                  if (is_repeated(point)) cycle
+                  call find_shift_of_graze(search, graze, point)
+                  search%found = [search%found, point]
                end do
             end do
          end associate
@@ -208,18 +197,18 @@ contains
 
       !> The extremes in the middle of the step, if one may be zero on it.
       subroutine find_middle()
-         real(wp) :: change, x(size(self%curve%x))
+         real(wp) :: change, x(size(search%curve%x))
          logical :: is_there
 
          allocate (middle(2, 0))
-         if (.not. search%is_smooth .or. is_at_origin(self)) return
-         associate (before => self%at_point%extremes, behind => search%at_end%extremes, n => self%problem%n_unknowns, &
-                    curve => self%curve)
+         if (.not. search%is_smooth .or. is_at_origin(search)) return
+         associate (before => search%at_start%extremes, behind => search%at_end%extremes, n => search%motion%problem%n_unknowns, &
+                    curve => search%curve)
             change = norm2((curve%x(:n) - curve%last%x(:n))/curve%units(:n))
             if (.not. any(before*behind > 0.0_wp .and. min(abs(before), abs(behind)) < &
                           change*spread(behind(2, :) - behind(1, :), 1, 2))) return
             call point_between(curve, 0.5_wp, x, is_there)
-            if (is_there) call find_extremes(self%problem, x, middle)
+            if (is_there) call find_extremes(search%motion%problem, x, middle)
             if (size(middle, 2) /= size(behind, 2)) middle = middle(:, :0)
          end associate
       end subroutine find_middle
@@ -230,55 +219,62 @@ contains
          type(waiting_t), intent(in) :: point
 
          is_repeated = point%switch == k .and. point%extreme == 2 .and. &
-                       any(self%waiting%switch == k .and. self%waiting%extreme == 1 .and. &
-                           abs(self%waiting%position - point%position) <= max(rounding, agreement*self%curve%last%step))
+                       any(search%found%switch == k .and. search%found%extreme == 1 .and. &
+                           abs(search%found%position - point%position) <= max(rounding, agreement*search%curve%last%step))
       end function is_repeated
    end subroutine find_grazes
 
    !> Finds by how much the value of a graze moves with a change of the extreme that is zero there: on either side, for
    !> the curve may have a corner there.
-   subroutine find_shift_of_graze(self, graze, found)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_shift_of_graze(search, graze, found)
+      type(search_t), intent(inout) :: search
       type(grazing_event_t), intent(inout) :: graze
       type(waiting_t), intent(inout) :: found
-      real(wp) :: beside, change, x(size(self%curve%x))
+      real(wp) :: beside, change, x(size(search%curve%x))
       integer :: side
       logical :: is_on_curve
 
       do side = -1, 1, 2
-         beside = side*minor*self%curve%last%step
+         beside = side*minor*search%curve%last%step
          if (side < 0) beside = max(beside, -0.5_wp*found%position)
-         if (side > 0) beside = min(beside, 0.5_wp*(self%curve%last%step - found%position))
-         if (abs(beside) < faint*self%curve%last%step) cycle          ! differences would show rounding errors
-         call self%curve%point_at(found%position + beside, x, is_on_curve)
+         if (side > 0) beside = min(beside, 0.5_wp*(search%curve%last%step - found%position))
+         if (abs(beside) < faint*search%curve%last%step) cycle          ! differences would show rounding errors
+         call search%curve%point_at(found%position + beside, x, is_on_curve)
          if (.not. is_on_curve) cycle
-         change = graze%unit*graze%value(self%curve, x)
+         change = graze%unit*graze%value(search%curve, x)
          if (abs(change) > 0.0_wp) found%shift = max(found%shift, abs((x(size(x)) - found%x(size(x)))/change))
       end do
    end subroutine find_shift_of_graze
 
-   !> Finds where the branch ends because it returns to the curve that it has left: at another intersection by symmetry,
-   !> or where its period halves again. Beyond it the same motions follow, as their mirror images or shifted by a period.
-   subroutine find_junction(self)
-      class(observed_motion_t), intent(inout), target :: self
-      real(wp) :: position, x(size(self%curve%x))
+   !> Finds where the branch ends because it returns to its start or to the curve that it has left: at another intersection by
+   !> symmetry, or where its period halves again. Beyond it the same motions follow, as their mirror images or shifted by a period.
+   subroutine find_return(search)
+      type(search_t), intent(inout) :: search
+      type(waiting_t) :: point
+      real(wp) :: position, x(size(search%curve%x))
       integer :: i
-      logical :: is_there
+      logical :: is_back, is_there
 
-      if (self%curve%last%length <= 0.0_wp) return
-      if (self%branch == 0 .and. allocated(self%request%origin)) then
-         if (self%request%origin%is_torus) return
-         call find_halving(self, x, position, is_there)
-      else if (self%has_left_branch()) then
-         call find_intersection(self, x, position, is_there)
+      if (search%curve%last%length <= 0.0_wp) return
+      is_back = is_at_start(search)
+      if (is_back) then
+         position = search%curve%last%step
+         x = search%motion%start_on_set%x
+         is_there = .true.
+      else if (search%motion%branch == 0 .and. allocated(search%motion%request%origin)) then
+         if (search%motion%request%origin%is_torus) return
+         call find_halving(search, x, position, is_there)
+      else if (search%motion%has_left_branch()) then
+         call find_intersection(search, x, position, is_there)
       else
          return
       end if
       if (.not. is_there) return
-      self%is_closed = .true.
-      self%waiting = pack(self%waiting, [(.not. belongs_to_junction(self%waiting(i)), i=1, size(self%waiting))])
-      call add_waiting(self%waiting, curve_kind%end, position, x)
-      self%waiting(size(self%waiting))%is_crossing = .true.
+      if (.not. is_back) &
+         search%found = pack(search%found, [(.not. belongs_to_junction(search%found(i)), i=1, size(search%found))])
+      point = waiting_t(curve_kind%end, position, x, is_return=.true.)
+      point%is_crossing = .not. is_back .or. search%motion%has_left_branch()
+      search%found = [search%found, point]
 
    contains
 
@@ -288,48 +284,49 @@ contains
 
          belongs_to_junction = (curve_kinds(point%kind)%is_extreme .or. &
                                 any(point%kind == [curve_kind%branch, curve_kind%symmetry_breaking])) .and. &
-                               abs(point%position - position) <= minor*self%curve%last%step
+                               abs(point%position - position) <= minor*search%curve%last%step
       end function belongs_to_junction
-   end subroutine find_junction
+   end subroutine find_return
 
    !> Finds where the doubled period halves again: the value has an extremum there, and the part of the motion that repeats
    !> after two periods alone passes through zero, or has become zero within the shortest step.
-   subroutine find_halving(self, x, position, is_there)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_halving(search, x, position, is_there)
+      type(search_t), intent(inout) :: search
       real(wp), intent(out) :: x(:), position
       logical, intent(out) :: is_there
       real(wp) :: share
       integer :: i
 
-      share = retained_doubling(self)
+      share = retained_doubling(search%motion, search%curve)
       is_there = share <= faint
       if (.not. is_there) return
-      i = findloc(self%waiting%kind, curve_kind%fold, dim=1)
+      i = findloc(search%found%kind, curve_kind%fold, dim=1)
       is_there = i > 0 .or. share >= -faint
-      x = self%curve%x
-      position = self%curve%last%step
+      x = search%curve%x
+      position = search%curve%last%step
       if (i == 0) return
-      x = self%waiting(i)%x
-      position = self%waiting(i)%position
+      x = search%found(i)%x
+      position = search%found(i)%position
    end subroutine find_halving
 
    !> Share of the part of a motion of doubled period that repeats after two periods alone, of its size at the start of the
    !> step, that is left at the end of the step; 1 for other motions.
-   real(wp) function retained_doubling(self) result(share)
-      class(observed_motion_t), intent(in) :: self
+   real(wp) function retained_doubling(motion, curve) result(share)
+      class(observed_motion_t), intent(in) :: motion
+      type(curve_t), intent(in) :: curve                              !! at the end of the step
       real(wp) :: before, behind
       integer :: d, h
 
       share = 1.0_wp
-      if (self%branch /= 0 .or. .not. allocated(self%request%origin)) return
-      if (self%request%origin%is_torus) return
+      if (motion%branch /= 0 .or. .not. allocated(motion%request%origin)) return
+      if (motion%request%origin%is_torus) return
       before = 0.0_wp
       behind = 0.0_wp
-      associate (set => self%problem%model%discretisation%harmonics, last_x => self%curve%last%x, x => self%curve%x, &
-                 weights => self%weights)
+      associate (set => motion%problem%model%discretisation%harmonics, last_x => curve%last%x, x => curve%x, &
+                 weights => motion%weights)
          do h = 1, set%n_harmonics
             if (all(modulo(set%tuples(:, h), 2) == 0)) cycle
-            do d = 0, self%problem%n_dofs - 1
+            do d = 0, motion%problem%n_dofs - 1
                associate (parts => d*set%n_coefficients + [set%cos_at(h), set%sin_at(h)])
                   before = before + sum((last_x(parts)/weights(parts))**2)
                   behind = behind + sum(last_x(parts)*x(parts)/weights(parts)**2)
@@ -341,42 +338,43 @@ contains
    end function retained_doubling
 
    !> Finds another origin of branches on the step, at which the value has an extremum.
-   subroutine find_intersection(self, x, position, is_there)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_intersection(search, x, position, is_there)
+      type(search_t), intent(inout) :: search
       real(wp), intent(out) :: x(:), position
       logical, intent(out) :: is_there
       integer :: i, k
 
       is_there = .false.
-      associate (curve => self%curve, units => self%curve%units)
-         do k = 1, size(self%origins)
-            if (k == self%branch .or. self%origins(k)%is_apart) cycle
-            x = transferred(self%origins(k)%level%set, self%level%set, self%origins(k)%x, size(self%problem%which))
+      associate (curve => search%curve, units => search%curve%units)
+         do k = 1, size(search%motion%origins)
+            if (k == search%motion%branch .or. search%motion%origins(k)%is_apart) cycle
+            associate (motion => search%motion, origin => search%motion%origins(k))
+               x = transferred(origin%level%set, motion%level%set, origin%x, size(motion%problem%which))
+            end associate
             associate (gap => (x - curve%last%x)/units, direction => curve%last%direction/units)
                position = dot_product(gap, direction)/norm2(direction)
                if (position <= 0.0_wp .or. position > curve%last%step) cycle
                if (norm2(gap - position*direction/norm2(direction)) > minor*curve%last%step) cycle
             end associate
-            is_there = any([(self%waiting(i)%kind == curve_kind%fold .and. &
-                             abs(self%waiting(i)%position - position) <= minor*curve%last%step, i=1, size(self%waiting))])
+            is_there = any([(search%found(i)%kind == curve_kind%fold .and. &
+                             abs(search%found(i)%position - position) <= minor*curve%last%step, i=1, size(search%found))])
             if (is_there) return
          end do
       end associate
    end subroutine find_intersection
 
    !> Finds wanted values and ends of the range; folds divide the step.
-   subroutine find_values(self, search)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_values(search)
       type(search_t), intent(inout) :: search
       type(value_event_t) :: event
       real(wp), allocatable :: wanted(:)
       real(wp), allocatable :: positions(:), values(:)
-      real(wp) :: position, x(size(self%curve%x))
+      real(wp) :: position, x(size(search%curve%x))
       integer :: i, k, n
       logical :: is_found, is_there
 
       n = size(x)
-      associate (curve => self%curve, request => self%request)
+      associate (curve => search%curve, request => search%motion%request)
          allocate (positions, source=[0.0_wp, search%folds(1, :), curve%last%step])
          allocate (values, source=[curve%last%x(n), search%folds(2, :), curve%x(n)])
          allocate (wanted, source=[request%from, request%to, request%values])
@@ -392,8 +390,8 @@ contains
                if (.not. is_found) search%is_lost = search%is_lost .or. i <= 2     ! nothing lies beyond the ends
                if (.not. is_found) cycle
                x(n) = wanted(i)
-               call self%correct_at_value(x, is_there)
-               call add_waiting(self%waiting, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
+               call curve%correct_at_value(x, is_there)
+               call add_waiting(search%found, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
             end do
          end do
       end associate
@@ -408,29 +406,29 @@ contains
    end function same_change
 
    !> Whether the curve has returned to its start, after steps that led away from it. Its phases may differ.
-   logical function is_back(self)
-      class(observed_motion_t), intent(in) :: self
-      real(wp) :: along, phases(self%model%system%tones%n_tones)
-      real(wp), dimension(size(self%start_on_set%x)) :: direction_there, there
+   logical function is_at_start(search)
+      type(search_t), intent(in) :: search
+      real(wp) :: along, phases(search%motion%model%system%tones%n_tones)
+      real(wp), dimension(size(search%motion%start_on_set%x)) :: direction_there, there
 
-      is_back = .false.
-      associate (curve => self%curve, units => self%curve%units)
+      is_at_start = .false.
+      associate (curve => search%curve, units => search%curve%units)
          if (curve%last%length < 3.0_wp*curve%last%step) return
-         there = self%start_on_set%x
-         direction_there = self%start_on_set%direction
-         if (has_images(self)) then
-            phases = nearest_phases(self, curve%last%x, there)
-            there = image_of(self, there, phases)
-            direction_there = image_of(self, direction_there, phases)
+         there = search%motion%start_on_set%x
+         direction_there = search%motion%start_on_set%direction
+         if (has_images(search%motion)) then
+            phases = nearest_phases(search%motion, curve%last%x, there)
+            there = image_of(search%motion, there, phases)
+            direction_there = image_of(search%motion, direction_there, phases)
          end if
          associate (gap => (there - curve%last%x)/units, direction => curve%last%direction/units)
             along = dot_product(gap, direction)/norm2(direction)
             if (along <= 0.0_wp .or. along > curve%last%step) return
             if (norm2(gap - along*direction/norm2(direction)) > minor*curve%last%step) return
-            is_back = dot_product(direction_there/units, direction) > 0.0_wp
+            is_at_start = dot_product(direction_there/units, direction) > 0.0_wp
          end associate
       end associate
-   end function is_back
+   end function is_at_start
 
    real(wp) function response_event_value(self, curve, x) result(value)
       class(response_event_t), intent(inout) :: self

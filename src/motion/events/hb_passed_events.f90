@@ -82,26 +82,24 @@ contains
       end select
    end function set_differences_include
 
-   !> Adds the events behind the start of the last step to the waiting points, at negative positions.
-   subroutine find_passed_events(self, before, here)
+   !> Adds the events behind the start of the last step to its points, at negative positions.
+   subroutine find_passed_events(self, before, here, points)
       class(observed_motion_t), intent(inout), target :: self
       type(curve_state_t), intent(in) :: before                       !! at the start of the step, on the previous set
       type(curve_state_t), intent(in) :: here                         !! likewise, on the present set
+      type(waiting_t), allocatable, intent(inout) :: points(:)
       type(curve_t) :: after
       type(event_values_t) :: at_after
       type(set_differences_t) :: differences, remaining
-      type(waiting_t), allocatable :: passed(:), waiting(:)
+      type(waiting_t), allocatable :: passed(:)
       real(wp) :: position
-      integer :: first_waiting, i
-      logical :: is_closed, is_on_curve
+      integer :: i
+      logical :: is_on_curve
 
       call find_differences(before, here, differences)
       if (.not. differences%any()) return
       after = self%curve
       at_after = self%at_point
-      call move_alloc(self%waiting, waiting)
-      first_waiting = self%first_waiting
-      is_closed = self%is_closed
       call self%restore(here%path)
       self%at_point = here%at_point
       call self%prepare_step()
@@ -116,9 +114,7 @@ contains
       after%report = self%curve%report
       self%curve = after
       self%at_point = at_after
-      self%is_closed = is_closed
-      self%first_waiting = 1
-      self%waiting = [passed, waiting(first_waiting:)]
+      points = [passed, points]
       call self%update_units()
    end subroutine find_passed_events
 
@@ -151,11 +147,10 @@ contains
          curve%last = start%path
          curve%last%step = dot_product((ending%path%x - start%path%x)/curve%units, start%path%direction/curve%units)
          curve%path_t = ending%path
-         self%waiting = [waiting_t ::]
-         call find_events(self, ending%at_point, has_branched, is_lost)
+         call find_events(self, ending%at_point, has_branched, found, is_lost)
          position = position + curve%last%step
       end associate
-      found = pack(self%waiting, [(differences%include(self%waiting(i)), i=1, size(self%waiting))])
+      found = pack(found, [(differences%include(found(i)), i=1, size(found))])
       do i = 1, size(found)
          found(i)%position = found(i)%position - position
       end do
