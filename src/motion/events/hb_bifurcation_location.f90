@@ -7,7 +7,7 @@ module hb_bifurcation_location
    use hb_curve_events, only: branch_event_t
    use hb_curve_points, only: waiting_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
-   use hb_event_search, only: find_zero, search_t, sort_by_position
+   use hb_event_search, only: find_pair, find_zeros, search_t, sort_by_position, whole_step
    use hb_kinds, only: wp
    use hb_multiplier_meetings, only: by_angle, meeting
    use hb_observed_motion, only: observed_motion_t
@@ -16,7 +16,7 @@ module hb_bifurcation_location
    use hb_thresholds, only: agreement, clearly, minor, rounding, sharp
    implicit none
    private
-   public :: bifurcation_event_t, find_bifurcations, n_outside, sharpen
+   public :: add_branches, bifurcation_event_t, find_bifurcations, n_outside
 
    ! of each kind of bifurcation
    integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]
@@ -61,7 +61,7 @@ contains
       call sort_by_position(search%found)
       grazes = pack(search%found%position, search%found%kind == curve_kind%grazing)
       do i = 0, size(grazes)
-         piece%ends = [0.0_wp, search%curve%last%step]
+         piece%ends = whole_step(search)
          piece%stability = [search%at_start%stability, search%at_end%stability]
          associate (tolerance => search%motion%model%options%stability%tolerance, length => search%curve%last%step)
             if (i > 0) &
@@ -224,81 +224,56 @@ contains
       there%noise = better%noise
    end subroutine make_certain
 
-   !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.
+   !> Finds the zeros of the function of each kind: one, or two if it has the same sign at both ends.
    subroutine find_by_kind(search, piece)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
-      real(wp) :: at_ends(2)
+      type(bifurcation_event_t) :: change
+      type(waiting_t), allocatable :: points(:)
+      real(wp) :: at_ends(2), middle
       integer :: kind
+      logical :: is_found
 
       do kind = bifurcation%branch, bifurcation%torus
          if (kind == bifurcation%branch .and. is_branch_known(search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (minval(abs(at_ends)) <= rounding) cycle
+         change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind)
          if (at_ends(1)*at_ends(2) < 0.0_wp) then
-            call find_zero_of_kind(search, kind, piece, at_ends)
+            call find_zeros(search, change, piece%ends, at_ends, [real(wp) ::], points)
          else
-            call find_pair_of_kind(search, kind, piece, at_ends)
+            call find_place_between(search, kind, piece, at_ends, middle, is_found)
+            if (.not. is_found) cycle
+            call find_pair(search, change, piece%ends, at_ends, middle, points)
          end if
+         call add_bifurcations(search, kind, piece%ends, points)
       end do
    end subroutine find_by_kind
-
-   !> Finds the two zeros of the function of a kind on a piece with the same sign at its ends.
-   subroutine find_pair_of_kind(search, kind, piece, at_ends)
-      type(search_t), intent(inout) :: search
-      integer, intent(in) :: kind
-      type(piece_t), intent(in) :: piece
-      real(wp), intent(in) :: at_ends(2)
-      type(piece_t) :: half
-      real(wp) :: position, value
-      logical :: is_found
-
-      call find_place_between(search, kind, piece, at_ends, position, is_found)
-      if (.not. is_found) return
-      half = piece
-      call evaluate_stability_at(search, position, sharp, half%ends(2), half%stability(2))
-      if (.not. allocated(half%stability(2)%multipliers)) return
-      value = bifurcation_value(kind, half%stability(2)%multipliers)
-      if (.not. at_ends(1)*value < 0.0_wp) return
-      call find_zero_of_kind(search, kind, half, [at_ends(1), value])
-      half%ends = [half%ends(2), piece%ends(2)]
-      half%stability = [half%stability(2), piece%stability(2)]
-      call find_zero_of_kind(search, kind, half, [value, at_ends(2)])
-   end subroutine find_pair_of_kind
 
    !> Finds two branch points on a step whose determinant has the same sign at both ends: it has the other sign where a
    !> multiplier is beyond 1. One that passes 1 twice is closest to 1 at both ends.
    subroutine find_pair_of_branches(search, piece)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
-      type(branch_event_t) :: branch
-      type(waiting_t) :: point
-      real(wp) :: at_ends(2), ends(2, 2), position, value, x(size(search%curve%x))
+      type(waiting_t), allocatable :: points(:)
+      real(wp) :: at_ends(2), middle
       integer :: i
-      logical :: is_found, is_there
+      logical :: is_found
 
       if (size(search%folds, 2) > 0 .or. search%has_branched) return
       at_ends = [(bifurcation_value(bifurcation%branch, piece%stability(i)%multipliers), i=1, 2)]
       if (minval(abs(at_ends)) <= rounding .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
       if (piece%ends(2) - piece%ends(1) < search%curve%last%step) return
       if (is_branch(piece%stability(1)%multipliers) .and. is_branch(piece%stability(2)%multipliers)) then
-         call find_place_between(search, bifurcation%branch, piece, at_ends, position, is_found)
+         call find_place_between(search, bifurcation%branch, piece, at_ends, middle, is_found)
       else
          call find_meeting_at_one()
       end if
-      if (is_found) call search%curve%point_at(position, x, is_found)
       if (.not. is_found) return
-      branch = branch_event_t(curve_kind%branch, .true.)              ! only a sign
-      value = branch%value(search%curve, x)
-      if (.not. value*search%curve%orientation < 0.0_wp) return
-      ends = reshape([0.0_wp, position, position, search%curve%last%step], [2, 2])
-      do i = 1, 2
-         call find_zero(search, branch, [3 - 2*i, 2*i - 3]*search%curve%orientation, ends(:, i), point, is_found)
-         if (.not. is_found) cycle
-         call sharpen(search, bifurcation%branch, ends(:, i), point, is_there)
-         search%found = [search%found, point]
-      end do
+      call find_pair(search, branch_event_t(curve_kind%branch, .true.), whole_step(search), &   ! only a sign
+                     spread(search%curve%orientation, 1, 2), middle, points)
+      call add_branches(search, points)
 
    contains
 
@@ -314,7 +289,7 @@ contains
          if (size(before) == 0 .or. size(before) /= size(behind) .or. .not. search%is_smooth) return
          share = meeting(before, behind, 0, reach_on(search, piece))
          if (share > 0.0_wp) is_found = may_be_outside(search, piece, share)
-         position = share*search%curve%last%step
+         middle = share*search%curve%last%step
       end subroutine find_meeting_at_one
    end subroutine find_pair_of_branches
 
@@ -350,29 +325,6 @@ contains
       call find_other_sign(search%curve, change, piece%ends, products, between, position, value, is_found)
    end subroutine find_place_between
 
-   !> Finds the zero of the function of a kind on a piece.
-   subroutine find_zero_of_kind(search, kind, piece, at_ends)
-      type(search_t), intent(inout) :: search
-      integer, intent(in) :: kind
-      type(piece_t), intent(in) :: piece
-      real(wp), intent(in) :: at_ends(2)
-      type(bifurcation_event_t) :: change
-      type(stability_t) :: there
-      real(wp) :: position, x(size(search%curve%x))
-      logical :: is_found
-
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind)
-      call search%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
-      search%is_lost = search%is_lost .or. .not. is_found
-      if (.not. is_found) return
-      if (kind == bifurcation%torus) then
-         call search%motion%find_stability(x, sharp, there)
-         if (.not. allocated(there%multipliers)) return
-         if (.not. is_torus(there%multipliers)) return
-      end if
-      call add_bifurcation(search, kind, piece, position, x)
-   end subroutine find_zero_of_kind
-
    !> If the bifurcations found do not explain the change in the number of multipliers outside the unit circle on a
    !> piece, as when two cross it in the same way, each change of this number is located instead.
    subroutine find_by_number(search, piece, n_before)
@@ -381,9 +333,10 @@ contains
       integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
       type(number_event_t) :: number
       type(stability_t) :: there
-      real(wp) :: begin, position, x(size(search%curve%x))
+      type(waiting_t), allocatable :: points(:)
+      real(wp) :: begin
       integer :: i, kind, n_last
-      logical :: is_found, is_new
+      logical :: is_new
 
       n_last = n_outside(piece%stability(2))
       number%n = n_outside(piece%stability(1))
@@ -394,17 +347,18 @@ contains
       begin = piece%ends(1)
       do i = 1, max_multipliers
          if (number%n == n_last) return
-         call search%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
-         search%is_lost = search%is_lost .or. .not. is_found
-         if (.not. is_found) return
-         call search%motion%find_stability(x, sharp, there)
+         call find_zeros(search, number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], [real(wp) ::], points)
+         if (size(points) == 0) return
+         call search%motion%find_stability(points(1)%x, sharp, there)
          if (.not. allocated(there%multipliers)) return
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(search))
-            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(search, kind, piece, position, x)
+            points%kind = kind_of(kind)
+            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcations(search, kind, piece%ends, points)
          end associate
-         call evaluate_stability_at(search, min(piece%ends(2), position + rounding*search%curve%last%step), sharp, begin, there)
+         call evaluate_stability_at(search, min(piece%ends(2), points(1)%position + rounding*search%curve%last%step), sharp, &
+                                    begin, there)
          if (.not. allocated(there%multipliers)) return
          number%n = n_outside(there)
       end do
@@ -444,35 +398,72 @@ contains
       is_branch_known = size(search%folds, 2) > 0 .or. search%has_branched .or. finds_all_intersections(search)
    end function is_branch_known
 
-   !> Adds a bifurcation of the series, if the motion of the time domain has it.
-   subroutine add_bifurcation(search, kind, piece, position, x)
+   !> Adds bifurcations of the series, those that the motion of the time domain has as well. A pair of reciprocal real
+   !> multipliers is no torus bifurcation.
+   subroutine add_bifurcations(search, kind, piece, points)
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
-      type(piece_t), intent(in) :: piece
-      real(wp), intent(in) :: position, x(:)
+      real(wp), intent(in) :: piece(2)                                !! positions on the step
+      type(waiting_t), intent(in) :: points(:)                        !! on the piece, in their order
+      type(stability_t) :: there
       type(waiting_t) :: point
+      real(wp) :: ends(2)
+      integer :: i
       logical :: is_there
 
-      point = waiting_t(kind_of(kind), position, x)
-      call sharpen(search, kind, piece%ends, point, is_there)
-      if (.not. is_there) return
-      ! that of the integrated motion has no error of the set
-      if (.not. abs(point%position - position) > 0.0_wp) call find_shift(search, kind, piece, point)
-      search%found = [search%found, point]
-   end subroutine add_bifurcation
+      do i = 1, size(points)
+         point = points(i)
+         if (kind == bifurcation%torus) then
+            call search%motion%find_stability(point%x, sharp, there)
+            if (.not. allocated(there%multipliers)) cycle
+            if (.not. is_torus(there%multipliers)) cycle
+         end if
+         ends = around(points, i, piece)
+         call sharpen(search, kind, ends, point, is_there)
+         if (.not. is_there) cycle
+         ! that of the integrated motion has no error of the set
+         if (.not. abs(point%position - points(i)%position) > 0.0_wp) call find_shift(search, kind, ends, point)
+         search%found = [search%found, point]
+      end do
+   end subroutine add_bifurcations
+
+   !> Adds branch points of the step, each as that of the integrated motion if this has it.
+   subroutine add_branches(search, points)
+      type(search_t), intent(inout) :: search
+      type(waiting_t), intent(inout) :: points(:)                     !! in their order
+      integer :: i
+      logical :: is_there
+
+      do i = 1, size(points)
+         call sharpen(search, bifurcation%branch, around(points, i, whole_step(search)), points(i), is_there)
+      end do
+      search%found = [search%found, points]
+   end subroutine add_branches
+
+   !> The part of a piece between the neighbours of a point on it.
+   pure function around(points, i, piece) result(ends)
+      type(waiting_t), intent(in) :: points(:)                        !! in their order
+      integer, intent(in) :: i
+      real(wp), intent(in) :: piece(2)
+      real(wp) :: ends(2)
+
+      ends = piece
+      if (i > 1) ends(1) = points(i - 1)%position
+      if (i < size(points)) ends(2) = points(i + 1)%position
+   end function around
 
    !> Finds by how much the value of a bifurcation moves with a change of the multipliers.
    subroutine find_shift(search, kind, piece, found)
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
-      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: piece(2)
       type(waiting_t), intent(inout) :: found
       type(bifurcation_event_t) :: change
       real(wp) :: beside, function_there, x(size(search%curve%x))
       logical :: is_on_curve
 
       beside = minor*search%curve%last%step
-      if (found%position + beside > piece%ends(2)) beside = -min(beside, 0.5_wp*(found%position - piece%ends(1)))
+      if (found%position + beside > piece(2)) beside = -min(beside, 0.5_wp*(found%position - piece(1)))
       call search%curve%point_at(found%position + beside, x, is_on_curve)
       if (.not. is_on_curve) return
       change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind)

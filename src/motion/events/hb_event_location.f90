@@ -2,14 +2,13 @@
 !> ends.
 module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_bifurcation, only: bifurcation
-   use hb_bifurcation_location, only: find_bifurcations, sharpen
+   use hb_bifurcation_location, only: add_branches, find_bifurcations
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t, event_values_t, find_extremes, fold_event_t, grazing_event_t, value_event_t
    use hb_curve_points, only: add_waiting, waiting_t
    use hb_curve_return, only: has_images, image_of, nearest_phases
-   use hb_event_pairs, only: cubic_between, may_change_sign, parabola_between, place_of_end, point_between, quadratic_between
-   use hb_event_search, only: find_all, find_zero, is_at_origin, rounding_of, search_t, sort_by_position
+   use hb_event_pairs, only: cubic_between, may_change_sign, parabola_between, point_between, quadratic_between
+   use hb_event_search, only: find_zeros, is_at_origin, rounding_of, search_t, whole_step
    use hb_kinds, only: wp
    use hb_level, only: transferred
    use hb_located_response, only: located_response_t
@@ -76,7 +75,8 @@ contains
          associate (at_ends => [search%at_start%rise, search%at_end%rise]/curve%units(n))
             if (search%is_smooth) between = quadratic_between(at_ends/[1.0_wp, search%along], &
                                                               (curve%x(n) - curve%last%x(n))/(curve%units(n)*search%length))
-            call find_all(search, fold_event_t(curve_kind%fold, .true., rounding_of(search)), at_ends, between, points) ! or a corner
+            call find_zeros(search, fold_event_t(curve_kind%fold, .true., rounding_of(search)), whole_step(search), at_ends, & ! or
+                            between, points)                          ! a corner
          end associate
          search%folds = reshape([(points(i)%position, points(i)%x(n), i=1, size(points))], [2, size(points)])
       end associate
@@ -86,16 +86,11 @@ contains
    !> Finds the intersection with another curve of the equations.
    subroutine find_branch(search)
       type(search_t), intent(inout) :: search
-      type(waiting_t) :: point
-      logical :: is_found, is_there
+      type(waiting_t), allocatable :: points(:)
 
-      associate (whole => [0.0_wp, search%curve%last%step])
-         call find_zero(search, branch_event_t(curve_kind%branch, .true.), &   ! only a sign
-                        [-1.0_wp, 1.0_wp]*search%curve%orientation, whole, point, is_found)
-         if (.not. is_found) return
-         call sharpen(search, bifurcation%branch, whole, point, is_there)
-      end associate
-      search%found = [search%found, point]
+      call find_zeros(search, branch_event_t(curve_kind%branch, .true.), whole_step(search), &   ! only a sign
+                      [-1.0_wp, 1.0_wp]*search%curve%orientation, [real(wp) ::], points)
+      call add_branches(search, points)
    end subroutine find_branch
 
    !> Finds where a response is extremal, including corners, equals a given amplitude, or is in quadrature with its
@@ -117,9 +112,11 @@ contains
             if (.not. unit > 0.0_wp) cycle
             ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
             if (is_at_origin(search) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
-            call find_all(search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, rounding_of(search), &
-                                                   search%motion, response, unit), values/unit, between/unit, points, i)
+            call find_zeros(search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, rounding_of(search), &
+                                                     search%motion, response, unit), whole_step(search), values/unit, &
+                            between/unit, points)
          end associate
+         points%response = i
          search%found = [search%found, points]
       end do
    end subroutine find_responses
@@ -159,15 +156,14 @@ contains
       type(waiting_t) :: point
       type(waiting_t), allocatable :: points(:)
       integer :: i, k, n
-      logical :: is_found
       real(wp) :: unit
       real(wp), allocatable :: between(:), middle(:, :)
 
       if (allocated(search%at_start%impacts)) then
          if (all(search%at_start%impacts == search%at_end%impacts)) return
-         call find_zero(search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, search%motion, search%at_start%impacts), &
-                        [1.0_wp, -1.0_wp], [0.0_wp, search%curve%last%step], point, is_found)
-         if (is_found) search%found = [search%found, point]
+         call find_zeros(search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, search%motion, search%at_start%impacts), &
+                         whole_step(search), [1.0_wp, -1.0_wp], [real(wp) ::], points)
+         search%found = [search%found, points]
          return
       end if
       if (size(search%at_start%extremes, 2) /= size(search%at_end%extremes, 2)) return
@@ -180,7 +176,7 @@ contains
                between = [real(wp) ::]
                if (size(middle, 2) > 0) between = parabola_between([before(i), behind(i)], middle(i, k))/unit
                graze = grazing_event_t(curve_kind%grazing, .false., rounding_of(search), search%motion%problem, i, k, unit)
-               call find_all(search, graze, [before(i), behind(i)]/unit, between, points)
+               call find_zeros(search, graze, whole_step(search), [before(i), behind(i)]/unit, between, points)
                do n = 1, size(points)
                   point = points(n)
                   point%extreme = i

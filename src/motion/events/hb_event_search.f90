@@ -11,7 +11,7 @@ module hb_event_search
    use hb_thresholds, only: next_to_none, sharp
    implicit none
    private
-   public :: find_all, find_zero, is_at_origin, rounding_of, search_t, sort_by_position
+   public :: find_pair, find_zeros, is_at_origin, rounding_of, search_t, sort_by_position, whole_step
 
    !> A completed step, and what was found on it.
    type :: search_t
@@ -66,63 +66,84 @@ contains
       motion%curve%status = self%curve%status
    end subroutine search_finish
 
-   !> Locates the zero of an event whose function has changed its sign on the step, or the two zeros if it changes it twice.
-   subroutine find_all(search, event, at_ends, between, points, response)
+   !> Locates the zeros of the function of an event on a piece of the step: one if it has different signs at its ends, two if it has
+   !> the same and is expected to come close to zero in between.
+   subroutine find_zeros(search, event, piece, at_ends, between, points)
       type(search_t), intent(inout) :: search
       class(event_t), intent(in) :: event
-      real(wp), intent(in) :: at_ends(2)
-      real(wp), intent(in) :: between(:)                              !! as expected on the step; none: no pairs are sought
+      real(wp), intent(in) :: piece(2)                                !! positions on the step
+      real(wp), intent(in) :: at_ends(2)                              !! of the function
+      real(wp), intent(in) :: between(:)                              !! as expected on the piece; none: no pairs are sought
       type(waiting_t), allocatable, intent(out) :: points(:)
-      integer, intent(in), optional :: response
       real(wp) :: middle, value
       logical :: is_found
 
       allocate (points(0))
       if (may_change_sign(at_ends, between)) then
-         call find_other_sign(search%curve, event, [0.0_wp, search%curve%last%step], at_ends, between, middle, value, is_found)
-         if (.not. is_found) return
-         call add_zero([at_ends(1), value], [0.0_wp, middle])
-         call add_zero([value, at_ends(2)], [middle, search%curve%last%step])
-      else if (changes_sign()) then
-         call add_zero(at_ends, [0.0_wp, search%curve%last%step])
+         call find_other_sign(search%curve, event, piece, at_ends, between, middle, value, is_found)
+         if (is_found) call add_pair(search, event, piece, at_ends, middle, value, points)
+      else if (at_ends(1)*at_ends(2) < 0.0_wp .or. (abs(at_ends(1)) > 0.0_wp .and. .not. abs(at_ends(2)) > 0.0_wp)) then
+         call add_zero(search, event, piece, at_ends, points)         ! a zero at the end belongs to this step
       end if
-      if (present(response)) points%response = response
+   end subroutine find_zeros
 
-   contains
-
-      !> Zero at the end belongs to this step.
-      pure logical function changes_sign()
-         changes_sign = at_ends(1)*at_ends(2) < 0.0_wp
-         if (present(response)) changes_sign = changes_sign .or. (abs(at_ends(1)) > 0.0_wp .and. .not. abs(at_ends(2)) > 0.0_wp)
-      end function changes_sign
-
-      subroutine add_zero(values, part)
-         real(wp), intent(in) :: values(2), part(2)
-         type(waiting_t) :: point
-
-         call find_zero(search, event, values, part, point, is_found)
-         if (is_found) points = [points, point]
-      end subroutine add_zero
-   end subroutine find_all
-
-   !> Locates an event on a part of the step.
-   subroutine find_zero(search, event, at_ends, part, point, is_found)
+   !> As `find_zeros`, for a function that may have the other sign at a known position of the piece alone.
+   subroutine find_pair(search, event, piece, at_ends, middle, points)
       type(search_t), intent(inout) :: search
       class(event_t), intent(in) :: event
-      real(wp), intent(in) :: at_ends(2), part(2)
-      type(waiting_t), intent(out) :: point
-      logical, intent(out) :: is_found
+      real(wp), intent(in) :: piece(2), at_ends(2)
+      real(wp), intent(in) :: middle                                  !! on the step
+      type(waiting_t), allocatable, intent(out) :: points(:)
       class(event_t), allocatable :: sought
+      real(wp) :: value, x(size(search%curve%x))
+      logical :: is_on_curve
 
-      is_found = .false.
+      allocate (points(0))
+      call search%curve%point_at(middle, x, is_on_curve)
+      if (.not. is_on_curve) return
+      allocate (sought, source=event)
+      value = sought%value(search%curve, x)
+      if (at_ends(1)*value < 0.0_wp) call add_pair(search, event, piece, at_ends, middle, value, points)
+   end subroutine find_pair
+
+   !> Locates both zeros beside a position at which the function has the other sign.
+   subroutine add_pair(search, event, piece, at_ends, middle, value, points)
+      type(search_t), intent(inout) :: search
+      class(event_t), intent(in) :: event
+      real(wp), intent(in) :: piece(2), at_ends(2), middle, value
+      type(waiting_t), allocatable, intent(inout) :: points(:)
+
+      call add_zero(search, event, [piece(1), middle], [at_ends(1), value], points)
+      call add_zero(search, event, [middle, piece(2)], [value, at_ends(2)], points)
+   end subroutine add_pair
+
+   !> Locates the zero of a function with different signs at the ends of a piece; one that is not found is lost.
+   subroutine add_zero(search, event, piece, at_ends, points)
+      type(search_t), intent(inout) :: search
+      class(event_t), intent(in) :: event
+      real(wp), intent(in) :: piece(2), at_ends(2)
+      type(waiting_t), allocatable, intent(inout) :: points(:)
+      class(event_t), allocatable :: sought
+      type(waiting_t) :: point
+      logical :: is_found
+
       if (curve_kinds(event%kind)%sense*at_ends(1) < 0.0_wp) return
       allocate (sought, source=event)
       allocate (point%x(size(search%curve%x)))
       point%kind = event%kind
-      call search%curve%find_zero(sought, part, at_ends, point%x, point%position, is_found)
+      call search%curve%find_zero(sought, piece, at_ends, point%x, point%position, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
       if (is_at_origin(search)) is_found = is_found .and. point%position > next_to_none*search%curve%last%step
-   end subroutine find_zero
+      if (is_found) points = [points, point]
+   end subroutine add_zero
+
+   !> The whole step, as a piece of it.
+   pure function whole_step(search) result(piece)
+      type(search_t), intent(in) :: search
+      real(wp) :: piece(2)
+
+      piece = [0.0_wp, search%curve%last%step]
+   end function whole_step
 
    !> Bound of a function at its zero, from rounding or from the roughness of the residual.
    pure real(wp) function rounding_of(search)
