@@ -61,7 +61,7 @@ contains
          status = c_status%invalid_argument
       else if ((present(needs_input) .or. present(needs_model)) .and. .not. handle%session%input%is_valid) then
          call fail(error, "the model has no input; call nhbm_read_input before")
-      else if (present(needs_model) .and. .not. handle%session%model%is_read) then
+      else if (present(needs_model) .and. .not. handle%session%source%model%is_read) then
          call fail(error, "the present values of the input are invalid; set others and compute again")
       else if (present(needs_time)) then
          if (.not. handle%session%has_time_results()) call fail(error, "there are no results of a time integration; call "// &

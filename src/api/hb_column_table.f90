@@ -4,6 +4,7 @@ module hb_column_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_column_units, only: column_kind, columns_with_units_t
    use hb_kinds, only: int64, wp
+   use hb_line_numbering, only: branch_column
    use hb_motion_result, only: motion_result_t
    use hb_text, only: join, split, string_t
    implicit none
@@ -111,6 +112,7 @@ contains
       self%describes = self%has_curve .and. .not. self%had_curve      ! the attributes that are used are those of new columns
       self%had_curve = self%had_curve .or. self%has_curve
       call self%append_connected(motion)
+      if (self%has_branch) call branch_column(self, motion%leaves_branch)
       if (.not. allocated(motion%message)) return
       if (len(motion%message) == 0) return
       call add_message(self, motion%message)

@@ -15,6 +15,7 @@ module hb_column_units
 
    type, extends(columns_t), abstract :: columns_with_units_t
       integer :: structure_number = -1                                !! of the session, to which the units belong
+      logical :: has_branch = .false.                                 !! motions are points of a sweep
       character(16), allocatable :: units_of_dof(:), units_of_law_dof(:), units_of_state_dof(:)   !! by the name of the axis
    contains
       procedure :: units_along => columns_with_units_units_along

@@ -3,6 +3,7 @@ module hb_column_view
    use hb_column_units, only: column_kind, columns_with_units_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_line_numbering, only: branch_column
    use hb_motion_result, only: motion_result_t
    use hb_similar_word, only: closest_word
    use hb_text, only: join, split, string_t
@@ -82,12 +83,19 @@ contains
          if (allocated(motion%curve%unknowns)) self%n_curve_unknowns = size(motion%curve%unknowns)
       end if
       self%lists_names = len(name) == 0
-      call self%append_connected(motion)
+      call visit_all()
       if (.not. (self%is_found .or. self%lists_names)) then
          self%lists_names = .true.                                    ! for the message
-         call self%append_connected(motion)
+         call visit_all()
       end if
       call self%refuse_unknown(error)
+
+   contains
+
+      subroutine visit_all()
+         call self%append_connected(motion)
+         if (self%has_branch) call branch_column(self, motion%leaves_branch)
+      end subroutine visit_all
    end subroutine column_view_find
 
    !> Fails if none of the searched columns has the name, with the closest known name.

@@ -4,7 +4,6 @@
 !> A call of `solve` corresponds to a point of a sweep in a run, and a curve is computed point by point; numbers are
 !> the same to the last bit. Only one thread at a time may use a session.
 module hb_session
-   use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: verdict
    use hb_census, only: census_config_t, census_t, take_census
    use hb_claim, only: claim_t, new_claim
@@ -32,11 +31,14 @@ module hb_session
    use hb_movement, only: follow_frequencies
    use hb_namelist, only: set_text
    use hb_neighbour, only: neighbour_t
-   use hb_options, only: callbacks_t, purpose_t
+   use hb_options, only: purpose_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point_runner, only: run_model
+   use hb_point_source, only: point_source_t
    use hb_session_cancellation, only: session_cancellation_t
    use hb_session_input, only: session_input_t
+   use hb_sweep_plan, only: read_sweep_plan
+   use hb_sweep_runner, only: sweep_runner_t
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_integration, only: add_time_integration
@@ -49,8 +51,8 @@ module hb_session
    !> Owner of external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: session_t
       type(session_input_t) :: input
-      type(model_t) :: model
-      type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
+      type(point_source_t) :: source                                  !! its model; its document and plan are those of a sweep
+      type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve or sweep
       logical :: has_curve = .false.                                  !! `curve_next` may return a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
@@ -58,14 +60,11 @@ module hb_session
       type(census_t), allocatable :: census                           !! of the present values
       type(session_cancellation_t) :: cancellation
       integer :: structure_number = 0                                 !! counts the structures that were read
-      type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
-      type(purpose_t), private :: purpose                             ! of its motion
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
                                                                       !! the command has in addition to its points; 0: none
-      type(law_doubt_t), private :: law_doubt                         ! of the present input, at its first motion
-      logical, private :: has_law_doubt = .false.                     ! the last motion is that one
+      type(sweep_runner_t) :: sweep
+      logical, private :: has_law_doubt = .false.                     ! the last motion is the one that `source%law_doubt` is of
       type(neighbour_t), private :: neighbour
-      type(cached_balances_t), private :: cached
       type(curve_plan_t) :: plan                                      !! of the curve
       type(curve_runner_t), private :: runner                         ! of the curve
       logical, private :: has_verdict = .false.
@@ -92,6 +91,8 @@ module hb_session
       procedure :: curve_begin => session_curve_begin
       procedure :: curve_lengthen => session_curve_lengthen
       procedure :: curve_next => session_curve_next
+      procedure :: sweep_begin => session_sweep_begin
+      procedure :: sweep_next => session_sweep_next
       procedure :: take_census => session_take_census
       procedure :: select_motion => session_select_motion
       procedure :: integrate => session_integrate
@@ -111,9 +112,9 @@ contains
       class(session_t), intent(inout) :: self
       class(fe_model_source_t), intent(in) :: source
 
-      if (allocated(self%callbacks%fe_models)) deallocate (self%callbacks%fe_models)
-      allocate (self%callbacks%fe_models, source=source)
-      self%model%options%callbacks%fe_models = self%callbacks%fe_models
+      if (allocated(self%source%callbacks%fe_models)) deallocate (self%source%callbacks%fe_models)
+      allocate (self%source%callbacks%fe_models, source=source)
+      self%source%model%options%callbacks%fe_models = self%source%callbacks%fe_models
    end subroutine session_set_structure_source
 
    !> Reads a model from the text of an input, which replaces the previous one. Fails with all errors of the input.
@@ -147,7 +148,7 @@ contains
 
    !> Sets the values of a key, `law(stop)%gap = 1e-3`.
    subroutine session_set_key(self, path, values, error)
-      class(session_t), intent(inout) :: self
+      class(session_t), intent(inout), target :: self
       character(*), intent(in) :: path, values                        !! as for `--set`
       type(error_t), allocatable, intent(out) :: error
 
@@ -169,7 +170,7 @@ contains
 
    !> Sets a resolved number, in the unit of the input. The next solution reports errors of its value.
    subroutine session_set_parameter(self, number, value, error)
-      class(session_t), intent(inout) :: self
+      class(session_t), intent(inout), target :: self
       integer, intent(in) :: number                                   !! returned by `find_parameter`
       real(wp), intent(in) :: value
       type(error_t), allocatable, intent(out) :: error
@@ -183,10 +184,11 @@ contains
       class(session_t), intent(inout) :: self
 
       call self%destroy()
-      self%model%is_read = .false.
+      self%source%model%is_read = .false.
       self%result = motion_result_t()
-      self%law_doubt = law_doubt_t()
+      self%source%law_doubt = law_doubt_t()
       self%has_law_doubt = .false.
+      self%source%idle_laws = idle_laws_t()
       call self%neighbour%forget()
       call forget_integration(self)
       self%structure_number = self%structure_number + 1
@@ -200,9 +202,10 @@ contains
 
       call self%input%document%expect_groups(input_groups(), error)
       if (allocated(error)) return
-      self%purpose = purpose_t(is_followed=self%input%document%count("curve") > 0, may_only_integrate=.true.)
+      self%source%purpose = purpose_t(is_followed=self%input%document%count("curve") > 0, may_only_integrate=.true.)
       call share_time(self, self%n_points)
-      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks, purpose=self%purpose)
+      call update_model(self%source%model, self%input%document, is_new, error, callbacks=self%source%callbacks, &
+                        purpose=self%source%purpose)
       self%input%is_valid = .not. allocated(error)
    end subroutine read_document
 
@@ -213,11 +216,13 @@ contains
       logical, intent(in), optional :: has_balance                    !! fails if the model can only be integrated in time
       logical :: is_new
 
+      call end_sweep(self)
       call self%input%check(error)
       if (allocated(error)) return
-      call update_model(self%model, self%input%document, is_new, error, callbacks=self%callbacks, purpose=self%purpose)
+      call update_model(self%source%model, self%input%document, is_new, error, callbacks=self%source%callbacks, &
+                        purpose=self%source%purpose)
       if (is_new) self%structure_number = self%structure_number + 1
-      if (present(has_balance) .and. .not. allocated(error)) call self%model%system%check_balance(error)
+      if (present(has_balance) .and. .not. allocated(error)) call self%source%model%system%check_balance(error)
    end subroutine session_update
 
    !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones.
@@ -229,6 +234,10 @@ contains
 
       text = ""
       if (.not. self%input%is_valid) return
+      if (self%sweep%is_begun .and. .not. present(only_given)) then
+         text = self%sweep%input
+         return
+      end if
       call self%update(ignored)
       call self%input%complete(text, only_given)
    end subroutine session_complete_input
@@ -239,7 +248,7 @@ contains
       character(:), allocatable, intent(out) :: text
 
       text = ""
-      if (self%model%is_read) call self%model%system%list_files(text)
+      if (self%source%model%is_read) call self%source%model%system%list_files(text)
    end subroutine session_libraries
 
    !> Warnings about the model with its present values, one per line; empty: none.
@@ -250,7 +259,10 @@ contains
 
       text = ""
       call self%update(error)
-      if (.not. allocated(error)) call describe_warnings(self%model%system, self%model%discretisation, self%model%options, text)
+      if (allocated(error)) return
+      associate (model => self%source%model)
+         call describe_warnings(model%system, model%discretisation, model%options, text)
+      end associate
    end subroutine session_warnings
 
    !> Natural frequencies [rad/s] of the structure with its present values (hb_modes).
@@ -262,7 +274,8 @@ contains
 
       allocate (frequencies(0))
       call self%update(error)
-      if (.not. allocated(error)) call find_natural_frequencies(self%model%system%structure, frequencies, lacks_gyroscopic)
+      if (.not. allocated(error)) &
+         call find_natural_frequencies(self%source%model%system%structure, frequencies, lacks_gyroscopic)
    end subroutine session_natural_frequencies
 
    !> What is doubtful about the last motion, with numbers and what to do; empty: nothing.
@@ -273,14 +286,14 @@ contains
       character(:), allocatable :: line
 
       text = ""
-      if (self%model%is_read) call describe_doubt(self%model%options, self%result, text)
+      if (self%source%model%is_read) call describe_doubt(self%source%model%options, self%result, text)
       if (self%result%is_near_commensurate) then
          system => system_of_result(self)
-         line = trim(commensurate_text(system%tones, self%model%options%error_estimate%commensurability))
+         line = trim(commensurate_text(system%tones, self%source%model%options%error_estimate%commensurability))
          if (len(line) == 0) line = "a low-order combination of the tones nearly vanishes"
          call add_line(line)
       end if
-      if (self%has_law_doubt .and. allocated(self%law_doubt%text)) call add_line(self%law_doubt%text)
+      if (self%has_law_doubt .and. allocated(self%source%law_doubt%text)) call add_line(self%source%law_doubt%text)
 
    contains
 
@@ -292,16 +305,20 @@ contains
       end subroutine add_line
    end subroutine session_doubt
 
-   !> Names the laws that exert no force on the last motion, one per line; empty: none.
+   !> Names the laws that exert no force on the last motion, or on all motions of the sweep so far, one per line; empty: none.
    subroutine session_idle_laws(self, text)
       class(session_t), intent(inout), target :: self
       character(:), allocatable, intent(out) :: text
       type(idle_laws_t) :: idle
 
       text = ""
-      if (.not. self%model%is_read) return
-      call idle%examine(system_of_result(self), self%model%discretisation, self%result)
-      call idle%describe(self%model%system, text)
+      if (.not. self%source%model%is_read) return
+      if (self%sweep%is_begun) then
+         idle = self%source%idle_laws
+      else
+         call idle%examine(system_of_result(self), self%source%model%discretisation, self%result)
+      end if
+      call idle%describe(self%source%model%system, text)
    end subroutine session_idle_laws
 
    !> Solves the model with its present values, from the last motion if requested and available. The status of the
@@ -323,10 +340,10 @@ contains
       call self%update(error, has_balance=.true.)
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
-      self%model%options%chain%is_on = is_warm
+      self%source%model%options%chain%is_on = is_warm
       call self%cancellation%begin_work()
-      call self%cancellation%enter(self%model%options%solver%time_limit)
-      call run_model(self%model, here, self%neighbour, self%cached, self%result, level, failure)
+      call self%cancellation%enter(self%source%model%options%solver%time_limit)
+      call run_model(self%source%model, here, self%neighbour, self%source%cached, self%result, level, failure)
       call self%cancellation%leave()
       call self%neighbour%forget()                                    ! the last motion alone is a neighbour
       if (.not. allocated(failure) .and. allocated(level%unknowns)) &
@@ -356,10 +373,10 @@ contains
       call self%plan%set(self%input%document, self%plan%start)
       call share_time(self, min(self%plan%n_points, usual_points))
       call self%update(error, has_balance=.true.)
-      if (.not. allocated(error)) call self%plan%make_request(self%model, self%input%document, self%runner%request, error)
+      if (.not. allocated(error)) call self%plan%make_request(self%source%model, self%input%document, self%runner%request, error)
       if (allocated(error)) return
       self%result = motion_result_t()
-      self%runner%model = self%model
+      self%runner%model = self%source%model
       call self%runner%prepare()
       self%has_curve = .true.
    end subroutine session_curve_begin
@@ -411,6 +428,47 @@ contains
       call complete_result(self)
    end subroutine session_curve_next
 
+   !> Begins the sweep of the groups `&sweep`; `sweep_next` returns its points. Setting a value or another computation ends it.
+   subroutine session_sweep_begin(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      call end_curve(self)
+      call self%input%check(error)
+      if (allocated(error)) return
+      call self%update(error)
+      if (allocated(error)) return
+      self%source%document = self%input%document
+      call read_sweep_plan(self%source%plan, self%source%document, error)
+      if (allocated(error)) return
+      call share_time(self, merge(self%source%plan%n_points, 0, self%n_points > 0))
+      self%source%idle_laws = idle_laws_t()
+      call self%neighbour%forget()
+      call self%sweep%begin(self%source, error)
+      if (allocated(error)) self%source%model%is_read = .false.
+      self%result = motion_result_t()
+   end subroutine session_sweep_begin
+
+   !> Makes the next point of the sweep the result. What fails at a point becomes its status; an error is a call after the end.
+   subroutine session_sweep_next(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+      logical :: was_examined
+
+      if (.not. self%sweep%has_next()) then
+         call fail(error, "the sweep has no further point")
+         return
+      end if
+      was_examined = self%source%law_doubt%is_done
+      call self%cancellation%begin_work()
+      call self%cancellation%enter(huge(1.0_wp))
+      call self%sweep%next(self%source, self%result)
+      call self%cancellation%leave()
+      call complete_result(self)
+      self%has_law_doubt = self%source%law_doubt%is_done .and. .not. was_examined
+      self%is_present = .false.                                       ! the values are those of the point
+   end subroutine session_sweep_next
+
    !> Searches for all motions of the model with its present values.
    subroutine session_take_census(self, config, error)
       class(session_t), intent(inout), target :: self
@@ -425,7 +483,7 @@ contains
       allocate (self%census)
       call self%cancellation%begin_work()
       call self%cancellation%enter(huge(1.0_wp))
-      call take_census(self%model, config, self%census, error)
+      call take_census(self%source%model, config, self%census, error)
       call self%cancellation%leave()
       call self%neighbour%forget()
       if (allocated(error)) deallocate (self%census)
@@ -449,13 +507,15 @@ contains
       call end_curve(self)
       call forget_integration(self)
       call self%update(error)
-      if (.not. allocated(error) .and. len(self%model%options%integration%record) > 0) &
+      if (.not. allocated(error) .and. len(self%source%model%options%integration%record) > 0) &
          call fail(error, "&integration: continue: result files are not read here")
       if (allocated(error)) return
       allocate (self%record)
       call self%cancellation%begin_work()
       call self%cancellation%enter(huge(1.0_wp))
-      call integrate_model(self%record, self%model%system, self%model%discretisation, self%model%options, error)
+      associate (model => self%source%model)
+         call integrate_model(self%record, model%system, model%discretisation, model%options, error)
+      end associate
       call self%cancellation%leave()
       if (allocated(error)) deallocate (self%record)
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
@@ -499,7 +559,7 @@ contains
       call end_curve(self)
       call forget_integration(self)
       document = self%input%document
-      call read_model(model, document, error, callbacks=self%callbacks, purpose=self%purpose)
+      call read_model(model, document, error, callbacks=self%source%callbacks, purpose=self%source%purpose)
       if (.not. allocated(error)) call model%system%check_balance(error)
       if (allocated(error)) return
       if (size(motion%coefficients, 3) /= model%system%structure%n_dofs) then
@@ -551,11 +611,11 @@ contains
       class(session_t), intent(inout) :: self
       integer, intent(in) :: n_points
 
-      if (n_points == self%n_sharing .and. (self%purpose%is_followed .eqv. self%shares_of_curve)) return
-      call add_time_integration(self%callbacks, self%purpose%is_followed, n_points)
-      self%model%is_read = .false.
+      if (n_points == self%n_sharing .and. (self%source%purpose%is_followed .eqv. self%shares_of_curve)) return
+      call add_time_integration(self%source%callbacks, self%source%purpose%is_followed, n_points)
+      self%source%model%is_read = .false.
       self%n_sharing = n_points
-      self%shares_of_curve = self%purpose%is_followed
+      self%shares_of_curve = self%source%purpose%is_followed
    end subroutine share_time
 
    !> Fails if there is no input, or if its present values are invalid.
@@ -564,15 +624,19 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call self%input%check(error)
-      if (.not. (allocated(error) .or. self%model%is_read)) &
+      if (.not. (allocated(error) .or. self%source%model%is_read)) &
          call fail(error, "the present values of the input are invalid; set others and compute again")
    end subroutine session_check_model
 
    !> Notes that a value of the input changes: a curve ends, and the last motion is not one of the present values.
    subroutine note_change(self)
-      class(session_t), intent(inout) :: self
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable :: ignored
+      logical :: had_sweep
 
+      had_sweep = self%sweep%is_begun
       call end_curve(self)
+      if (had_sweep) call self%update(ignored)                        ! columns of its last point can be read still
       if (allocated(self%census)) deallocate (self%census)
       self%is_present = .false.
    end subroutine note_change
@@ -581,11 +645,11 @@ contains
    subroutine complete_result(self)
       class(session_t), intent(inout), target :: self
 
-      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%discretisation%harmonics
+      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%source%model%discretisation%harmonics
       self%is_present = .true.
-      self%has_law_doubt = .not. self%law_doubt%is_done
-      call self%law_doubt%examine(system_of_result(self), self%model%discretisation, self%result)
-      self%has_law_doubt = self%has_law_doubt .and. self%law_doubt%is_done
+      self%has_law_doubt = .not. self%source%law_doubt%is_done
+      call self%source%law_doubt%examine(system_of_result(self), self%source%model%discretisation, self%result)
+      self%has_law_doubt = self%has_law_doubt .and. self%source%law_doubt%is_done
    end subroutine complete_result
 
    !> The system of the last motion: at a point of a curve with the numbers that it has there.
@@ -593,7 +657,7 @@ contains
       class(session_t), intent(inout), target :: self
       type(system_t), pointer :: system
 
-      system => self%model%system
+      system => self%source%model%system
       if (self%runner%is_prepared()) system => self%runner%system_at(self%result)
    end function system_of_result
 
@@ -610,14 +674,24 @@ contains
 
       call self%runner%destroy()
       self%has_curve = .false.
+      call end_sweep(self)
    end subroutine end_curve
+
+   !> Ends a sweep: the model gets the present values again.
+   subroutine end_sweep(self)
+      class(session_t), intent(inout) :: self
+
+      if (.not. self%sweep%is_begun) return
+      self%sweep = sweep_runner_t()
+      self%source%model%is_read = .false.
+   end subroutine end_sweep
 
    !> Frees all; safe to call twice.
    subroutine session_destroy(self)
       class(session_t), intent(inout) :: self
 
       call end_curve(self)
-      call self%cached%destroy()
+      call self%source%cached%destroy()
    end subroutine session_destroy
 
 end module hb_session

@@ -40,7 +40,7 @@ contains
       call session%check_model(error)
       if (allocated(error)) return
       call prepare(self, session)
-      call self%find(name, session%result, size(session%model%options%accuracy%outputs), error)
+      call self%find(name, session%result, size(session%source%model%options%accuracy%outputs), error)
    end subroutine session_columns_find_of_motion
 
    !> Adds the last motion of a session as a row.
@@ -58,7 +58,7 @@ contains
          self%declared_for = session%structure_number
       end if
       call prepare(self, session)
-      self%has_outputs = size(session%model%options%accuracy%outputs) > 0
+      self%has_outputs = size(session%source%model%options%accuracy%outputs) > 0
       allocate (lengths(0))
       if (allocated(self%axes)) lengths = self%axes%length
       call self%add(session%result)
@@ -81,7 +81,8 @@ contains
 
       call find_units(self, session)
       self%n_multipliers = n_multipliers_stored(session)
-      associate (options => session%model%options)
+      self%has_branch = session%sweep%is_begun
+      associate (options => session%source%model%options)
          self%has_accuracy = options%accuracy%is_on
          self%has_own_tuples = .true.
          self%has_improved = options%error_estimate%improvement_steps > 0
@@ -110,7 +111,7 @@ contains
       call find_units(self, session)
       call self%begin(name)
       if (allocated(session%record)) then
-         call record_columns(self, session%record, session%model%discretisation%harmonics%tuples)
+         call record_columns(self, session%record, session%source%model%discretisation%harmonics%tuples)
       else
          call verdict_columns(self, session%verdict)
       end if
@@ -124,10 +125,10 @@ contains
 
       if (self%structure_number /= session%structure_number .and. allocated(self%units_of_dof)) deallocate (self%units_of_dof)
       self%structure_number = session%structure_number
-      if (allocated(self%units_of_dof) .or. .not. session%model%is_read) return
-      associate (structure => session%model%system%structure)
-         self%units_of_dof = [character(16) :: structure%units(session%model%options%output%dofs)]
-         self%units_of_law_dof = [character(16) :: structure%units(session%model%system%dofs_of_unknowns())]
+      if (allocated(self%units_of_dof) .or. .not. session%source%model%is_read) return
+      associate (structure => session%source%model%system%structure)
+         self%units_of_dof = [character(16) :: structure%units(session%source%model%options%output%dofs)]
+         self%units_of_law_dof = [character(16) :: structure%units(session%source%model%system%dofs_of_unknowns())]
          self%units_of_state_dof = [character(16) :: structure%units]
       end associate
    end subroutine find_units
@@ -137,7 +138,7 @@ contains
       type(session_t), intent(in) :: session
 
       n = 0
-      associate (model => session%model)
+      associate (model => session%source%model)
          if (model%options%stability%method /= stability_method%off) n = n_multipliers_of(model%system%structure, model%system%laws)
       end associate
    end function n_multipliers_stored
@@ -151,15 +152,15 @@ contains
       integer :: i
 
       labels = [character(64) ::]
-      if (.not. session%model%is_read) return
+      if (.not. session%source%model%is_read) return
       if (axis == "law_coordinate" .and. allocated(session%record)) then
          labels = session%record%system%laws%coordinate_labels()
          return
       end if
-      associate (system => session%model%system, options => session%model%options)
+      associate (system => session%source%model%system, options => session%source%model%options)
          select case (axis)
          case ("dof"); labels = [character(64) :: system%structure%labels(options%output%dofs)]
-         case ("law_dof"); labels = [character(64) :: system%structure%labels(session%model%system%dofs_of_unknowns())]
+         case ("law_dof"); labels = [character(64) :: system%structure%labels(session%source%model%system%dofs_of_unknowns())]
          case ("gradient_value"); labels = options%gradient%names
          case ("law"); labels = [(adjustl([character(64) :: system%laws(i)%law%label]), i=1, size(system%laws))]
          case ("multiplier"); labels = [(adjustl([character(64) :: to_text(i)]), i=0, n_multipliers_stored(session) - 1)]

@@ -113,7 +113,7 @@ NHBM_EXPORT int nhbm_destroy(nhbm_model **model);
 
 /* Reads the text of an input (docs/user/input.md), which replaces the previous input, its results, and its parameters. Messages
  * contain `name` and the line, unless it is empty or the path of a folder, "models/"; files that the text names are relative to the
- * folder of `name`. The group &sweep is ignored. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
+ * folder of `name`. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
 NHBM_EXPORT int nhbm_read_input(nhbm_model *model, const char *text, const char *name);
 
 /* ---- Inputs from numbers ----
@@ -259,6 +259,30 @@ NHBM_EXPORT int nhbm_curve_next(nhbm_model *model, int *has_point);
 /* Gives a curve that has ended at `points` of &curve more of them: nhbm_curve_next goes on, as if it had had them from the start.
  * NHBM_INVALID_STATE: no curve has ended so. NHBM_INVALID_ARGUMENT: it has as many already, or they are too many. */
 NHBM_EXPORT int nhbm_curve_lengthen(nhbm_model *model, size_t n_points);
+
+/* Sweeps: the points of the groups &sweep of the input, in the order, from the first guesses and with the bits of a run of the
+ * command. Points that start from each other form a chain (docs/user/input.md); another point is a chain by itself. Chains do not
+ * depend on each other: several models with one input can solve some of them each. */
+typedef struct nhbm_sweep {
+   size_t n_points, n_chains;
+} nhbm_sweep;
+
+/* Begins the sweep. NHBM_INVALID_INPUT: a value of its first point is invalid, or there is a group &curve. */
+NHBM_EXPORT int nhbm_sweep_begin(nhbm_model *model, nhbm_sweep *sweep);
+
+/* Chooses n chains from the one with the number `first` on, counted from 0, whose points follow; at first all.
+ * NHBM_INVALID_STATE: no sweep has begun, or another function has ended it. NHBM_INVALID_ARGUMENT: no such chains. */
+NHBM_EXPORT int nhbm_sweep_select(nhbm_model *model, size_t first, size_t n);
+
+/* Computes the next point of these chains as the last motion. *has_point: 1, or 0 after the last one. A point without a solution,
+ * or with an invalid value, is not an error: its column "status" and its message report it. NHBM_INVALID_STATE: as before. */
+NHBM_EXPORT int nhbm_sweep_next(nhbm_model *model, int *has_point);
+
+/* Numbers the branches of all points of the sweep along the fastest parameter, as the column "branch" of a result file. For each
+ * point its columns "status", "tuples" (n_harmonics rows, one entry for each tone), "corrected_coefficients" (n_values, that is
+ * pairs of n_harmonics for each coordinate; NaN: not known) and "branch", which is replaced. NHBM_INVALID_STATE: as before. */
+NHBM_EXPORT int nhbm_sweep_number_branches(nhbm_model *model, size_t n_values, size_t n_harmonics, const int32_t *status,
+                                           const int32_t *tuples, const double *coefficients, int32_t *branch);
 
 /* Integrates the model in time according to the group &integration, which must specify the duration; nhbm_get_time_column then
  * returns the record by the names of the file that `nhbm integrate` writes (docs/user/schema.md). Ends a curve. */
@@ -445,8 +469,8 @@ NHBM_EXPORT int nhbm_get_message(const nhbm_model *model, const char **message);
  * derivatives of user laws that differ from differences of their forces. Empty: nothing. */
 NHBM_EXPORT int nhbm_get_doubt(const nhbm_model *model, const char **doubt);
 
-/* Returns the laws that exert no force on the last motion, such as a stop that is not touched, one sentence per line; empty: none.
- */
+/* Returns the laws that exert no force on the last motion, or on all points of a sweep so far, such as a stop that is not touched, one
+ * sentence per line; empty: none. */
 NHBM_EXPORT int nhbm_get_idle_laws(const nhbm_model *model, const char **laws);
 
 #ifdef __cplusplus

@@ -1,11 +1,11 @@
 !> Numbers the branches of a run in its result file when all of its points are complete: a jump is assessed from the
 !> points on both sides of it, which different ranks may have solved.
 module hb_branch_numbers
-   use hb_branches, only: is_reported, jumps_between, line_t, new_line
+   use hb_branches, only: jumps_between
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_line_numbering, only: line_numbering_t
    use hb_mpi, only: barrier, comm_t, max_over, rank_of, share_error, size_of, sum_over
-   use hb_outcome, only: is_solved
    use hb_results, only: results_t
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
@@ -61,31 +61,20 @@ contains
       integer, intent(in) :: before                                   !! preceding point
       integer, intent(out) :: branch(:)                               !! (points of the line)
       type(error_t), allocatable, intent(out) :: error
-      type(line_t) :: line
+      type(line_numbering_t) :: numbering
       real(wp), allocatable :: motion(:, :)
       integer, allocatable :: status(:), known_branch(:)
-      integer :: first, i, last, last_branch, n
-      logical :: is_jump
+      integer :: first, n
 
       n = min(size(branch), max(1, max_numbers/max(1, results%motion_size())))
-      allocate (motion(results%motion_size(), n), status(n), known_branch(n))
-      call new_line(line, size(branch))
-      last = -chain
-      last_branch = 0
+      allocate (status(n), known_branch(n))
+      call numbering%begin(plan, chain, before)
       do first = 1, size(branch), n
          n = min(n, size(branch) - first + 1)
-         call results%read_motions(before + first, status(:n), motion(:, :n), known_branch(:n), error)
+         call results%read_motions(before + first, status(:n), motion, known_branch(:n), error)
          if (allocated(error)) return
-         do i = 1, n
-            if (.not. is_solved(status(i))) cycle
-            associate (position => first + i - 2)
-               is_jump = last/chain == position/chain .and. is_reported(last_branch, known_branch(i))
-               call line%add(position + 1, plan%fastest_value(before + position + 1), motion(:, i), is_jump)
-               last = position
-            end associate
-            last_branch = known_branch(i)
-         end do
+         call numbering%add(plan, first, status(:n), motion, known_branch(:n))
       end do
-      call line%number(branch)
+      call numbering%number(branch)
    end subroutine number_line
 end module hb_branch_numbers

@@ -3,12 +3,12 @@
 !> One pass over them lists the datasets of a file (`new_plan`); a pass with a motion stores its values in the row of
 !> a point (`store_row`).
 module hb_result_columns
-   use hb_branches, only: left_branch
    use hb_error, only: annotate, error_t, fail
    use hb_file_columns, only: file_columns_t
    use hb_hdf5, only: bytes_of_kind, h5_dataset_t, is_characters, is_integer, is_real
    use hb_integration_verdict, only: verdict_t
    use hb_kinds, only: int64, two_pi, wp
+   use hb_line_numbering, only: branch_column
    use hb_motion_columns, only: max_attempts
    use hb_motion_result, only: motion_result_t
    use hb_parameter_path, only: identifier
@@ -80,9 +80,7 @@ contains
       type(motion_result_t), intent(in) :: m
 
       call t%integer("checksum", "1", "", "CRC-32 over the values of the row, as they stand in the file", 0)
-      call t%integer("branch", "1", "", &
-         "segment of the response along the fastest swept parameter, from 1; 0: unknown", &
-         merge(left_branch, 0, m%leaves_branch))
+      call branch_column(t, m%leaves_branch)
       t%is_known = .false.
       call verdict_columns(t, verdict_t())
       t%is_known = .true.

@@ -8,9 +8,9 @@ module hb_results
    use hb_crash_detection, only: crash_location_t
    use hb_crash_handler, only: install_crash_handler, remove_crash_handler
    use hb_error, only: annotate, error_t, fail
-   use hb_harmonics, only: harmonics_t, new_box
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file_parallel
    use hb_kinds, only: wp
+   use hb_line_numbering, only: line_up
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_operating_system, only: check_held, held_file_t, hold_file, unlock_file
@@ -321,12 +321,13 @@ contains
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
       integer, intent(out) :: status(:)                 !! (points)
-      real(wp), intent(out) :: motion(:, :)             !! (motion_size, points)
+      real(wp), allocatable, intent(out) :: motion(:, :) !! (any, points)
       integer, intent(out) :: branch(:)                 !! (points), as written by `write_point` or `write_branches`
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: tuples(:, :, :)
 
       associate (plan => self%plan, columns => self%plan%columns)
+         allocate (motion(self%motion_size(), size(status)))
          call columns(plan%index_of("status"))%dataset%read(status, error, first)
          if (.not. allocated(error)) call columns(plan%index_of("corrected_coefficients"))%dataset%read(motion, error, first)
          if (.not. allocated(error)) call columns(plan%index_of("branch"))%dataset%read(branch, error, first)
@@ -336,37 +337,8 @@ contains
          end associate
          call columns(plan%index_of("tuples"))%dataset%read(tuples, error, first)
       end associate
-      if (.not. allocated(error)) call line_up(tuples, motion, error)
+      if (.not. allocated(error)) call line_up(tuples, size(tuples, 2), motion, error)
    end subroutine results_read_motions
-
-   !> Maps motions of points with their own tuples to the tuples of a box, so that they can be compared; tuples
-   !> outside it contribute little.
-   subroutine line_up(tuples, motion, error)
-      integer, intent(in) :: tuples(:, :, :)            !! (n_tones, n_harmonics, points)
-      real(wp), intent(inout) :: motion(:, :)           !! (motion_size, points)
-      type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: box
-      real(wp), allocatable :: own(:, :, :), moved(:, :, :)
-      integer :: h, k, n_tones, order, p
-
-      n_tones = size(tuples, 1)
-      order = 0
-      do while ((2*order + 3.0_wp)**n_tones + 1.0_wp <= 2.0_wp*size(tuples, 2))
-         order = order + 1
-      end do
-      call new_box(box, spread(order, 1, n_tones), .false., error)
-      if (allocated(error)) return
-      do p = 1, size(motion, 2)
-         own = reshape(motion(:, p), [2, size(tuples, 2), size(motion, 1)/(2*size(tuples, 2))])
-         moved = 0.0_wp*own
-         do h = 1, size(tuples, 2)
-            if (h > 1 .and. all(tuples(:, h, p) == 0)) exit           ! unused
-            k = box%index_of(tuples(:, h, p))
-            if (k > 0) moved(:, k, :) = own(:, h, :)
-         end do
-         motion(:, p) = reshape(moved, [size(motion, 1)])
-      end do
-   end subroutine line_up
 
    !> Writes the branches of consecutive points; independent of other ranks.
    subroutine results_write_branches(self, first, branch, error)

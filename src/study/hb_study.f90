@@ -1,6 +1,7 @@
 !> An input that is ready to run: its document, the plan of its sweep, the model of its first point, the harmonics of
 !> all points, and the layout of its result file.
 module hb_study
+   use hb_chained_points, only: is_chained
    use hb_coordinates, only: coordinates_t
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
@@ -22,6 +23,7 @@ module hb_study
    use hb_stored_origin, only: request_curve
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
+   use hb_swept_point, only: note_dofs
    use hb_system, only: coordinates_of, system_t
    use hb_text, only: join, string_t, to_text
    use hb_tones, only: tones_t
@@ -95,7 +97,7 @@ contains
          call request_curve(self%plan%curve, self%model, first, request, error)
          if (allocated(error)) return
       end if
-      if (is_chained(self)) call begin_chains()
+      if (is_chained(self%plan, self%model)) call begin_chains()
       if (allocated(error)) return
       call write_complete_text(first, self%input_complete)
       call find_tuples(self, error)
@@ -151,16 +153,6 @@ contains
          if (self%model%options%chain%is_on) n = (self%plan%n_points/line)*((line + length - 1)/length)
       end associate
    end function study_n_chains
-
-   !> Whether points start from their neighbours by default: if there are many consecutive ones along physical
-   !> parameters that change gradually. This depends on the input alone, not on the machine or the number of ranks.
-   pure logical function is_chained(self)
-      type(study_t), intent(in) :: self
-      integer, parameter :: min_points = 8                          ! a few distant values are not a curve
-
-      is_chained = self%model%options%chain%is_auto .and. size(self%model%system%laws) > 0 .and. &
-         self%plan%n_fastest() >= min_points .and. self%plan%can_be_chained()
-   end function is_chained
 
    !> Parses the text of an input file and applies its overrides.
    subroutine read_input(document, file_name, text, overrides, error)
@@ -295,12 +287,9 @@ contains
          layout%n_points = plan%n_points
          layout%tuples = self%tuples
          if (present(n_harmonics)) layout%tuples = self%tuples(:, :n_harmonics)
-         layout%dof_labels = structure%labels(model%options%output%dofs)
+         call note_dofs(model%system, model%options, layout)
          layout%dof_units = [character(16) :: structure%units(model%options%output%dofs)]
-         layout%law_dof_labels = structure%labels(law_dofs)
-         layout%law_labels = unique_labels(model%system)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
-         layout%n_samples = model%options%output%samples
          layout%has_improved = has_improved(self)
          layout%has_accuracy = model%options%accuracy%is_on
          layout%has_own_tuples = model%options%accuracy%grows_set
@@ -361,16 +350,4 @@ contains
       call new_plan(plan, layout)
       call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
    end subroutine row_of_study
-
-   !> Labels of the laws; if two laws have the same label, the number of the law is added.
-   function unique_labels(system) result(labels)
-      type(system_t), intent(in) :: system
-      character(64) :: labels(size(system%laws))
-      integer :: i
-
-      do i = 1, size(labels)
-         labels(i) = system%laws(i)%law%label
-         if (any(labels(:i - 1) == labels(i))) labels(i) = trim(labels(i))//" "//to_text(i)
-      end do
-   end function unique_labels
 end module hb_study

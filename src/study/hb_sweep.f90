@@ -6,6 +6,7 @@ module hb_sweep
    use hb_branch_numbers, only: number_branches
    use hb_cancellation, only: verdict
    use hb_chain_check, only: chain_check_t
+   use hb_chained_points, only: are_checked, length_of_units
    use hb_clock, only: wall_clock
    use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_crash_detection, end_point
    use hb_error, only: error_t, fail
@@ -130,7 +131,8 @@ contains
       call end_crash_detection()
       call share_error(comm, error)
       if (summary%n_left == 0 .and. self%plan%is_ordered() .and. .not. allocated(error)) &
-         call number_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
+         call number_branches(run%results, self%plan, length_of_units(self%plan, self%model), comm, summary%n_jumps, &
+         summary%first_jump, error)
    end subroutine solve_points
 
    !> Checks the closed file, and adds to it what is known of the whole run alone; on one rank.
@@ -168,9 +170,8 @@ contains
       run%source%purpose = self%purpose
       call describe_layout(self, size_of(comm), run%source%layout)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
-         length_of_units(self), size_of(comm), block_seconds=0.0_wp)
-      run%is_checked = self%model%options%chain%is_on .and. .not. any(self%model%system%tones%is_unknown)
-      if (run%is_checked) run%is_checked = self%plan%can_be_chained()
+         length_of_units(self%plan, self%model), size_of(comm), block_seconds=0.0_wp)
+      run%is_checked = are_checked(self%plan, self%model)
       allocate (run%before%crashed(0))
       if (options%resumes) then
          input%complete = self%input_complete
@@ -198,18 +199,6 @@ contains
       call read_record(record, path, error)
       if (.not. allocated(error)) call count_retained(summary, record, none)
    end subroutine recount
-
-   !> Number of points that are solved in order: a curve, a chain, or a point.
-   pure integer function length_of_units(self) result(length)
-      type(study_t), intent(in) :: self
-
-      length = 1
-      if (allocated(self%plan%curve)) then
-         length = self%plan%n_fastest()
-      else if (self%model%options%chain%is_on) then
-         length = self%model%options%chain%length
-      end if
-   end function length_of_units
 
    !> Fails if results that were written are missing in the file.
    subroutine check_written(path, n_left, error)

@@ -17,9 +17,10 @@ module hb_swept_point
    use hb_point_source, only: point_source_t
    use hb_results_layout, only: rank_times_t, results_layout_t
    use hb_system, only: system_t
+   use hb_text, only: to_text
    implicit none
    private
-   public :: check_dofs, run_point, spread_result
+   public :: check_dofs, note_dofs, run_point, spread_result
 
 contains
 
@@ -53,7 +54,8 @@ contains
       if (.not. allocated(error)) then
          call source%law_doubt%examine(source%model%system, source%model%discretisation, result)
          call source%idle_laws%examine(source%model%system, source%model%discretisation, result)
-         if (.not. source%layout%has_own_tuples) call spread_result(source%model%discretisation%harmonics, source%layout, result)
+         if (allocated(source%layout%tuples) .and. .not. source%layout%has_own_tuples) &
+            call spread_result(source%model%discretisation%harmonics, source%layout, result)
       end if
       if (.not. allocated(error) .and. allocated(level%unknowns)) then
          if (present(check)) call check%examine(source, point, level, result)
@@ -69,6 +71,18 @@ contains
       times%reading = times%reading + read - started
       times%solving = times%solving + wall_clock() - read
    end subroutine run_point
+
+   !> Notes the degrees of freedom and the laws that all points have, for `check_dofs`.
+   subroutine note_dofs(system, options, layout)
+      type(system_t), intent(in) :: system                            !! of the first point
+      type(options_t), intent(in) :: options
+      type(results_layout_t), intent(inout) :: layout
+
+      layout%dof_labels = system%structure%labels(options%output%dofs)
+      layout%law_dof_labels = system%structure%labels(system%dofs_of_unknowns())
+      layout%law_labels = unique_labels(system)
+      layout%n_samples = options%output%samples
+   end subroutine note_dofs
 
    !> Rejects a point whose structure or laws have other degrees of freedom: a file has one list of them.
    subroutine check_dofs(system, options, layout, error)
@@ -98,4 +112,15 @@ contains
       if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
       call result%spread_harmonics(harmonics, layout%tuples)
    end subroutine spread_result
+   !> Labels of the laws; if two laws have the same label, the number of the law is added.
+   function unique_labels(system) result(labels)
+      type(system_t), intent(in) :: system
+      character(64) :: labels(size(system%laws))
+      integer :: i
+
+      do i = 1, size(labels)
+         labels(i) = system%laws(i)%law%label
+         if (any(labels(:i - 1) == labels(i))) labels(i) = trim(labels(i))//" "//to_text(i)
+      end do
+   end function unique_labels
 end module hb_swept_point

@@ -80,6 +80,7 @@ static const double *frequencies;
 static const int32_t first_tuple[] = {1};
 static const double frequency[] = {0.9}, pair[] = {0.1, 0.0};
 static const nhbm_motion motion = {1, 1, 1, frequency, first_tuple, pair, 1e-3, 1e-3, NULL, 1, 0};
+static nhbm_sweep sweep;
 static nhbm_census census;
 static nhbm_census_motion census_motion;
 
@@ -102,6 +103,14 @@ static int set_verification_time(nhbm_model *m) { return nhbm_set_verification_t
 static int curve_begin(nhbm_model *m) { return nhbm_curve_begin(m); }
 static int curve_lengthen(nhbm_model *m) { return nhbm_curve_lengthen(m, 1000); }
 static int curve_next(nhbm_model *m) { return nhbm_curve_next(m, &has_point); }
+static int sweep_begin(nhbm_model *m) { return nhbm_sweep_begin(m, &sweep); }
+static int sweep_select(nhbm_model *m) { return nhbm_sweep_select(m, 0, 1); }
+static int sweep_next(nhbm_model *m) { return nhbm_sweep_next(m, &has_point); }
+static int sweep_number_branches(nhbm_model *m) {
+   static int32_t statuses[3], tuples[3], branches[3];
+   static double coefficients[6];
+   return nhbm_sweep_number_branches(m, 2, 1, statuses, tuples, coefficients, branches);
+}
 static int integrate(nhbm_model *m) { return nhbm_integrate(m); }
 static int verify(nhbm_model *m) { return nhbm_verify(m, 1); }
 static int verify_motion(nhbm_model *m) { return nhbm_verify_motion(m, &motion, 1); }
@@ -141,7 +150,8 @@ static const struct {
 } functions[] = {
    {get_input, true}, {set_key, true}, {find_parameter, true}, {set_parameter, true}, {set_structure_callback, false},
    {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false},
-   {set_verification_time, false}, {curve_begin, true}, {curve_lengthen, true}, {curve_next, true}, {integrate, true},
+   {set_verification_time, false}, {curve_begin, true}, {curve_lengthen, true}, {curve_next, true}, {sweep_begin, true},
+   {sweep_select, true}, {sweep_next, true}, {sweep_number_branches, true}, {integrate, true},
    {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true}, {get_time_column_names, true}, {get_labels, true}, {get_message, true},
    {add_row, true}, {get_outcome, true}, {clear_table, false}, {get_table, false},
    {copy_columns, false}, {get_table_labels, false}, {get_given_input, true}, {get_libraries, true},
@@ -378,6 +388,7 @@ int order_step(void)
       n += has_point;
    } while (has_point);
    CHECK(n > 1 && nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 0);
+   CHECK(sweep_begin(model) == NHBM_INVALID_INPUT && SAYS("&curve") && sweep_next(model) == NHBM_INVALID_STATE);
    CHECK(nhbm_set_key(model, "curve%points", "3") == NHBM_SUCCESS);
    CHECK(curve_lengthen(model) == NHBM_INVALID_STATE && SAYS("number of points"));
    CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS);

@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.builders import ModalBeam as ModalBeam
     from nhbm.builders import RotorStator as RotorStator
     from nhbm.errors import Implausible as Implausible
+    from nhbm.errors import Jump as Jump
     from nhbm.errors import NotConverged as NotConverged
     from nhbm.fitting import Fit as Fit
     from nhbm.fitting import compare_fits as compare_fits
@@ -32,7 +33,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
 
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported at the first use
-    "Gradient": "model", "Model": "model", "Implausible": "errors", "NotConverged": "errors",
+    "Gradient": "model", "Model": "model", "Implausible": "errors", "Jump": "errors", "NotConverged": "errors",
     "Peak": "peaks", "PeakGradient": "peaks",
     "open_dataset": "results",
     "Step": "laws", "law": "laws",

@@ -111,6 +111,12 @@ class Census(ctypes.Structure):
     ]
 
 
+class Sweep(ctypes.Structure):
+    """nhbm_sweep"""
+
+    _fields_ = [("n_points", ctypes.c_size_t), ("n_chains", ctypes.c_size_t)]
+
+
 class CensusMotion(ctypes.Structure):
     """nhbm_census_motion"""
 
@@ -256,6 +262,10 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "curve_begin": (pointer,),
         "curve_lengthen": (pointer, count),
         "curve_next": (pointer, numbers),
+        "sweep_begin": (pointer, ctypes.POINTER(Sweep)),
+        "sweep_select": (pointer, count, count),
+        "sweep_next": (pointer, numbers),
+        "sweep_number_branches": (pointer, count, count, integers, integers, reals, integers),
         "integrate": (pointer,),
         "set_verification_time": (pointer, real),
         "verify": (pointer, number),

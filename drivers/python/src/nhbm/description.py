@@ -601,6 +601,15 @@ class Description(Laws):
         live.n_changes = self._n_changes
         return live
 
+    def _session_of(self, settings: Settings, sweeps: list[Group], first_guess: str | None) -> Session:
+        """A session for a sweep, with its groups."""
+        groups = self._groups.with_settings(settings)
+        if first_guess is not None:
+            groups = groups.with_settings(Settings.of({"solver": {"first_guess": first_guess}}))
+        session = Session(self._find_structure)
+        session.read(groups.text() + "".join(group.text() for group in sweeps), place_of(self._folder))
+        return session
+
     def _forward(self, live: _Live, group: Group, key: str) -> None:
         """Sets a value of a group in a session."""
         which = self._groups.number_of(group) if group.name in repeated_groups() else None

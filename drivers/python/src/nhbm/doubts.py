@@ -6,10 +6,10 @@ import math
 import re
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from nhbm.errors import Implausible, NotConverged
+from nhbm.errors import Implausible, Jump, NotConverged
 from nhbm.schema import SOLVED
 
 if TYPE_CHECKING:
@@ -67,6 +67,22 @@ def warn_of_points(doubts: Iterable[tuple[str, str]], n_points: int) -> None:
     counts = ", ".join(f"{len(texts)} {words.get(status, status)}" for status, texts in kinds.items())
     firsts = "\n".join(f"The first: {texts[0]}" if len(texts) > 1 else texts[0] for texts in kinds.values())
     warn(f"of {n_points} points {counts}. {firsts}")
+
+
+def warn_of_jumps(branch: Sequence[int], n_line: int, where: Callable[[int], str], messages: Sequence[str]) -> None:
+    """Warns of neighbours on different branches, by the numbers of these along lines of `n_line` points; 0: no motion."""
+    jumps = []
+    for first in range(0, len(branch), n_line):
+        found = [k for k in range(first, first + n_line) if branch[k]]
+        jumps += [after for before, after in zip(found, found[1:]) if branch[before] != branch[after]]
+    if not jumps:
+        return
+    reason = f": {messages[jumps[0]]}" if messages[jumps[0]] else ""
+    warn(
+        f"{len(jumps)} jump{'s' * (len(jumps) > 1)} to another branch between neighbouring points "
+        f"(dataset.nhbm.details['branch']), the first at {where(jumps[0])}{reason}",
+        Jump,
+    )
 
 
 def warn_of_return(ends: list[float], start: float, stop: float, first: float) -> None:

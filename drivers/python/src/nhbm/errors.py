@@ -17,6 +17,10 @@ class NotConverged(UserWarning):
     """A motion was not found, or is doubtful: less accurate than requested, or with a law whose derivatives are wrong."""
 
 
+class Jump(UserWarning):
+    """Neighbouring points of a sweep belong to different branches of motions."""
+
+
 class Implausible(UserWarning):
     """A model can be solved, but suggests a mistake: a stop that no motion reaches, a gap of a kilometre, negative damping, a tone
     far above or below all natural frequencies, no load."""

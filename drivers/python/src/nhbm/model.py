@@ -551,20 +551,14 @@ class Model(Peaks):
         laws = [group.keys.get("name") for group in self._groups.named("law")]
         return 0 if any(isinstance(law, Law) and law.steps_slowly for law in laws) else n
 
-    def _source(self, session: Session, rows: Rows, grid: Mapping[str, Any] | None = None, paired: bool = False,
-                warm: bool = False, is_written_later: bool = False) -> dataset.Source:  # fmt: skip
-        """What the motions of a session belong to, with the values of a sweep by path."""
+    def _source(self, session: Session, rows: Rows, is_written_later: bool = False) -> dataset.Source:
+        """What the motions of a session belong to."""
         sets = self._groups.with_settings(self._used).named("harmonics")
         has_own_tuples = not any(key in group.keys for group in sets for key in SETS)
         structure = self._groups.first("structure")
         file = None if structure is None else structure.keys.get("file")
         write = self._writer() if is_written_later else None
         text, libraries = ("", "") if write else (session.input(), session.libraries())
-        if grid:  # what the word means for a sweep of the command depends on the number of points
-            text = text.replace("first_guess = 'auto'", f"first_guess = '{'neighbour' if warm else 'linear'}'")
-        for axis, (path, values) in enumerate((grid or {}).items(), start=1):
-            key = "texts" if isinstance(plain(values[0]), str) else "values"
-            text += Group("sweep", {"axis": 1 if paired else axis, "parameter": path, key: values}).text()
         in_memory = file if isinstance(file, Structure) else None
         source = dataset.Source(text, has_own_tuples, libraries, self._folder, in_memory, write)
         source.absent = dataset.absent_from(rows.layout)

@@ -25,6 +25,7 @@ from nhbm._library import (
     CensusMotion,
     ColumnDescription,
     Motion,
+    Sweep,
     Table,
     TableColumn,
     last_error,
@@ -161,12 +162,45 @@ class Session:
 
         `points` share the time budget of a run for stability, half a second in all; 0: none beside their own share.
         """
-        if points != self._n_points:
-            self._call("set_point_count", points)
-            self._n_points = points
+        self._share(points)
         with self._interrupts:
             self._check(self._library.nhbm_solve(self._handle, int(bool(warm))))
         self.has_motion = True
+
+    def _share(self, points: int) -> None:
+        """Sets how many points share the time for stability."""
+        if points != self._n_points:
+            self._call("set_point_count", points)
+            self._n_points = points
+
+    def begin_sweep(self, has_budget: bool = True) -> int:
+        """Starts the sweep of the groups &sweep; returns the number of its chains. `has_budget`: its points have the time for
+        stability that those of a run share."""
+        self._share(int(has_budget))
+        sweep = Sweep()
+        self._call("sweep_begin", ctypes.byref(sweep))
+        return sweep.n_chains
+
+    def select_chains(self, first: int, n: int) -> None:
+        """Chooses the chains whose points follow."""
+        self._call("sweep_select", first, n)
+
+    def next_of_sweep(self) -> bool:
+        """Computes the next point of the sweep as the last motion; false after the last one."""
+        has_point = ctypes.c_int()
+        with self._interrupts:
+            self._call("sweep_next", ctypes.byref(has_point))
+        return bool(has_point.value)
+
+    def number_branches(self, rows: Rows) -> None:
+        """Numbers the branches of all points of the sweep, in their column `branch`."""
+        values, n = rows.values, len(rows)
+        tuples = np.ascontiguousarray(values["tuples"], np.int32)
+        motion = np.ascontiguousarray(values.get("corrected_coefficients", np.zeros((n, 0))), float).reshape(n, -1)
+        branch = np.ascontiguousarray(values["branch"], np.int32)
+        status = np.ascontiguousarray(values["status"], np.int32)
+        self._call("sweep_number_branches", motion.shape[1], tuples.shape[1], status, tuples, motion, branch)
+        values["branch"] = branch
 
     def begin_curve(self) -> None:
         """Starts the curve of the group &curve."""

@@ -20,26 +20,30 @@ import xarray as xr
 from nhbm import dataset, doubts
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError, NotConverged
-from nhbm.groups import Settings, request
+from nhbm.groups import Group, Settings, request
 from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, words_of
 from nhbm.rows import Rows
 from nhbm.schema import SOLVED
-from nhbm.values import plain
+from nhbm.values import as_input, plain
 
 if TYPE_CHECKING:
+    from typing_extensions import Self
+
     from nhbm.model import Model
+    from nhbm.session import Session
 
 _MOST_POINTS = 10_000_000  # whose values and results are lists in memory
 
 
 @documented
 def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
-          tolerance: float | None = None, order: int | None = None, warm: bool = False,
+          tolerance: float | None = None, order: int | None = None, warm: bool | None = None,
           workers: int = 1, executor: Any = None, comm: Any = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
-    """Solves the points of a grid of values.
+    """Solves the points of a grid of values, with the motions of `nhbm solve` for the same groups &sweep.
 
-    Lines of the grid (points, if not `warm`) are distributed over `workers`, an `executor`, or the ranks of `comm`.
+    Points that start from each other form a chain (docs/user/input.md); chains are distributed over `workers`, an `executor`, or the
+    ranks of `comm`.
 
     Parameters
     ----------
@@ -49,11 +53,12 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         The first values of all paths form a point, the second values the next, as for random samples.
     of : str or function, optional
         Stores numbers instead of motions: a response ("x1 (1)"), or a function of the model that returns a number or a
-        mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``. If not `warm`, it gets a model without
-        a last motion, so that the numbers of a point do not depend on other points.
+        mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``. It gets a model without a last motion,
+        so that the numbers of a point do not depend on other points; with ``warm=True`` that of the point before.
     {tolerance and order}
-    warm : bool
-        Start each point from the previous one along the last path.
+    warm : bool, optional
+        Whether points start from the previous ones along the last path; by default as `&solver first_guess` says, which is 'auto':
+        if that path has eight points or more that are monotonic, and there is a law.
     workers : int
         Processes.
     executor : object, optional
@@ -69,6 +74,13 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         As for `solve`, with the dimension `point`; `status` and `message` report failed points. With `of`: `response`, or what
         the function returns, NaN where it failed, and `status` and `message` of the last solution of each point. An
         exception in the function is raised at the first point; later points then have the status `failed`.
+
+    Warns
+    -----
+    Jump
+        Neighbouring points belong to different branches, which `dataset.nhbm.details["branch"]` numbers.
+    NotConverged, Implausible
+        As for `solve`, once for all points.
     """
     refuse_largest(of)
     if not isinstance(values, Mapping):
@@ -98,40 +110,53 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
     model = copy.copy(self)  # keeps its values
     settings = request(tolerance, order)
-    model._live(settings)
+    given = [path for path in grid if settings.has(path_of(path))]
+    if given:
+        raise ModelError(f"'{given[0]}' is swept, and given as an argument: leave one of them out")
+    live = model._live(settings)
     for path, value in zip(grid, points[0]):
         model[path] = value  # what is wrong is raised here, not by a worker
-    doubts.warn_of_model(model._live(settings).session, self._warned)
-    length = len(points) if paired else len(list(grid.values())[-1])
-    if not warm and comm is None:  # fewer, larger pieces of work
-        length = max(1, len(points) // (8 * workers)) if workers > 1 or executor else len(points)
-    elif not warm:
-        length = 1
-    lines = [points[k : k + length] for k in range(0, len(points), length)]
-    work = _Line(model, list(grid), of, settings, warm, points)
-    with Progress(progress, "sweep", len(points)) as bar:
-        done = list(_spread(work, lines, workers, executor, comm, bar))
-    doubtful = [doubt for part in done for doubt in part.doubtful]
-    idle = set.intersection(*([part.idle for part in done if part.idle is not None] or [set()]))
-    if any(status not in SOLVED for status, _ in doubtful):  # a motion that was not found may have been prevented by a law
-        idle = set()
+    doubts.warn_of_model(live.session, self._warned)
     names = [identifier(path) for path in grid]
     coordinates = {
         name: ([point[k] for point in points], model._described(path)) for k, (name, path) in enumerate(zip(names, grid))
     }
+    length = len(points) if paired else len(list(grid.values())[-1])
+    if callable(of):
+        work: _Work = _Function(model, list(grid), of, settings, bool(warm), points)
+        n, per_piece = len(points), length if warm else 1
+    else:
+        chains = _Chains(model, grid, paired, of, settings, warm)
+        work, n, per_piece = chains, chains.begin(), 1
+    if comm is None and not (callable(of) and warm):  # fewer, larger pieces of work
+        per_piece = max(1, n // (8 * workers)) if workers > 1 or executor else n
+    pieces = [range(k, min(k + per_piece, n)) for k in range(0, n, per_piece)]
+    with Progress(progress, "sweep", len(points)) as bar:
+        done = list(_spread(work, pieces, workers, executor, comm, bar))
+    doubtful = [doubt for part in done for doubt in part.doubtful]
+    idle = set.intersection(*([part.idle for part in done if part.idle is not None] or [set()]))
+    if any(status not in SOLVED for status, _ in doubtful):  # a motion that was not found may have been prevented by a law
+        idle = set()
     if of is None:
-        for path, value in zip(grid, points[0]):
-            model[path] = value
         rows = Rows.joined([part.rows for part in done])
-        source = model._source(model._live(settings).session, rows, grid, paired, warm)
+        chains.session.number_branches(rows)
+        source = model._source(chains.session, rows)
         found = dataset.result_of(dataset.columns_of(rows, True), source, coordinates, {"varies": names, **model._attributes()})
     else:
         found = dataset.table([row for part in done for row in part.rows], coordinates).assign_attrs(varies=names)
     if isinstance(of, str):
-        found["response"].attrs.update(long_name=words_of(of), units=_unit_of(model._live(settings).session, of))
+        found["response"].attrs.update(long_name=words_of(of), units=_unit_of(chains.session, of))
     doubts.warn_of_points(doubtful, len(points))
     doubts.warn_of_idle_laws(sorted(idle))
+    if of is None:
+        doubts.warn_of_jumps(rows.values["branch"].tolist(), length, lambda k: _place_of(grid, points[k]), rows.messages)
     return found
+
+
+def _place_of(paths: Iterable[str], values: Iterable[Any]) -> str:
+    """The values of a point, in words."""
+    texts = [f"{value:.7g}" if isinstance(value, float) else str(value) for value in values]
+    return ", ".join(f"{path} = {text}" for path, text in zip(paths, texts))
 
 
 _MAKERS = {"executor": "concurrent.futures", "comm": "mpi4py.MPI"}
@@ -163,57 +188,107 @@ class _Part(NamedTuple):
     idle: set[str] | None  # laws without force on all motions
 
 
-class _Line:
-    """Solves a line of points; a value that processes can be sent."""
+class _Work:
+    """Solves some pieces of a sweep; a value that processes can be sent."""
 
-    def __init__(self, model: Model, paths: list[str], of: Any, settings: Settings, warm: bool, points: list[Any]) -> None:
-        self.model, self.paths, self.of, self.settings, self.warm = model, paths, of, settings, warm
-        self.n, self.first = len(points), points[0]
-        self.idle: set[str] | None = None  # laws without force on all motions so far; None: there is no motion yet
+    model: Model
+
+    def __init__(self) -> None:
         self.thread = threading.get_ident()
 
-    def __call__(self, points: list[Any], update: Callable[[], None] | None = None) -> _Part:
-        """The results of the points; `update` is called after each of them."""
-        model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
-        part = _Part([], [], None)
-        each = self._evaluated(model, points) if callable(self.of) else self._solved(model, points, part)
-        for row, doubt in each:
-            if row is not None:
-                part.rows.append(row)
-            if doubt is not None:
-                part.doubtful.append(doubt)
-            if update is not None:
-                update()
-        rows = part.rows if self.of is not None else model._live(self.settings).session.rows()
-        return part._replace(rows=rows, idle=None if callable(self.of) else self.idle)
+    def __call__(self, piece: range, update: Callable[[], None] | None = None) -> _Part:
+        """The results of a piece; `update` is called after each of its points."""
+        is_mine = threading.get_ident() == self.thread
+        work = self if is_mine else self._copied()  # a model belongs to one thread
+        return work._solved(piece, update or (lambda: None))
 
-    def _solved(self, model: Model, points: list[Any], part: _Part) -> Iterator[tuple[Any, Any]]:
-        """Solves the points with one session, which collects their motions; yields responses, and doubts."""
-        live = model._live(self.settings)
-        session, n_sharing = live.session, model._sharing(self.n) if self.of is None else 0
-        varied = [(k, path) for k, path in enumerate(self.paths) if not self.settings.has(path_of(path))]
+    def _copied(self) -> Self:
+        other = copy.copy(self)
+        other.model, other.thread = copy.copy(self.model), threading.get_ident()
+        return other
+
+    def _solved(self, piece: range, update: Callable[[], None]) -> _Part:
+        raise NotImplementedError
+
+
+class _Chains(_Work):
+    """The chains of a sweep that the library solves."""
+
+    def __init__(self, model: Model, grid: Mapping[str, list[Any]], paired: bool, of: str | None, settings: Settings,
+                 warm: bool | None) -> None:  # fmt: skip
+        super().__init__()
+        self.model, self.of, self.settings = model, of, settings
+        self.groups = [Group("sweep", {"axis": 1 if paired else axis, "parameter": path, **_values_of(line)})
+                       for axis, (path, line) in enumerate(grid.items(), start=1)]  # fmt: skip
+        self.first_guess = {None: None, True: "neighbour", False: "linear"}[warm]
+        self._session: Session | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_session": None}
+
+    @property
+    def session(self) -> Session:
+        """The session of this process, in which the sweep has begun."""
+        if self._session is None:
+            self.begin()
+        assert self._session is not None
+        return self._session
+
+    def begin(self) -> int:
+        """Begins the sweep in a session of its own; returns the number of chains."""
+        self._session = self.model._session_of(self.settings, self.groups, self.first_guess)
+        return self._session.begin_sweep(self.of is None and self.model._sharing(1) > 0)
+
+    def _copied(self) -> Self:
+        other = super()._copied()
+        other._session = None
+        return other
+
+    def _solved(self, piece: range, update: Callable[[], None]) -> _Part:
+        session, part = self.session, _Part([], [], None)
         session.clear_rows()
-        for number, point in enumerate(points):
-            for k, path in varied:
-                live.set(path, plain(point[k]))
-            session.solve(self.warm and number > 0, points=n_sharing)
+        session.select_chains(piece.start, len(piece))
+        is_found = False
+        while session.next_of_sweep():
             text, status = doubts.doubt_of(session), session.status
-            doubt = (status, text) if text else None
             if self.of is None:
                 session.add_row()
-                self._note_idle_laws(session, status)
-                yield None, doubt
-                continue
-            response = response_of(session, self.of) if status in SOLVED else float("nan")
-            if status in SOLVED and response != response:
-                doubt = status, absence_of(session, self.of)
-            self._note_idle_laws(session, status)
-            yield {"response": response, "status": status, "message": session.message}, doubt
+            else:
+                response = response_of(session, self.of) if status in SOLVED else float("nan")
+                if status in SOLVED and response != response:
+                    text = absence_of(session, self.of)
+                part.rows.append({"response": response, "status": status, "message": session.message})
+            if text:
+                part.doubtful.append((status, text))
+            is_found = is_found or status in SOLVED
+            update()
+        rows = session.rows() if self.of is None else part.rows
+        return part._replace(rows=rows, idle=set(session.idle_laws()) if is_found else None)
 
-    def _note_idle_laws(self, session: Any, status: str) -> None:
-        if status in SOLVED and (self.idle is None or self.idle):
-            found = set(session.idle_laws())
-            self.idle = found if self.idle is None else self.idle & found
+
+def _values_of(line: list[Any]) -> dict[str, Any]:
+    """Keys of &sweep for the values of a path."""
+    values = plain(line)
+    if any(isinstance(value, (bool, str)) or hasattr(value, "input_name") for value in values):
+        return {"texts": [value if isinstance(value, str) else as_input(value) for value in values]}
+    return {"values": values}
+
+
+class _Function(_Work):
+    """A function of the model at each point."""
+
+    def __init__(self, model: Model, paths: list[str], of: Any, settings: Settings, warm: bool, points: list[Any]) -> None:
+        super().__init__()
+        self.model, self.paths, self.of, self.settings, self.warm, self.points = model, paths, of, settings, warm, points
+
+    def _solved(self, piece: range, update: Callable[[], None]) -> _Part:
+        part = _Part([], [], None)
+        for row, doubt in self._evaluated(self.model, [self.points[k] for k in piece]):
+            part.rows.append(row)
+            if doubt is not None:
+                part.doubtful.append(doubt)
+            update()
+        return part
 
     def _evaluated(self, model: Model, points: list[Any]) -> Iterator[tuple[Any, Any]]:
         for k, point in enumerate(points):
@@ -230,7 +305,7 @@ class _Line:
                 warnings.simplefilter("ignore", NotConverged)  # one warning for all points
                 row = dataset.row_of(self.of(model))
         except Exception as fault:
-            if point == self.first:
+            if point == self.points[0]:
                 raise
             text = f"{type(fault).__name__}: {fault}"
             return {"status": "failed", "message": text}, ("failed", text)
@@ -241,7 +316,7 @@ class _Line:
         return {**row, "status": status, "message": message}, (status, text) if text else None
 
 
-def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[_Part]:
+def _spread(work: _Work, lines: list[range], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[_Part]:
     """What comes of all lines, in their order."""
     if comm is not None:
         mine = [(k, work(line)) for k, line in enumerate(lines) if k % comm.Get_size() == comm.Get_rank()]
@@ -258,7 +333,7 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
         try:
             with _script_left_out(text):
                 found = executor.map(work, lines)  # all processes start here
-            yield from _counted(found, lines, bar)
+            yield from _counted(found, bar)
         except BrokenProcessPool as error:
             raise ModelError(
                 "a process of the sweep has ended. A script whose own laws or functions are sent to processes is run by each of "
@@ -275,7 +350,7 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
         for line in lines:
             yield work(line, bar.update)
     else:
-        yield from _counted(executor.map(work, lines), lines, bar)
+        yield from _counted(executor.map(work, lines), bar)
 
 
 def _end_with_parent() -> None:
@@ -292,7 +367,7 @@ def _wait_for_parent() -> None:
         os._exit(1)
 
 
-def _pickled(work: _Line) -> bytes:
+def _pickled(work: _Work) -> bytes:
     """What is sent to a process."""
     try:
         return pickle.dumps(work)
@@ -303,9 +378,9 @@ def _pickled(work: _Line) -> bytes:
         ) from error
 
 
-def _counted(found: Iterable[_Part], lines: list[Any], bar: Progress) -> Iterator[_Part]:
-    for part, line in zip(found, lines):
-        bar.update(len(line))
+def _counted(found: Iterable[_Part], bar: Progress) -> Iterator[_Part]:
+    for part in found:
+        bar.update(len(part.rows))
         yield part
 
 
