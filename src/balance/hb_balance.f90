@@ -74,6 +74,7 @@ module hb_balance
       procedure :: solve_linear => balance_solve_linear
       procedure :: compliance_of_law => balance_compliance_of_law
       procedure :: rounding_level => balance_rounding_level
+      procedure :: is_unsuitable => balance_is_unsuitable
       procedure :: set_scales => balance_set_scales
       procedure :: factorise_mean_tangent => balance_factorise_mean_tangent
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
@@ -669,6 +670,16 @@ contains
          motion = self%harmonics%coefficients(c(coordinates%dofs, :))
       end associate
    end function balance_at_law_dofs
+
+   !> Whether a law of the user has forces that no method can follow, examined along a motion; it is then given up.
+   logical function balance_is_unsuitable(self, x) result(is_unsuitable)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+
+      call self%sample_if_new(x)
+      call self%law_set%find_unsuitable()
+      is_unsuitable = self%law_set%is_given_up
+   end function balance_is_unsuitable
 
    !> Why a law cannot continue; empty if all laws can, and before the balance is created.
    pure function balance_fault_of_laws(self) result(text)

@@ -12,6 +12,7 @@ module hb_sampled_laws
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law, only: defects_t, has_memory, law_box_t, law_t
+   use hb_law_check, only: find_fault
    use hb_law_jacobian, only: law_jacobian_t, new_law_jacobian
    use hb_law_kinks, only: law_kinks_t, new_law_kinks
    use hb_law_samples, only: law_samples_t, new_law_samples
@@ -46,6 +47,7 @@ module hb_sampled_laws
       procedure :: coordinates_of => sampled_laws_coordinates_of
       procedure :: evaluate => sampled_laws_evaluate
       procedure :: find_failure => sampled_laws_find_failure
+      procedure :: find_unsuitable => sampled_laws_find_unsuitable
       procedure :: differentiate => sampled_laws_differentiate
       procedure :: force_of => sampled_laws_force_of
       procedure :: make_direction_samples => sampled_laws_make_direction_samples
@@ -214,6 +216,30 @@ contains
          if (self%is_given_up) return
       end do
    end subroutine sampled_laws_find_failure
+
+   !> Gives up the laws of the user whose forces no method can follow along the present motion, and stores the reason.
+   subroutine sampled_laws_find_unsuitable(self)
+      class(sampled_laws_t), intent(inout) :: self
+      character(:), allocatable :: fault
+      real(wp), allocatable :: rates(:, :)
+      integer :: i
+
+      do i = 1, size(self%laws)
+         if (self%is_given_up) return
+         associate (law => self%laws(i)%law)
+            if (.not. law%is_users_own .or. law%n_states > 0 .or. law%n_phases > 0 .or. law%needs_frequencies) cycle
+            associate (z => self%coordinates_of(i, self%samples%q%values))
+               allocate (rates, source=0.0_wp*z)
+               if (law%needs_velocity) rates = self%coordinates_of(i, self%samples%v%values)
+               call find_fault(law, z, rates, fault)
+               deallocate (rates)
+            end associate
+            if (len(fault) == 0) cycle
+            self%error_text = "law '"//law%label//"': "//fault
+            self%is_given_up = .true.
+         end associate
+      end do
+   end subroutine sampled_laws_find_unsuitable
 
    !> Forces and derivatives of all pairs from the samples.
    subroutine sampled_laws_differentiate(self, error)

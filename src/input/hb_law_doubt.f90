@@ -5,7 +5,7 @@ module hb_law_doubt
    use hb_discretisation, only: discretisation_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_law_check, only: check_derivatives_at, derivative_check_t
+   use hb_law_check, only: check_derivatives_at, derivative_check_t, mixed_samples
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved
@@ -51,6 +51,10 @@ contains
                call check_derivatives_at(law, matmul(q(:, at), law%shape), matmul(v(:, at), law%shape), phases, &
                                          motion%frequency, check)
             end associate
+            if (check%mixes_samples) then
+               call add(law%label, mixed_samples//", and the motion is wrong; correct the law")
+               cycle
+            end if
             if (size(check%wrong) > 0) call add(law%label, join(check%wrong, ", ")//" is not the derivative of its force "// &
                "(differences along the motion): stability, curves and derivatives are wrong; correct the law")
             if (check%is_wrongly_odd) call add(law%label, "it is declared odd, but f(-z, -v) is not -f(z, v) along the "// &

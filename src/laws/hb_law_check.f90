@@ -6,10 +6,10 @@ module hb_law_check
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_text, only: join, string_t, to_text
+   use hb_text, only: join, rounded, string_t, to_text
    implicit none
    private
-   public :: check_derivatives, check_derivatives_at, derivative_check_t, derivative_tolerance
+   public :: check_derivatives, check_derivatives_at, derivative_check_t, derivative_tolerance, find_fault, mixed_samples
 
    integer, parameter :: n_samples = 400
    real(wp), parameter :: step = 1.0e-5_wp                            ! relative to the magnitude of a sample
@@ -26,6 +26,7 @@ module hb_law_check
       logical :: is_repeatable = .true.                               !! equal samples give equal forces and derivatives
       logical :: has_touched_inputs = .false.                         !! code of the user has modified its inputs
       logical :: is_wrongly_odd = .false.                       !! it is declared odd, and its forces are not
+      logical :: mixes_samples = .false.                        !! the force of a sample depends on other samples
    contains
       procedure :: is_sound => derivative_check_is_sound
       procedure :: describe => derivative_check_describe
@@ -40,6 +41,9 @@ module hb_law_check
    end type samples_t
 
    character(1), parameter :: letters(3) = ["z", "v", "p"]
+   !> What is wrong with a law that mixes samples.
+   character(*), parameter :: mixed_samples = "the force of a sample depends on other samples: an axis of samples was taken "// &
+      "for one of coordinates, or a sum was taken over it"
 
 contains
 
@@ -120,6 +124,7 @@ contains
       call evaluate(law, samples, f_again, slopes_again)
       check%is_repeatable = are_the_same(reshape(f, [size(f)]), reshape(f_again, [size(f)])) .and. &
          are_the_same(reshape(slopes, [size(slopes)]), reshape(slopes_again, [size(slopes)]))
+      check%mixes_samples = mixes(law, samples, f)
       check%has_touched_inputs = law%has_touched_inputs(samples%motion(:, :, 1), &
          samples%motion(:, :merge(n, 0, law%needs_velocity), 2))
       if (law%is_odd .and. law%n_states == 0) check%is_wrongly_odd = .not. is_mirrored(law, samples, f)
@@ -130,6 +135,100 @@ contains
          end do
       end do
    end subroutine compare
+
+   !> Whether half of the samples, in another order, have other forces than f.
+   logical function mixes(law, samples, f)
+      class(law_t), intent(in) :: law
+      type(samples_t), intent(in) :: samples
+      real(wp), intent(in) :: f(:, :)                                 !! of all samples, (n_samples, n_coordinates)
+      class(law_t), allocatable :: alone
+      type(samples_t) :: half
+      integer :: order(size(f, 1) - size(f, 1)/2), i
+      real(wp) :: f_half(size(order), size(f, 2))
+
+      order = [(size(f, 1) + 1 - i, i=1, size(order))]
+      half%motion = samples%motion(order, :, :)
+      half%magnitude = samples%magnitude(order, :)
+      if (allocated(samples%phases)) half%phases = samples%phases(:, order)
+      allocate (alone, source=law)
+      if (law%n_phases > 0) call alone%set_phases(half%phases)
+      call evaluate(alone, half, f_half)
+      mixes = .not. are_the_same(reshape(f(order, :), [size(f_half)]), reshape(f_half, [size(f_half)]))
+   end function mixes
+
+   !> Why no method can follow the forces of a law along a motion: they depend on other samples, or jump between two samples. Empty
+   !> where nothing of that is found.
+   subroutine find_fault(law, z, v, fault)
+      class(law_t), intent(in) :: law                                 !! prepared; without states, phases and reactions
+      real(wp), intent(in) :: z(:, :), v(:, :)                        !! along the motion, (n_samples, n_coordinates)
+      character(:), allocatable, intent(out) :: fault
+      real(wp), parameter :: smallest = 1.0e-3_wp                     ! jump, relative to the largest force
+      type(samples_t) :: samples
+      real(wp) :: at(2), f(size(z, 1), size(z, 2)), jump
+
+      fault = ""
+      allocate (samples%motion(size(z, 1), size(z, 2), 3), source=0.0_wp)
+      allocate (samples%magnitude(size(z, 1), 3), source=1.0_wp)
+      samples%motion(:, :, 1) = z
+      samples%motion(:, :, 2) = v
+      call evaluate(law, samples, f)
+      if (.not. all(ieee_is_finite(f))) return
+      if (mixes(law, samples, f)) then
+         fault = mixed_samples
+         return
+      end if
+      call find_jump(law, samples%motion, jump, at)
+      if (.not. jump > smallest*maxval(abs(f))) return
+      fault = "its force jumps by "//rounded(jump)//" where a displacement is "//rounded(at(1))
+      if (law%needs_velocity) fault = fault//" and its rate "//rounded(at(2))
+      fault = fault//": no motion of finitely many harmonics is in balance with it. Use coulomb_rigid or jenkins for dry "// &
+              "friction, rigid_wall for a wall; smooth other jumps, as by tanh over a thousandth of the largest motion"
+   end subroutine find_fault
+
+   !> The largest jump of the force between two samples that follow each other, by bisection to neighbouring numbers.
+   subroutine find_jump(law, motion, jump, at)
+      class(law_t), intent(in) :: law
+      real(wp), intent(in) :: motion(:, :, :)                         !! (n_samples, n_coordinates, z v p)
+      real(wp), intent(out) :: jump                                   !! 0: none
+      real(wp), intent(out) :: at(2)                                  !! displacement and rate there, of one coordinate
+      integer, parameter :: n_bisections = 60, max_intervals = 256
+      real(wp), allocatable :: higher(:, :, :), lower(:, :, :), middle(:, :, :)
+      real(wp), allocatable, dimension(:, :) :: f_higher, f_lower, f_middle
+      integer :: i, k, n, place(2)
+      logical :: is_upper
+
+      jump = 0.0_wp
+      at = 0.0_wp
+      n = size(motion, 1)
+      if (n < 2) return
+      associate (m => min(n - 1, max_intervals))
+         lower = motion([(1 + ((i - 1)*(n - 1))/m, i=1, m)], :, :)
+         higher = motion([(1 + (i*(n - 1))/m, i=1, m)], :, :)
+      end associate
+      allocate (f_lower(size(lower, 1), size(lower, 2)))
+      f_higher = f_lower
+      f_middle = f_lower
+      call evaluate_block(law, lower, f_lower)
+      call evaluate_block(law, higher, f_higher)
+      do k = 1, n_bisections
+         middle = 0.5_wp*(lower + higher)
+         call evaluate_block(law, middle, f_middle)
+         if (.not. all(ieee_is_finite(f_middle))) return
+         do i = 1, size(middle, 1)
+            is_upper = maxval(abs(f_higher(i, :) - f_middle(i, :))) > maxval(abs(f_middle(i, :) - f_lower(i, :)))
+            if (is_upper) then
+               lower(i, :, :) = middle(i, :, :)
+               f_lower(i, :) = f_middle(i, :)
+            else
+               higher(i, :, :) = middle(i, :, :)
+               f_higher(i, :) = f_middle(i, :)
+            end if
+         end do
+      end do
+      place = maxloc(abs(f_higher - f_lower))
+      jump = abs(f_higher(place(1), place(2)) - f_lower(place(1), place(2)))
+      at = middle(place(1), place(2), :2)
+   end subroutine find_jump
 
    !> Whether the forces f of samples change their sign with that of the motion.
    logical function is_mirrored(law, samples, f)
@@ -156,8 +255,8 @@ contains
    pure logical function derivative_check_is_sound(self) result(is_sound)
       class(derivative_check_t), intent(in) :: self
 
-      is_sound = self%is_repeatable .and. .not. self%has_touched_inputs .and. size(self%wrong) == 0 .and. &
-         .not. self%is_wrongly_odd .and. self%n_skipped < self%n_compared
+      is_sound = self%is_repeatable .and. .not. (self%has_touched_inputs .or. self%mixes_samples .or. self%is_wrongly_odd) .and. &
+         size(self%wrong) == 0 .and. self%n_skipped < self%n_compared
    end function derivative_check_is_sound
 
    !> Describes the result.
@@ -169,6 +268,8 @@ contains
          verdict = "wrong: it writes to its inputs"
       else if (.not. self%is_repeatable) then
          verdict = "wrong: two evaluations of the same motion differ"
+      else if (self%mixes_samples) then
+         verdict = "wrong: "//mixed_samples
       else if (size(self%wrong) > 0) then
          verdict = "wrong: "//join(self%wrong, ", ")
       else if (self%is_wrongly_odd) then

@@ -57,6 +57,7 @@ module hb_bordered
       procedure :: precondition => bordered_precondition
       procedure :: solve_linear => bordered_solve_linear
       procedure :: rounding_level => bordered_rounding_level
+      procedure :: is_unsuitable => bordered_is_unsuitable
       procedure :: deform => bordered_deform
       procedure :: unknowns => bordered_unknowns
       procedure :: move_to => bordered_move_to
@@ -333,6 +334,16 @@ contains
       call self%move_to(x, is_possible)
       if (is_possible) bordered_rounding_level = self%base%rounding_level(x(:self%n_base))
    end function bordered_rounding_level
+
+   logical function bordered_is_unsuitable(self, x) result(is_unsuitable)
+      class(bordered_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      logical :: is_possible
+
+      call self%move_to(x, is_possible)
+      is_unsuitable = .false.
+      if (is_possible) is_unsuitable = self%base%is_unsuitable(x(:self%n_base))
+   end function bordered_is_unsuitable
 
    subroutine bordered_deform(self, kind, amount)
       class(bordered_problem_t), intent(inout) :: self

@@ -58,6 +58,7 @@ module hb_problem
       procedure :: lowest_level => problem_lowest_level
       procedure :: coarse_guess => problem_coarse_guess
       procedure :: has_sound_scales => problem_has_sound_scales
+      procedure :: is_unsuitable => problem_is_unsuitable
       procedure :: norm => problem_norm
       procedure :: work_of => problem_work_of
    end type problem_t
@@ -264,6 +265,15 @@ contains
       if (has_sound_scales) has_sound_scales = &
          maxval(exponent(self%x_scale)) + maxval(exponent(self%r_scale)) < maxexponent(1.0_wp)
    end function problem_has_sound_scales
+
+   !> Whether the equations themselves are the reason why x, the end of an attempt, is no solution, so that no other attempt can
+   !> succeed. The default does not examine them.
+   logical function problem_is_unsuitable(self, x) result(is_unsuitable)
+      class(problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+
+      is_unsuitable = .false.
+   end function problem_is_unsuitable
 
    !> Euclidean norm of r/r_scale; NaN or infinity if any entry is.
    pure real(wp) function problem_norm(self, r)

@@ -123,6 +123,7 @@ contains
       end if
       self%is_ended = has_ended(step)
       if (self%is_ended) self%report%status = step%status
+      if (is_first_direct(rule) .and. .not. self%is_ended) self%is_ended = self%problem%is_unsuitable(trial)
    end subroutine solver_attempts_make
 
    logical function solver_attempts_is_over(self) result(is_over)

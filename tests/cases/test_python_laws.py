@@ -293,6 +293,22 @@ def test_faults_of_laws_are_raised():
     assert duffing().solve(order=3).nhbm.is_converged
 
 
+@pytest.mark.parametrize(
+    ("force", "text"),
+    [
+        (lambda q, v: 0.3 * np.sign(v), "jumps .* coulomb_rigid"),  # dry friction
+        (lambda q: q**3 + q[0], "depends on other samples"),
+    ],
+)
+def test_forces_that_no_method_can_follow_are_named(force, text):
+    """They took half a minute, and ended as `stalled`: check units and loads first."""
+    model = Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0, damping_mass=0.05), tones=[0.9])
+    model.load("x1", 1, cos=0.5)
+    model.law(force, "x2")
+    with pytest.warns(UserWarning, match=text):
+        model.solve()
+
+
 def test_laws_compiled_by_numba():
     """A law of a velocity, too; each equals the one of the catalogue."""
     pytest.importorskip("numba")
