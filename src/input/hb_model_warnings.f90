@@ -9,7 +9,8 @@ module hb_model_warnings
    use hb_modes, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
-   use hb_sign_warnings, only: describe_signs
+   use hb_sign_warnings, only: describe_signs, is_gyrator
+   use hb_structure, only: structure_t
    use hb_structure_load, only: is_only_in_time, load_box_t
    use hb_system, only: system_t
    use hb_text, only: join, number_of, rounded_to, string_t, to_text
@@ -61,8 +62,8 @@ contains
       do i = 1, size(lines)
          call add_line(text, lines(i)%value)
       end do
-      call describe_coupling("stiffness", system%structure%stiffness, system%structure%labels, text)
-      call describe_coupling("damping", system%structure%damping, system%structure%labels, text)
+      call describe_coupling("stiffness", system%structure%stiffness, system%structure, text)
+      call describe_coupling("damping", system%structure%damping, system%structure, text)
       do i = 1, size(system%laws)
          call describe_gaps(system%laws(i)%law, text)
       end do
@@ -77,12 +78,12 @@ contains
          "sample")//": a point may take minutes; a tolerance, instead of an order or a set, chooses those that are needed")
    end subroutine describe_implausible
 
-   !> Adds a line on the first coupling of two degrees of freedom in one direction alone: rotors and controllers may have such
-   !> couplings, else half of a symmetric pair was forgotten.
-   pure subroutine describe_coupling(name, matrix, labels, text)
+   !> Adds a line on the first coupling of two degrees of freedom in one direction alone: controllers may have such couplings, else
+   !> half of a symmetric pair was forgotten. The force of a current and the voltage of a rate are two directions.
+   pure subroutine describe_coupling(name, matrix, structure, text)
       character(*), intent(in) :: name                                !! of the matrix
       real(wp), intent(in), allocatable :: matrix(:, :)               !! (n_dofs, n_dofs); not allocated: sparse
-      character(*), intent(in) :: labels(:)                           !! (n_dofs)
+      type(structure_t), intent(in) :: structure
       character(:), allocatable, intent(inout) :: text
       integer :: i, k
 
@@ -90,10 +91,13 @@ contains
       do k = 1, size(matrix, 2)
          do i = 1, size(matrix, 1)
             if (abs(matrix(k, i)) > 0.0_wp .or. .not. abs(matrix(i, k)) > 0.0_wp) cycle
-            call add_line(text, "the "//name//" matrix has an entry of row '"//trim(labels(i))//"' and column '"// &
-                          trim(labels(k))//"', "//to_text(matrix(i, k))//", and none of row '"//trim(labels(k))// &
-                          "' and column '"//trim(labels(i))//"': unless the coupling is to act in one direction, make the "// &
-                          "matrix symmetric")
+            if (is_gyrator(structure, i, k)) cycle
+            associate (labels => structure%labels)
+               call add_line(text, "the "//name//" matrix has an entry of row '"//trim(labels(i))//"' and column '"// &
+                             trim(labels(k))//"', "//to_text(matrix(i, k))//", and none of row '"//trim(labels(k))// &
+                             "' and column '"//trim(labels(i))//"': unless the coupling is to act in one direction, make the "// &
+                             "matrix symmetric")
+            end associate
             return
          end do
       end do

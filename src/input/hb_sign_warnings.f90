@@ -1,16 +1,17 @@
 !> Warnings about signs that feed energy into a structure or make it unstable at rest: deliberate in self-excited and bistable
 !> models, otherwise a mistake.
 module hb_sign_warnings
+   use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_kinds, only: wp
    use hb_lapack, only: dsygv
    use hb_law, only: law_t
    use hb_numbers, only: number_t
    use hb_structure, only: structure_t
-   use hb_system, only: system_t
+   use hb_system, only: slowest_of, system_t
    use hb_text, only: add_string, rounded_to, string_t, to_text
    implicit none
    private
-   public :: describe_signs
+   public :: describe_signs, is_gyrator
 
    real(wp), parameter :: rounding = 1.0e-9_wp                        ! of an eigenvalue, relative to the largest entry
    real(wp), parameter :: zero = 1.0e-11_wp                           ! of an entry, likewise: rigid body modes of a reduction
@@ -39,12 +40,52 @@ contains
          if (.not. is_gyroscopic(structure)) &
             call describe_matrix(structure, "stiffness", stiffness, structure%stiffness, unstable, lines)
          if (any(system%tones%is_unknown)) return
-         call describe_matrix(structure, "damping", damping, structure%damping, feeding, lines)
+         call describe_matrix(structure, "damping", damping, dissipative_part(system), feeding, lines)
       end associate
       do i = 1, size(system%laws)
          call describe_law(system%laws(i)%law, lines)
       end do
    end subroutine describe_signs
+
+   !> The damping without what stores or passes on energy, with equations multiplied so that forces are reciprocal: the voltage of a
+   !> coil, whose force is in another matrix, and a gyrator in any units damp nothing. Not allocated for sparse matrices.
+   function dissipative_part(system) result(damping)
+      type(system_t), intent(in) :: system
+      real(wp), allocatable :: damping(:, :)
+      type(coordinate_scales_t) :: scales
+      integer :: i, k
+
+      associate (structure => system%structure)
+         if (.not. allocated(structure%damping)) return
+         call find_coordinate_scales(scales, structure, system%laws, slowest_of(system%tones), spread(0.0_wp, 1, structure%n_dofs))
+         allocate (damping, source=structure%damping*spread(scales%equations, 2, structure%n_dofs))
+         do k = 1, structure%n_dofs
+            do i = 1, structure%n_dofs
+               if (is_gyrator(structure, i, k)) damping(i, k) = 0.0_wp
+            end do
+         end do
+      end associate
+   end function dissipative_part
+
+   !> Whether two degrees of freedom act on each other by displacements in one direction and by rates in the other, as a current and
+   !> the coil that it drives.
+   pure logical function is_gyrator(structure, i, k)
+      type(structure_t), intent(in) :: structure                      !! with dense matrices
+      integer, intent(in) :: i, k
+
+      is_gyrator = (acts(structure%stiffness, i, k) .and. acts(structure%damping, k, i)) .or. &
+                   (acts(structure%stiffness, k, i) .and. acts(structure%damping, i, k))
+
+   contains
+
+      !> Whether the first is driven by the second, and not the reverse.
+      pure logical function acts(matrix, row, column)
+         real(wp), intent(in) :: matrix(:, :)
+         integer, intent(in) :: row, column
+
+         acts = abs(matrix(row, column)) > 0.0_wp .and. .not. abs(matrix(column, row)) > 0.0_wp
+      end function acts
+   end function is_gyrator
 
    !> Whether a structure has gyroscopic terms, which may stabilise it: in a rotating frame the stiffness contains -Omega**2 M.
    pure logical function is_gyroscopic(structure)

@@ -5,6 +5,7 @@
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_beat, only: slowest_beat
+   use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_dissipation, only: loses_energy, work_of_dissipation
    use hb_error, only: error_t
    use hb_exponents, only: exponents_t, find_exponents, propagation_t, work_of_exponents
@@ -61,7 +62,7 @@ contains
       type(excitation_t), intent(in) :: excitation
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(variation_t), target :: variation
-      type(error_t), allocatable :: error
+      type(coordinate_scales_t) :: scales
       real(wp) :: limit
       integer :: n_transfers                                          ! at least, for a verdict
 
@@ -79,18 +80,60 @@ contains
          call assess_with_parts(stability, variation, motion, structure, laws, limit)
          return
       end if
+      call find_coordinate_scales(scales, structure, laws, minval(abs(motion%tones%omega)), sum(abs(motion%amplitudes), dim=2))
+      call assess_scaled(stability, config, scales%scaled_structure(structure), scales%scaled_laws(laws), &
+                         scaled_motion(motion, scales%coordinates), scaled_excitation(excitation, scales%coordinates), limit)
+   end subroutine floquet_find
+
+   !> Of a model whose coordinates may be compared.
+   subroutine assess_scaled(self, config, structure, laws, motion, excitation, limit)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      type(harmonic_motion_t), intent(in) :: motion
+      type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: limit                                   !! of the work [ns]
+      type(variation_t), target :: variation
+      type(error_t), allocatable :: error
+
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
-         stability%is_too_costly = highest > max_turns*minval(motion%tones%omega)
+         self%is_too_costly = highest > max_turns*minval(motion%tones%omega)
       end associate
-      if (stability%is_too_costly) return
+      if (self%is_too_costly) return
       if (motion%tones%n_tones == 1) then
-         call assess_one_tone(stability, config, variation, structure, laws, motion, excitation, limit)
+         call assess_one_tone(self, config, variation, structure, laws, motion, excitation, limit)
       else
-         call assess_torus(stability, config, variation, structure, laws, motion, limit)
+         call assess_torus(self, config, variation, structure, laws, motion, limit)
       end if
-   end subroutine floquet_find
+   end subroutine assess_scaled
+
+   !> The motion of scaled coordinates.
+   pure type(harmonic_motion_t) function scaled_motion(motion, scale) result(scaled)
+      type(harmonic_motion_t), intent(in) :: motion
+      real(wp), intent(in) :: scale(:)                                !! of each coordinate, (n_dofs)
+      integer :: h
+
+      scaled = motion
+      do h = 1, size(scaled%amplitudes, 2)
+         scaled%amplitudes(:, h) = scaled%amplitudes(:, h)/scale
+      end do
+   end function scaled_motion
+
+   !> The loads on scaled coordinates, whose powers remain as they are.
+   pure type(excitation_t) function scaled_excitation(excitation, scale) result(scaled)
+      type(excitation_t), intent(in) :: excitation
+      real(wp), intent(in) :: scale(:)                                !! of each coordinate, (n_dofs)
+      integer :: h
+
+      scaled = excitation
+      if (.not. allocated(scaled%loads%values)) return
+      do h = 1, size(scaled%loads%values, 2)
+         scaled%loads%values(:, h) = scaled%loads%values(:, h)*scale
+      end do
+   end function scaled_excitation
 
    !> Of a periodic motion: from a periodic motion of its pieces, where this is possible and cheap, otherwise from its series.
    subroutine assess_one_tone(self, config, variation, structure, laws, motion, excitation, limit)
@@ -129,6 +172,8 @@ contains
       real(wp), parameter :: work_of_eigenvalues = 10.0_wp            ! by the third power of the size
       real(wp), parameter :: largest = 0.9_wp*log(huge(1.0_wp))       ! growth within a period, as a logarithm
       type(law_box_t) :: none(0)
+      type(coordinate_scales_t) :: scales
+      type(structure_t) :: scaled
       type(variation_t) :: variation
       type(error_t), allocatable :: error
       complex(wp), allocatable :: rates(:)
@@ -151,10 +196,12 @@ contains
          self%is_too_costly = work > min(limit, work_on_demand)
          if (self%is_too_costly) return
       end if
-      call new_variation(variation, structure, none, motion%tuples, motion%tones%omega, motion%amplitudes, error)
+      call find_coordinate_scales(scales, structure, none, minval(abs(motion%tones%omega)), sum(abs(motion%amplitudes), dim=2))
+      scaled = scales%scaled_structure(structure)
+      call new_variation(variation, scaled, none, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       matrix = variation%constant
-      directions = states_of(free_motions(structure, none), size(matrix, 1))
+      directions = states_of(free_motions(scaled, none), size(matrix, 1))
       if (allocated(variation%massless)) then
          retained = pack([(i, i=1, size(matrix, 1))], .not. variation%massless%is_inert)
          matrix = matrix(retained, retained)

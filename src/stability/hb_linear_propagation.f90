@@ -48,6 +48,7 @@ contains
       self%size = variation%size
       self%n_begun = 2*variation%n_dofs
       self%n_followed = self%n_begun - size(shifts, 3)
+      if (allocated(variation%massless)) self%n_followed = self%n_followed - count(variation%massless%is_inert)
       self%length = two_pi/minval(variation%motion%omega)
       associate (ratio => maxval(variation%motion%omega)/minval(variation%motion%omega))
          self%n_parts = max(1, int(ratio/turns_of_part))
@@ -90,6 +91,7 @@ contains
          call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
                             max(self%work, self%work_left))
          self%work_left = self%work_left - part%work
+         if (allocated(self%variation%massless)) call remove_inert(self%variation%massless%is_inert, x)
          before = self%variation%size_of(x(:, 1))
          x = matmul(part%matrix, x)
          self%time = self%time + length
@@ -99,6 +101,17 @@ contains
          if (self%has_slow_phase) self%surge = max(self%surge, self%refine)
       end do
    end subroutine linear_propagation_propagate
+
+   !> Removes the states that are none of degrees of freedom without mass: a part of the starting directions.
+   pure subroutine remove_inert(is_inert, x)
+      logical, intent(in) :: is_inert(:)
+      real(wp), intent(inout) :: x(:, :)
+      integer :: k
+
+      do k = 1, size(is_inert)
+         if (is_inert(k)) x(k, :) = 0.0_wp
+      end do
+   end subroutine remove_inert
 
    !> Removes shifts of the phases of the motion from disturbances.
    subroutine remove_shifts(self, x)

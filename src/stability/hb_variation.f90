@@ -5,6 +5,7 @@
 !> of its own; one that sticks keeps its position.
 module hb_variation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
@@ -15,7 +16,7 @@ module hb_variation
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_motion_window, only: motion_window_t
    use hb_structure, only: max_dense, structure_t
-   use hb_thresholds, only: difference_step, faint, minor
+   use hb_thresholds, only: difference_step, faint, minor, rounding
    implicit none
    private
    public :: min_work, new_variation, piece_t, variation_t
@@ -83,6 +84,7 @@ contains
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! of the motion, cos - i sin, (n_dofs, n_harmonics)
       type(error_t), allocatable, intent(out) :: error
+      type(coordinate_scales_t) :: scales
       integer :: i, n
 
       call structure%check_matrices("stability", max_dense, error)
@@ -127,6 +129,9 @@ contains
       allocate (self%held(self%n_states), source=0.0_wp)
       allocate (self%has_slipped(self%n_states), source=.false.)
       call divide_by_mass(self, structure, error)
+      if (allocated(error)) return
+      call find_coordinate_scales(scales, structure, laws, minval(abs(omega)), sum(abs(amplitudes), dim=2))
+      call find_energy(self, structure, scales%equations)
    end subroutine new_variation
 
    !> The frequency beyond which the motion of each coordinate is negligible, so that events due to higher ones are as
@@ -177,40 +182,84 @@ contains
       ! smaller numbers are subnormal, which slows processors down by a factor of a hundred
       where (abs(self%constant) < tiny(1.0_wp)/epsilon(1.0_wp)) self%constant = 0.0_wp
       self%norm = maxval(sum(abs(self%constant), dim=1))
-      call find_energy(self, structure)
    end subroutine divide_by_mass
 
    !> Finds the energy by which states are compared in size: the norm of their entries rises and falls as a mode turns
    !> displacements into velocities, which are small in a structure with fast modes. Displacements without stiffness count as on
-   !> springs that are soft for the slowest tone. Structures of negative stiffness have none.
-   subroutine find_energy(self, structure)
+   !> springs that are soft for the slowest tone. Structures of negative stiffness have none: their coordinates count by themselves.
+   subroutine find_energy(self, structure, factors)
       type(variation_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: factor(:, :)
-      integer :: info
+      real(wp), intent(in) :: factors(:)                              !! of equations, with which forces are reciprocal
+      real(wp), allocatable :: factor(:, :), potential(:, :)
+      real(wp) :: slowest
+      integer :: i, info
 
-      associate (n => self%n_dofs, soft => (minor*minval(abs(self%motion%omega)))**2)
-         allocate (factor, source=0.5_wp*(structure%stiffness + transpose(structure%stiffness)) + soft*structure%mass)
-         allocate (self%energy(2*n, 2*n), source=0.0_wp)
-         self%energy(:n, :n) = factor
-         self%energy(n + 1:, n + 1:) = self%scale**2*structure%mass
+      slowest = minval(abs(self%motion%omega))
+      associate (n => self%n_dofs, rows => spread(factors, 2, self%n_dofs))
+         allocate (potential, source=symmetric_part(rows*(structure%stiffness + (minor*slowest)**2*structure%mass)))
+         if (allocated(self%massless)) call count_massless(self%massless, factors, slowest, potential)
+         allocate (factor, source=potential)
          call dpotrf("L", n, factor, n, info)
-         if (info /= 0) deallocate (self%energy)
+         if (info /= 0) then
+            potential = 0.0_wp
+            do i = 1, n
+               potential(i, i) = factors(i)*(abs(structure%stiffness(i, i)) + slowest*abs(structure%damping(i, i)) &
+                                             + (minor*slowest)**2*structure%mass(i, i))
+            end do
+         end if
+         allocate (self%energy(2*n, 2*n), source=0.0_wp)
+         self%energy(:n, :n) = potential
+         self%energy(n + 1:, n + 1:) = self%scale**2*symmetric_part(rows*structure%mass)
       end associate
    end subroutine find_energy
 
-   !> The size of a disturbance: the root of its energy, if that is known.
+   !> Coordinates without mass whose couplings by displacements are not reciprocal, such as currents and pressures, store the energy
+   !> of their rates: an inductance, a compressibility. Those of nodes between springs are a part of the potential.
+   pure subroutine count_massless(massless, factors, slowest, potential)
+      type(massless_t), intent(in) :: massless
+      real(wp), intent(in) :: factors(:)
+      real(wp), intent(in) :: slowest                                 !! tone [rad/s]
+      real(wp), intent(inout) :: potential(:, :)
+      real(wp) :: forth, back
+      integer :: i, k
+      logical :: is_node
+
+      do i = 1, size(factors)
+         if (.not. massless%is_inert(size(factors) + i)) cycle
+         is_node = .true.
+         do k = 1, size(factors)
+            forth = factors(k)*massless%stiffness(k, i)
+            back = factors(i)*massless%stiffness(i, k)
+            if (abs(forth - back) > rounding*max(abs(forth), abs(back))) is_node = .false.
+         end do
+         associate (by_rate => slowest*factors(i)*abs(massless%damping(i, i)))
+            if (is_node) then
+               potential(i, i) = potential(i, i) + faint*by_rate
+            else
+               potential(i, :) = 0.0_wp
+               potential(:, i) = 0.0_wp
+               potential(i, i) = merge(by_rate, factors(i)*abs(massless%stiffness(i, i)), by_rate > 0.0_wp)
+            end if
+         end associate
+      end do
+   end subroutine count_massless
+
+   pure function symmetric_part(matrix) result(part)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp) :: part(size(matrix, 1), size(matrix, 2))
+
+      part = 0.5_wp*(matrix + transpose(matrix))
+   end function symmetric_part
+
+   !> The size of a disturbance: the root of its energy.
    pure real(wp) function variation_size_of(self, state) result(length)
       class(variation_t), intent(in) :: self
       real(wp), intent(in) :: state(:)                                !! (size)
 
-      if (allocated(self%energy)) then
-         associate (mechanical => state(:size(self%energy, 1)))
-            length = sqrt(max(0.0_wp, dot_product(mechanical, matmul(self%energy, mechanical))))
-         end associate
-      else
-         length = norm2(state)
-      end if
+      associate (mechanical => state(:size(self%energy, 1)))
+         length = sqrt(max(0.0_wp, dot_product(mechanical, matmul(self%energy, mechanical))))
+      end associate
    end function variation_size_of
 
    !> As `divide_by_mass`, with degrees of freedom without mass.

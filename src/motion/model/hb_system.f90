@@ -16,7 +16,7 @@ module hb_system
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: coordinates_of, measure_of, normal_mode_t, only_in_time, shared_walls, system_t
+   public :: coordinates_of, measure_of, normal_mode_t, only_in_time, shared_walls, slowest_of, system_t
 
    !> Why a load with a course over time has no balance.
    character(*), parameter :: only_in_time = "a load that begins, ends or has a frequency of its own is for time integration "// &
@@ -147,6 +147,15 @@ contains
       if (present(n_laws)) last = n_laws
       call new_law_coordinates(coordinates, system%structure, system%laws(:last), system%wanted_dofs())
    end function coordinates_of
+
+   !> The slowest tone; 1 without tones [rad/s].
+   pure real(wp) function slowest_of(tones)
+      type(tones_t), intent(in) :: tones
+
+      slowest_of = 1.0_wp
+      if (tones%n_tones > 0) slowest_of = minval(abs(tones%omega))
+      if (.not. slowest_of > 0.0_wp) slowest_of = 1.0_wp
+   end function slowest_of
 
    !> The norm of motions at the coordinates of the unknowns: what the laws see of them.
    function measure_of(system) result(measure)

@@ -1,0 +1,189 @@
+!> Scales of coordinates, in which amperes, pascals and metres may be compared: the motion and everything said about it are the same
+!> whatever the units of a coordinate, of an equation and of time.
+!>
+!> Where two coordinates act on each other, their equations are multiplied so that both actions have one magnitude: those of a
+!> symmetric structure, or of a coil and its circuit, are then powers, and every coordinate is measured by its energy at the slowest
+!> tone, x**2 (|K| + w |D| + w**2 |M|) of its own equation. Coordinates that act on each other through laws alone are measured by
+!> their own motion. Pairs are joined in the order of the strength of their coupling, as in the algorithm of R. C. Prim, Bell System
+!> Technical Journal 36 (1957) 1389-1401.
+module hb_coordinate_scales
+   use hb_coordinates, only: coordinates_t
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t
+   use hb_structure, only: max_dense, structure_t
+   implicit none
+   private
+   public :: coordinate_scales_t, find_coordinate_scales
+
+   type :: coordinate_scales_t
+      real(wp), allocatable :: coordinates(:)                         !! (n_dofs), each in the unit of its coordinate
+      real(wp), allocatable :: equations(:)                           !! factors with which forces are reciprocal, (n_dofs)
+   contains
+      procedure :: of_coordinates => coordinate_scales_of_coordinates
+      procedure :: scaled_structure => coordinate_scales_structure
+      procedure :: scaled_laws => coordinate_scales_laws
+   end type coordinate_scales_t
+
+contains
+
+   !> Scales of all coordinates. Those of a structure without dense matrices, and under laws that stand for many, are all 1.
+   pure subroutine find_coordinate_scales(self, structure, laws, omega, extent)
+      type(coordinate_scales_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)                          !! on its degrees of freedom
+      real(wp), intent(in) :: omega                                   !! of the slowest tone [rad/s], > 0
+      real(wp), intent(in) :: extent(:)                               !! of the motion of each coordinate, (n_dofs)
+      real(wp), allocatable :: magnitude(:, :)
+      real(wp) :: own(structure%n_dofs)
+      integer :: group(structure%n_dofs), i, n
+
+      n = structure%n_dofs
+      self%coordinates = spread(1.0_wp, 1, n)
+      self%equations = self%coordinates
+      if (n < 2 .or. n > max_dense .or. .not. allocated(structure%stiffness)) return
+      if (any([(allocated(laws(i)%law%positions), i=1, size(laws))])) return
+      magnitude = abs(structure%stiffness) + omega*abs(structure%damping) + omega**2*abs(structure%mass)
+      own = [(magnitude(i, i), i=1, n)]
+      call make_reciprocal(magnitude, own, self%equations, group)
+      call join_by_laws(laws, self%equations, group)
+      if (any(group /= group(1))) call measure_by_motion(own*extent**2, self%equations, group)
+      where (own > 0.0_wp)
+         self%coordinates = 1.0_wp/sqrt(self%equations*own)
+      elsewhere (extent > 0.0_wp)
+         self%coordinates = extent
+      end where
+      self%coordinates = set_exponent(1.0_wp, exponent(self%coordinates)) ! a power of two changes no digit
+   end subroutine find_coordinate_scales
+
+   !> Factors of equations with which the strongest couplings act equally in both directions; coordinates that are not coupled are
+   !> in different groups.
+   pure subroutine make_reciprocal(magnitude, own, factors, group)
+      real(wp), intent(in) :: magnitude(:, :)                         !! of forces, row by column, (n, n)
+      real(wp), intent(in) :: own(:)                                  !! its diagonal, (n)
+      real(wp), intent(inout) :: factors(:)
+      integer, intent(out) :: group(:)
+      real(wp) :: strength, strongest(size(own))                      ! of the coupling to a coordinate that has its factor
+      integer :: from(size(own)), i, k, n_done, n_groups
+      logical :: is_done(size(own))
+
+      is_done = .false.
+      strongest = 0.0_wp
+      from = 0
+      n_groups = 0
+      do n_done = 1, size(own)
+         i = maxloc(strongest, dim=1, mask=.not. is_done)
+         if (strongest(i) > 0.0_wp) then
+            group(i) = group(from(i))
+            factors(i) = factors(from(i))*magnitude(from(i), i)/magnitude(i, from(i))
+         else
+            n_groups = n_groups + 1
+            group(i) = n_groups
+         end if
+         is_done(i) = .true.
+         do k = 1, size(own)
+            if (is_done(k)) cycle
+            strength = sqrt(magnitude(i, k)/max(own(i), tiny(1.0_wp)))*sqrt(magnitude(k, i)/max(own(k), tiny(1.0_wp)))
+            if (strength <= strongest(k)) cycle
+            strongest(k) = strength
+            from(k) = i
+         end do
+      end do
+   end subroutine make_reciprocal
+
+   !> Joins groups on which one force acts: a law between two bodies pushes both.
+   pure subroutine join_by_laws(laws, factors, group)
+      type(law_box_t), intent(in) :: laws(:)
+      real(wp), intent(inout) :: factors(:)
+      integer, intent(inout) :: group(:)
+      real(wp) :: ratio
+      integer :: c, first, i, k, old
+
+      do i = 1, size(laws)
+         associate (dofs => laws(i)%law%dofs, shape => laws(i)%law%shape)
+            do c = 1, size(shape, 2)
+               first = findloc(abs(shape(:, c)) > 0.0_wp, .true., dim=1)
+               do k = first + 1, size(dofs)
+                  old = group(dofs(k))
+                  if (.not. abs(shape(k, c)) > 0.0_wp .or. old == group(dofs(first))) cycle
+                  ratio = factors(dofs(first))/factors(dofs(k))
+                  where (group == old)
+                     factors = factors*ratio
+                     group = group(dofs(first))
+                  end where
+               end do
+            end do
+         end associate
+      end do
+   end subroutine join_by_laws
+
+   !> Factors with which the largest energy of each group is 1, where it moves.
+   pure subroutine measure_by_motion(energy, factors, group)
+      real(wp), intent(in) :: energy(:)                               !! of each coordinate by its own equation
+      real(wp), intent(inout) :: factors(:)
+      integer, intent(in) :: group(:)
+      real(wp) :: largest
+      integer :: k
+
+      do k = 1, maxval(group)
+         largest = maxval([0.0_wp, pack(factors*energy, group == k)])
+         if (largest > 0.0_wp) where (group == k) factors = factors/largest
+      end do
+   end subroutine measure_by_motion
+
+   !> Scales of linear functionals of degrees of freedom, each the root of the sum of squares of its terms.
+   pure function coordinate_scales_of_coordinates(self, coordinates) result(scale)
+      class(coordinate_scales_t), intent(in) :: self
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp) :: scale(coordinates%n)
+      integer :: k
+
+      if (coordinates%are_dofs) then
+         scale = self%coordinates(coordinates%dofs)
+      else
+         scale = [(norm2(coordinates%shape(:, k)*self%coordinates(coordinates%dofs)), k=1, coordinates%n)]
+      end if
+   end function coordinate_scales_of_coordinates
+
+   !> A structure of the scaled coordinates; forces are scaled so that powers remain as they are.
+   pure function coordinate_scales_structure(self, structure) result(scaled)
+      class(coordinate_scales_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      type(structure_t) :: scaled
+
+      scaled%n_dofs = structure%n_dofs
+      allocate (scaled%labels, source=structure%labels)
+      allocate (scaled%units, source=structure%units)
+      allocate (scaled%mass, source=on_both_sides(structure%mass))
+      allocate (scaled%damping, source=on_both_sides(structure%damping))
+      allocate (scaled%stiffness, source=on_both_sides(structure%stiffness))
+
+   contains
+
+      pure function on_both_sides(matrix) result(product)
+         real(wp), intent(in) :: matrix(:, :)
+         real(wp) :: product(size(matrix, 1), size(matrix, 2))
+         integer :: k
+
+         do k = 1, size(matrix, 2)
+            product(:, k) = self%coordinates*matrix(:, k)*self%coordinates(k)
+         end do
+      end function on_both_sides
+   end function coordinate_scales_structure
+
+   !> The laws, on the scaled coordinates.
+   pure function coordinate_scales_laws(self, laws) result(scaled)
+      class(coordinate_scales_t), intent(in) :: self
+      type(law_box_t), intent(in) :: laws(:)
+      type(law_box_t), allocatable :: scaled(:)
+      integer :: c, i
+
+      scaled = laws
+      do i = 1, size(scaled)
+         associate (law => scaled(i)%law)
+            do c = 1, size(law%shape, 2)
+               law%shape(:, c) = law%shape(:, c)*self%coordinates(law%dofs)
+            end do
+         end associate
+      end do
+   end function coordinate_scales_laws
+end module hb_coordinate_scales
