@@ -3,6 +3,7 @@
 !> Laws and structure are those of the model; no series, transform or balance is used, so that time integration can
 !> verify them.
 module hb_integration_system
+   use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_error, only: error_t, fail
    use hb_integration_laws, only: integration_laws_t, new_integration_laws
    use hb_integration_loads, only: append_courses, integration_loads_t, new_integration_loads
@@ -42,6 +43,8 @@ module hb_integration_system
       type(integration_laws_t) :: laws
       type(integration_loads_t) :: loads                              !! F [N]
       real(wp) :: length = 0.0_wp                                     !! typical displacement [m]
+      real(wp), allocatable :: unit(:)                                !! displacements that may be compared, (n_dofs)
+      real(wp), allocatable :: response(:)                            !! typical displacements under the loads alone, (n_dofs)
       logical :: lists_impacts = .false.                              !! with times and changes of velocity
       ! The following are divided by the mass, and only available after `divide_by_mass`
       type(integration_matrix_t) :: damping, stiffness                !! M^-1 D [1/s], M^-1 K [1/s**2]
@@ -50,6 +53,8 @@ module hb_integration_system
    contains
       procedure :: divide_by_mass => system_divide_by_mass
       procedure :: accelerate => system_accelerate
+      procedure :: largest_in_units => system_largest_in_units
+      procedure :: typical_displacements => system_typical_displacements
    end type integration_system_t
 
 contains
@@ -63,6 +68,7 @@ contains
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
       type(timed_load_t), intent(in), optional :: timed(:)            !! further loads
+      type(coordinate_scales_t) :: scales
       real(wp) :: highest                                             ! frequency of the loads [rad/s]
       integer :: i
 
@@ -72,16 +78,51 @@ contains
       call new_integration_laws(self%laws, laws, structure%n_dofs, omega)
       call new_integration_loads(self%loads, loads, frequencies)
       if (present(timed)) call append_courses(self%loads, timed)
+      allocate (self%response(self%n_dofs), source=0.0_wp)
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
       highest = self%loads%highest_frequency()
       do i = 1, structure%n_dofs
          associate (k => abs(self%structure%stiffness(i, i)) + highest**2*self%structure%mass(i, i))
-            if (k > 0.0_wp) self%length = max(self%length, (sum(abs(loads(i, :))) + sum(abs(self%loads%amplitude(i, :))))/k)
+            if (k > 0.0_wp) self%response(i) = (sum(abs(loads(i, :))) + sum(abs(self%loads%amplitude(i, :))))/k
          end associate
       end do
+      self%length = max(self%length, maxval(self%response))
+      associate (slowest => minval(abs(omega)))
+         call find_coordinate_scales(scales, self%structure, laws, merge(slowest, 1.0_wp, slowest > 0.0_wp .and. size(omega) > 0), &
+                                     self%response)
+      end associate
+      self%unit = scales%coordinates
+      self%response = self%largest_in_units(self%response)
    end subroutine new_integration_system
+
+   !> The largest of some displacements or rates, of all degrees of freedom, in the unit of each.
+   pure function system_largest_in_units(self, values) result(largest)
+      class(integration_system_t), intent(in) :: self
+      real(wp), intent(in) :: values(:)                               !! (n_dofs)
+      real(wp) :: largest(size(values))
+
+      largest = self%unit*maxval(abs(values)/self%unit)
+   end function system_largest_in_units
+
+   !> Displacements of all degrees of freedom that are typical of the loads and the laws, in the unit of each.
+   pure function system_typical_displacements(self) result(typical)
+      class(integration_system_t), intent(in) :: self
+      real(wp) :: typical(self%n_dofs)
+      integer :: i, k
+
+      typical = self%response
+      do i = 1, size(self%laws%laws)
+         associate (law => self%laws%laws(i)%law)
+            do k = 1, size(law%shape, 2)
+               associate (reach => maxval(abs(law%shape(:, k))*self%unit(law%dofs)))
+                  if (reach > 0.0_wp) typical = max(typical, self%unit*(law%length_scale/reach))
+               end associate
+            end do
+         end associate
+      end do
+   end function system_typical_displacements
 
    !> Computes the data for `accelerate`; fails for a singular mass.
    subroutine system_divide_by_mass(self, error)

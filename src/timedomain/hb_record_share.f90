@@ -2,6 +2,7 @@
 module hb_record_share
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
+   use hb_thresholds, only: rounding
    use hb_time_stepping, only: integration_record_t
    implicit none
    private
@@ -13,35 +14,40 @@ contains
 
    !> Largest root mean square of the remainder of a record, in a part of it, relative to that of its motion without
    !> the mean.
-   pure real(wp) function largest_share(remainder, z) result(share)
+   pure real(wp) function largest_share(remainder, z, rest) result(share)
       real(wp), intent(in) :: remainder(:, :)                         !! (any, n_coordinates)
       real(wp), intent(in) :: z(:, :)                                 !! the record, (n_samples, n_coordinates)
+      real(wp), intent(in) :: rest(:)                                 !! as for `scale_of`
 
-      share = maxval(norm2(remainder, 1)/scale_of(z))/sqrt(real(size(remainder, 1), wp))
+      share = maxval(norm2(remainder, 1)/scale_of(z, rest))/sqrt(real(size(remainder, 1), wp))
    end function largest_share
 
    !> Returns the largest such share of the parts of a record, each as long as the part not used by a fit: the phases
    !> of several tones for which a series is worst may be in any of them, and a fit has little weight at the
    !> beginning.
-   pure real(wp) function largest_in_parts(remainder, z) result(share)
+   pure real(wp) function largest_in_parts(remainder, z, rest) result(share)
       real(wp), intent(in) :: remainder(:, :), z(:, :)                !! (n_samples, n_coordinates)
+      real(wp), intent(in) :: rest(:)                                 !! as for `scale_of`
       integer :: part
 
       share = 0.0_wp
       associate (n => size(z, 1))
          do part = 1, parts
-            share = max(share, largest_share(remainder((part - 1)*n/parts + 1:part*n/parts, :), z))
+            share = max(share, largest_share(remainder((part - 1)*n/parts + 1:part*n/parts, :), z, rest))
          end do
       end associate
    end function largest_in_parts
 
-   !> Root mean squares of a record without the means; 1 for coordinates at rest.
-   pure function scale_of(z) result(scale)
+   !> Root mean squares of a record without the means. What moves less than rounding of its place, or than `rest`, is at rest:
+   !> what is left of it is compared with this.
+   pure function scale_of(z, rest) result(scale)
       real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
+      real(wp), intent(in) :: rest(:)                                 !! motion that counts as none, (n_coordinates)
       real(wp) :: scale(size(z, 2))
       integer :: k
 
       scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
+      scale = max(scale, rest, rounding*maxval(abs(z), dim=1))
       where (scale <= 0.0_wp) scale = 1.0_wp
    end function scale_of
 
@@ -63,14 +69,16 @@ contains
    end function as_real
 
    !> Differences of motions relative to the first, by coordinate, for coefficients above `least`.
-   pure function distance_of(c, other, least) result(distance)
+   pure function distance_of(c, other, least, rest) result(distance)
       complex(wp), intent(in) :: c(:, :), other(:, :)                 !! (n_harmonics, n_coordinates)
       real(wp), intent(in) :: least
+      real(wp), intent(in), optional :: rest(:)                       !! as for `scale_of`; default: 0
       real(wp) :: distance(size(c, 2)), own
       integer :: k
 
       do k = 1, size(c, 2)
          own = max(norm2(abs(c(:, k))), tiny(1.0_wp))
+         if (present(rest)) own = max(own, rest(k))
          distance(k) = norm2(pack(abs(c(:, k) - other(:, k)), abs(c(:, k)) >= least*own))/own
       end do
    end function distance_of

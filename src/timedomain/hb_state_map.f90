@@ -82,17 +82,16 @@ contains
       self%config%decimation = huge(1)
       extent = sum(abs(motion%amplitudes), dim=2)
       speed = matmul(abs(motion%amplitudes), abs(motion%frequencies))
-      if (maxval(extent) <= 0.0_wp) extent = maxval([abs(self%rigid%gap), 0.0_wp])
-      if (maxval(extent) <= 0.0_wp) extent = 1.0_wp                   ! at rest, at no distance from anything
-      extent = max(extent, minor*maxval(extent))
-      speed = max(speed, minor*maxval(speed), at_rest*maxval(extent)*maxval(abs(motion%omega)))
+      if (maxval(extent) <= 0.0_wp) extent = system%typical_displacements()
+      if (maxval(extent) <= 0.0_wp) extent = system%unit              ! at rest, without loads, at no distance from anything
+      extent = max(extent, minor*system%largest_in_units(extent))
+      speed = max(speed, minor*system%largest_in_units(speed), at_rest*system%largest_in_units(extent)*maxval(abs(motion%omega)))
       allocate (self%scale(2*n + system%laws%n_states))
       self%scale(:2*n) = [extent, speed]
       do i = 1, size(system%laws%spans)
          associate (span => system%laws%spans(i))
             do k = span%first_state, span%last_state
-               self%scale(2*n + k) = max(maxval(matmul(transpose(abs(system%laws%shape(:, span%first:span%last))), extent)), &
-                                         minor*maxval(extent))
+               self%scale(2*n + k) = maxval(matmul(transpose(abs(system%laws%shape(:, span%first:span%last))), extent))
             end do
          end associate
       end do

@@ -33,7 +33,7 @@ module hb_steady_windows
    use hb_structure, only: max_dense
    use hb_system, only: coordinates_of, measure_of, system_t
    use hb_text, only: rounded, to_text
-   use hb_thresholds, only: same_motion
+   use hb_thresholds, only: rounding, same_motion
    use hb_time_stepping, only: early_end_t, integrate_from, integration_record_t
    implicit none
    private
@@ -69,6 +69,7 @@ module hb_steady_windows
       type(integration_config_t) :: config
       type(coordinates_t) :: coordinates                              ! of the laws
       type(law_measure_t) :: measure                                  ! of motions at these
+      real(wp), allocatable :: rest(:)                                ! motion of each of them that counts as none
       real(wp), allocatable :: frequencies(:)                         ! [rad/s], of the set, or of the candidates
       integer :: n_first = 0                                          ! periods of the first one
       real(wp) :: period = 0.0_wp                                     ! [s] of the slowest tone
@@ -163,7 +164,7 @@ contains
                windows%remainder = remainder_of(z, steady%averages, record, windows%frequencies)
             end if
             status_before = steady%status
-            call describe_verdict(discretisation, options, steady, z, windows%remainder, system%tones%omega*record%step/two_pi, &
+            call describe_verdict(discretisation, options, windows, steady, z, system%tones%omega*record%step/two_pi, &
                                   has_forgotten(windows, window, steady%n_periods), window == max_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
@@ -239,6 +240,8 @@ contains
       associate (equations => self%equations)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), self%frequencies, &
                                      system%tones%omega)
+         self%rest = rounding*equations%response(self%coordinates%dofs)
+         if (.not. self%coordinates%are_dofs) self%rest = matmul(self%rest, abs(self%coordinates%shape))
          if (present(start)) then
             state = start
          else
@@ -292,19 +295,31 @@ contains
       if (allocated(error)) return
       if (finds_lines) then
          self%remainder = reshape([(z(:, i) - self%fit%series(averages(:, i)), i=1, size(z, 2))], shape(z))
-         steady%spread = max(largest_in_parts(self%remainder, z), &
-                             largest_in_parts(self%measure%seen(self%remainder), self%measure%seen(z)))
+         steady%spread = max(largest_in_parts(self%remainder, z, self%rest), &
+                             largest_in_parts(self%measure%seen(self%remainder), self%measure%seen(z), seen_rest(self)))
          self%unresolved = maxval([(unresolved_by(self%step*size(z, 1), self%frequencies, averages(:, i), steady%spread), &
                                       i=1, size(z, 2))])
       else if (allocated(steady%averages)) then
-         steady%spread = max(maxval(distance_of(averages, steady%averages, 0.0_wp)), &
+         steady%spread = max(maxval(distance_of(averages, steady%averages, 0.0_wp, self%rest)), &
                              self%measure%norm(as_real(averages - steady%averages))/ &
-                             max(self%measure%norm(as_real(averages)), tiny(1.0_wp)))
+                             max(self%measure%norm(as_real(averages)), maxval(seen_rest(self)), tiny(1.0_wp)))
       else
          steady%spread = huge(1.0_wp)
       end if
       call move_alloc(averages, steady%averages)
    end subroutine average_window
+
+   !> The motion that counts as none, at the coordinates of the laws.
+   pure function seen_rest(self) result(rest)
+      type(windows_t), intent(in) :: self
+      real(wp), allocatable :: rest(:)
+      real(wp), allocatable :: seen(:, :)
+      real(wp) :: motion(1, size(self%rest))
+
+      motion(1, :) = self%rest
+      allocate (seen, source=abs(self%measure%seen(motion)))
+      allocate (rest, source=seen(1, :))
+   end function seen_rest
 
    !> Replaces a motion with impacts by the periodic one at its end, if Newton's method finds it nearby: its accuracy is
    !> then not limited by the decay of transients.
@@ -435,12 +450,12 @@ contains
 
    !> Describes a steady record. The remainder of a fit to candidates consists of lines beyond them: they are faster
    !> than the resolution of returns. The motion is known to that accuracy.
-   subroutine describe_verdict(discretisation, options, steady, z, remainder, turns, has_forgotten, is_last)
+   subroutine describe_verdict(discretisation, options, self, steady, z, turns, has_forgotten, is_last)
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
+      type(windows_t), intent(in) :: self
       type(steady_motion_t), intent(inout) :: steady
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
-      real(wp), intent(in) :: remainder(:, :)                         !! remainder of the record without the series, likewise
       real(wp), intent(in) :: turns(:)                                !! of the phases from sample to sample, (n_tones)
       logical, intent(in) :: has_forgotten                            !! the transient has decayed, as far as damping determines it
       logical, intent(in) :: is_last                                  !! there is no longer window
@@ -451,10 +466,10 @@ contains
 
       integrated_for = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone"
       allowed = allowed_of(options)
-      left_out = largest_share(remainder, z)
+      left_out = largest_share(self%remainder, z, self%rest)
       steady%left_out = merge(0.0_wp, left_out, options%integration%aim > 0.0_wp) ! for a fit included in the spread
       finds_lines = options%integration%aim > 0.0_wp
-      part = turns_to_repeat(remainder, scale_of(z), turns, left_out, allowed)
+      part = turns_to_repeat(self%remainder, scale_of(z, self%rest), turns, left_out, allowed)
       steady%status = outcome%pending
       if (part == 1) then
          if (steady%spread <= allowed .or. (finds_lines .and. has_forgotten)) steady%status = outcome%integrated
