@@ -3,16 +3,16 @@
 !> what to do next.
 module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_attempts, only: attempt_rules, describe_attempts
+   use hb_attempts, only: describe_attempts
    use hb_document, only: document_t
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text
    use hb_properties, only: properties_t
    use hb_remedies, only: remedy_of
    use hb_results_record, only: attempts_of, messages_of, numbers_of, record_t
-   use hb_solver_types, only: attempt_t, fallback_texts
+   use hb_solver_types, only: attempt_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: add_string, number_of, rounded, rounded_beside, split, string_t, to_text
+   use hb_text, only: add_string, number_of, rounded, rounded_beside, string_t, to_text
    use hb_thresholds, only: well_solved
    use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use run_texts, only: is_regular_end
@@ -21,7 +21,6 @@ module explanation
    public :: explain_failures, explain_point, find_kinds, status_lines
 
    character(*), parameter :: command_mark = new_line("a")//"try: "
-   character(*), parameter :: separator = "; least residuals: "       ! of hb_advice, before the residual of each attempt
    integer, parameter :: most_read = 200                              ! messages of a status that are examined for a summary
    integer, parameter :: max_kinds = 3                               ! of a status that are reported there
 
@@ -183,14 +182,14 @@ contains
       kinds = kinds(:n)
    end subroutine find_kinds
 
-   !> Message up to its list of residuals, without the characters of numbers.
+   !> Message without the characters of numbers.
    pure function without_numbers(message) result(form)
       character(*), intent(in) :: message
       character(:), allocatable :: form
       integer :: i
 
       form = ""
-      do i = 1, index(message//separator, separator) - 1
+      do i = 1, len(message)
          if (index("0123456789.+-Ee", message(i:i)) == 0) form = form//message(i:i)
       end do
    end function without_numbers
@@ -202,20 +201,19 @@ contains
       type(run_names_t), intent(in) :: names
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
-      character(:), allocatable :: text, advice, command, tried
+      character(:), allocatable :: text, command, tried
       type(attempt_t), allocatable :: attempts(:)
-      integer :: n
 
       text = "Point "//name_of(kind%first, plan)//others_of(kind)//": "//outcome_text(kind%status)//"."
       if (kind%status == outcome%pending .or. kind%status == outcome%unused) then
          if (kind%status == outcome%pending) text = text//" "//remedy_of(kind%status)
          return
       end if
-      text = text//tried_text(kind, record)//nearness_text(kind%first, record, document)
-      n = index(kind%message, separator)
-      advice = kind%message
-      if (n > 0) advice = kind%message(:n - 1)
-      if (len_trim(advice) > 0) text = text//new_line("a")//"Message: "//trim(advice)
+      associate (seconds => record%solve_seconds(kind%first))
+         if (ieee_is_finite(seconds)) text = text//" It took "//rounded(seconds)//" s."
+      end associate
+      text = text//nearness_text(kind%first, record, document)
+      if (len_trim(kind%message) > 0) text = text//new_line("a")//"Message: "//trim(kind%message)
       call attempts_of(names%result, kind%first, attempts)
       call describe_attempts(attempts, tried)
       if (size(attempts) > 0) text = text//new_line("a")//"Attempts: "//tried
@@ -242,41 +240,6 @@ contains
       text = ""
       if (kind%n_points > 1) text = " and "//number_of(kind%n_points - 1, "other")
    end function others_of
-
-   !> Text on what was tried: the attempts that the message lists, or the one that succeeded.
-   function tried_text(kind, record) result(text)
-      type(failure_kind_t), intent(in) :: kind
-      type(record_t), intent(in) :: record
-      character(:), allocatable :: text, ending, list, name
-      type(string_t), allocatable :: attempts(:), words(:)
-      integer :: i, k, n
-
-      text = ""
-      if (ieee_is_finite(record%solve_seconds(kind%first))) text = " It took "//rounded(record%solve_seconds(kind%first))//" s."
-      n = index(kind%message, separator)
-      if (n == 0) then
-         associate (fallback => record%fallback(kind%first))
-            if (is_solved(kind%status) .and. fallback > 0 .and. fallback <= ubound(fallback_texts, 1)) &
-               text = text//" The first attempt failed; the motion was found "//trim(fallback_texts(fallback))//"."
-         end associate
-         return
-      end if
-      call split(kind%message(n + len(separator):), ", ", attempts)
-      ending = ""
-      list = ""
-      do i = 1, size(attempts)
-         call split(trim(adjustl(attempts(i)%value)), " ", words)
-         if (size(words) < 2) cycle                                   ! the end of the message was truncated
-         if (size(words) > 2) ending = words(3)%value
-         name = trim(words(1)%value)
-         do k = 1, size(attempt_rules)
-            if (attempt_rules(k)%name == words(1)%value) name = trim(attempt_rules(k)%text)
-         end do
-         if (list /= "") list = list//", "
-         list = list//name//" (residual "//words(2)%value//", "//ending//")"
-      end do
-      if (list /= "") text = text//" Tried: "//list//"."
-   end function tried_text
 
    !> Text on how close the point has come, compared with the limits.
    function nearness_text(point, record, document) result(text)

@@ -144,7 +144,8 @@ contains
    subroutine outcome_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
-      integer :: attempt_status(max_attempts), attempts(max_attempts), n
+      integer :: attempts(max_attempts), depth(max_attempts), n, status(max_attempts)
+      real(wp) :: least(max_attempts)
 
       call t%integer("status", "1", "", "outcome of the point", m%status, outcome_names)
       call t%integer("reason", "1", "", "what ended the work, where the next step depends on it", m%reason, reason_names)
@@ -152,15 +153,21 @@ contains
          "periods of the tones after which a subharmonic motion repeats; 0: not known", m%n_periods)
       call t%text("message", "1", "message_byte", "reason for a failure, and advice", m%message)
       attempts = 0
-      attempt_status = 0
+      depth = 0
+      status = 0
+      least = ieee_value(1.0_wp, ieee_quiet_nan)
       if (allocated(m%attempts)) then
          n = min(size(m%attempts), max_attempts)
          attempts(:n) = m%attempts(:n)%rule
-         attempt_status(:n) = m%attempts(:n)%status
+         depth(:n) = m%attempts(:n)%depth
+         status(:n) = m%attempts(:n)%status
+         where (m%attempts(:n)%best < huge(1.0_wp)) least(:n) = m%attempts(:n)%best
       end if
       call t%integer("attempts", "1", "attempt", "what was tried, in order, each attempt before those within it", attempts, &
                      [character(len(attempt_rules%name)) :: "none", attempt_rules%name])
-      call t%integer("attempt_status", "1", "attempt", "outcome of each attempt", attempt_status, outcome_names)
+      call t%integer("attempt_depth", "1", "attempt", "attempts that each attempt is part of", depth)
+      call t%integer("attempt_status", "1", "attempt", "outcome of each attempt", status, outcome_names)
+      call t%real("attempt_residual", "1", "attempt", "least residual norm of each attempt, relative; NaN: none", least)
       call t%integer("iterations", "1", "", "iterations of the solver", m%iterations)
       call t%integer("fallback", "1", "", "what was needed in addition to the direct attempt", m%fallback, fallback_names)
       call t%integer("evaluations", "1", "", "evaluations of the residual", m%evaluations)

@@ -14,6 +14,7 @@ module hb_attempts
    use hb_kinds, only: wp
    use hb_outcome, only: is_integrated, is_lost, outcome, outcome_name
    use hb_solver_types, only: attempt_t, fallback
+   use hb_text, only: rounded
    implicit none
    private
    public :: attempt_rule_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, motion_conditions_t
@@ -65,7 +66,6 @@ module hb_attempts
    !> A row of the table of attempts.
    type :: attempt_rule_t
       character(22) :: name = ""
-      character(48) :: text = ""                                      !! completes "the motion was found" and "tried"
       integer :: kind = fallback%none                                 !! one of `fallback`, as the result file has it
       integer :: technique = technique%balance
       integer :: start = starting_point%first_guess
@@ -84,23 +84,23 @@ module hb_attempts
    !> All attempts, stage by stage, in their order. Attempts of the solver without a share of the fallbacks' budget are the normal
    !> way to a solution. Time integrations without one have what the solver leaves of it, see `share_of_solver`.
    type(attempt_rule_t), parameter :: attempt_rules(*) = [ &
-      attempt_rule_t("smaller_problems_first", "from a solution with fewer harmonics", fallback%none, &
+      attempt_rule_t("smaller_problems_first", fallback%none, &
                      technique%smaller_problems, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
-      attempt_rule_t("direct", "from the first guess", fallback%none, &
+      attempt_rule_t("direct", fallback%none, &
                      technique%direct, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
-      attempt_rule_t("other_guess", "from another first guess", fallback%other_guess, &
+      attempt_rule_t("other_guess", fallback%other_guess, &
                      technique%direct, starting_point%other_guess, max_stagnant_iterations, half, .false.), &
-      attempt_rule_t("fewer_harmonics", "from a solution with fewer harmonics", fallback%fewer_harmonics, &
+      attempt_rule_t("fewer_harmonics", fallback%fewer_harmonics, &
                      technique%smaller_problems, starting_point%first_guess, 0, half, .false.), &
-      attempt_rule_t("damping", "by homotopy in artificial damping", fallback%damping, &
+      attempt_rule_t("damping", fallback%damping, &
                      technique%damping_homotopy, starting_point%zero, max_stagnant_iterations, half, .true.), &
-      attempt_rule_t("nonlinearity_homotopy", "by homotopy in the laws", fallback%nonlinearity, &
+      attempt_rule_t("nonlinearity_homotopy", fallback%nonlinearity, &
                      technique%nonlinearity_homotopy, starting_point%linear_solution, 0, half, .true.), &
-      attempt_rule_t("direct_all_iterations", "from the first guess with all iterations", fallback%none, &
+      attempt_rule_t("direct_all_iterations", fallback%none, &
                      technique%direct, starting_point%first_guess, 0, half, .true.), &
-      attempt_rule_t("other_method", "by another method", fallback%other_method, &
+      attempt_rule_t("other_method", fallback%other_method, &
                      technique%other_method, starting_point%first_guess, 0, half, .true.), &
-      attempt_rule_t("load_homotopy", "by homotopy in the loads", fallback%load, &
+      attempt_rule_t("load_homotopy", fallback%load, &
                      technique%load_homotopy, starting_point%zero, 0, half, .true.), &
       !
       attempt_rule_t("integration_first", technique=technique%integration, stage=stage%motion), &
@@ -195,7 +195,7 @@ module hb_attempts
          class(attempts_t), intent(inout) :: self
          type(attempt_rule_t), intent(in) :: rule
          type(attempt_t), intent(inout) :: attempt                    !! its outcome; `pending`: it was not made after all
-         type(attempt_t), allocatable, intent(out) :: within(:)       !! attempts of the stages below that belong to it
+         type(attempt_t), allocatable, intent(out) :: within(:)       !! attempts that were made within it, if it was made
       end subroutine make_one
 
       !> Whether no further attempt is made, whatever the table says: the work was cancelled, or there was an error.
@@ -233,7 +233,10 @@ contains
          attempt = attempt_t(rule=row)
          call self%make(attempt_rules(row), attempt, within)
          if (attempt%status /= outcome%pending) self%made = [self%made, attempt]
-         if (allocated(within)) self%made = [self%made, within]
+         if (allocated(within)) then
+            within%depth = within%depth + 1
+            self%made = [self%made, within]
+         end if
          if (self%is_over()) return
          row = row_after(row, attempt%has_succeeded)
       end do
@@ -275,22 +278,29 @@ contains
       row_of = findloc(attempt_rules%name, name, dim=1)
    end function row_of
 
-   !> Describes attempts in one line: the name of each with its outcome, and after a colon those within it, such as
-   !> `first_set converged: whole_set converged: direct converged; refinement converged`.
+   !> Describes attempts in one line: the name of each with its outcome, in parentheses those within it, and the least residual of
+   !> those of the solver that failed, such as
+   !> `first_set converged (whole_set converged (direct stalled at 0.03, other_guess converged)), refinement converged`.
    pure subroutine describe_attempts(made, text)
       type(attempt_t), intent(in) :: made(:)                          !! as in `attempts_t`
       character(:), allocatable, intent(out) :: text
       type(attempt_rule_t) :: rule
-      integer :: i, stage_before
+      integer :: depth, i
 
       text = ""
-      stage_before = 0
+      depth = 0
       do i = 1, size(made)
          rule = attempt_rules(made(i)%rule)
-         if (i > 1) text = text//merge(": ", "; ", rule%stage < stage_before)
+         if (made(i)%depth > depth) then
+            text = text//" "//repeat("(", made(i)%depth - depth)
+         else if (i > 1) then
+            text = text//repeat(")", depth - made(i)%depth)//", "
+         end if
+         depth = made(i)%depth
          text = text//trim(rule%name)//" "//outcome_name(made(i)%status)
-         stage_before = rule%stage
+         if (made(i)%status /= outcome%converged .and. made(i)%best < huge(1.0_wp)) text = text//" at "//rounded(made(i)%best)
       end do
+      text = text//repeat(")", depth)
    end subroutine describe_attempts
 
    !> Whether an attempt of the solver applies under the conditions.

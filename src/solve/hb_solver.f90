@@ -89,12 +89,12 @@ contains
       applies = self%conditions%permit(rule)
    end function solver_attempts_applies
 
-   !> Makes one attempt. It counts as not made if the problem has no smaller one, or no solution of one.
+   !> Makes one attempt. It counts as not made if the problem has no smaller one.
    recursive subroutine solver_attempts_make(self, rule, attempt, within)
       class(solver_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
       type(attempt_t), intent(inout) :: attempt
-      type(attempt_t), allocatable, intent(out) :: within(:)          !! none
+      type(attempt_t), allocatable, intent(out) :: within(:)          !! those at smaller problems
       type(report_t) :: step
       type(solver_config_t) :: limited
       real(wp), allocatable :: trial(:)
@@ -110,7 +110,11 @@ contains
       call proceed(self%problem, limited, self%chosen, rule, trial, step)
       call self%report%add(step)
       if (rule%has_budget()) call self%budget%spend(step%work)
-      if (step%status == outcome%pending) return
+      if (allocated(step%attempts)) call move_alloc(step%attempts, within)
+      if (step%status == outcome%pending) then
+         if (allocated(within)) attempt%status = within(size(within))%status
+         return
+      end if
       attempt = step%as_attempt(attempt%rule)
       if (rule%has_budget()) then
          step%fallback = rule%kind
@@ -270,6 +274,7 @@ contains
          if (share < 1.0_wp) then
             call problem%coarse_guess(share, settings, x, step, is_there)
             if (is_there) report%levels = report%levels + 1
+            if (allocated(step%attempts)) call append(step%attempts)
             call report%add(step)
          else
             before = x
@@ -279,6 +284,13 @@ contains
             call report%adopt(step)
          end if
       end subroutine solve_at_size
+
+      subroutine append(attempts)
+         type(attempt_t), intent(in) :: attempts(:)
+
+         if (.not. allocated(report%attempts)) allocate (report%attempts(0))
+         report%attempts = [report%attempts, attempts]
+      end subroutine append
 
       !> Whether the point was cancelled.
       logical function is_over()

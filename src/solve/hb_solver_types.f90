@@ -6,7 +6,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, report_t, share_of_solver
+   public :: attempt_t, fallback, fallback_names, largest_affordable, method, report_t, share_of_solver
    public :: solver_config_t, unit_of_work
 
    type :: method_t
@@ -38,10 +38,6 @@ module hb_solver_types
    type(fallback_t), parameter :: fallback = fallback_t()
    character(*), parameter :: fallback_names(0:7) = [character(22) :: &
       "none", "other_guess", "other_method", "nonlinearity_homotopy", "load_homotopy", "fewer_harmonics", "integration", "damping"]
-   character(*), parameter :: fallback_texts(0:7) = [character(45) :: &
-      "from the first guess", "from another first guess", "by another method", "by homotopy in the laws", &
-      "by homotopy in the loads", "from a solution with fewer harmonics", "from a time-integrated motion", &
-      "by homotopy in artificial damping"]
 
    !> Settings of a solver; the component initialisers are the defaults of the program.
    type :: solver_config_t
@@ -79,6 +75,7 @@ module hb_solver_types
       logical :: is_out_of_work = .false.                             !! its budget of work came first
       logical :: was_falling = .false.                                !! the residual fell to the end, by a factor of ten or more
       logical :: has_succeeded = .false.                              !! the table goes on with `on_success`
+      integer :: depth = 0                                            !! attempts that this one is part of
    end type attempt_t
 
    !> How a solution was found, or not.

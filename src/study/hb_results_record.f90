@@ -101,26 +101,40 @@ contains
       type(h5_file_t) :: file
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: meanings
-      integer :: i, numbers(max_attempts), statuses(max_attempts)
+      real(wp) :: least(max_attempts)
+      integer :: depth(max_attempts), i, numbers(max_attempts), statuses(max_attempts)
 
       allocate (attempts(0))
       call open_file(file, path, error)
       numbers = 0
-      if (.not. allocated(error)) call file%open_dataset("attempt_status", dataset, error)
-      if (.not. allocated(error)) call dataset%read(statuses, error, first=point)
+      call read_row("attempt_status", statuses)
+      call read_row("attempt_depth", depth)
+      if (.not. allocated(error)) call file%open_dataset("attempt_residual", dataset, error)
+      if (.not. allocated(error)) call dataset%read(least, error, first=point)
       call dataset%close()
-      if (.not. allocated(error)) call file%open_dataset("attempts", dataset, error)
-      if (.not. allocated(error)) call dataset%read(numbers, error, first=point)
-      if (.not. allocated(error)) call dataset%get_attribute("flag_meanings", meanings, error)
+      call read_row("attempts", numbers, meanings)
       if (.not. allocated(error)) then
          call split(meanings, " ", names)
          do i = 1, count(numbers > 0 .and. numbers < size(names))
-            attempts = [attempts, attempt_t(rule=row_of(names(numbers(i) + 1)%value), status=statuses(i))]
+            attempts = [attempts, attempt_t(rule=row_of(names(numbers(i) + 1)%value), status=statuses(i), depth=depth(i))]
+            if (ieee_is_finite(least(i))) attempts(i)%best = least(i)
          end do
          attempts = pack(attempts, attempts%rule > 0)
       end if
-      call dataset%close()
       call file%close(error)
+
+   contains
+
+      subroutine read_row(name, values, meanings)
+         character(*), intent(in) :: name
+         integer, intent(out) :: values(:)
+         character(:), allocatable, intent(out), optional :: meanings   !! of its values, one word each
+
+         if (.not. allocated(error)) call file%open_dataset(name, dataset, error)
+         if (.not. allocated(error)) call dataset%read(values, error, first=point)
+         if (.not. allocated(error) .and. present(meanings)) call dataset%get_attribute("flag_meanings", meanings, error)
+         call dataset%close()
+      end subroutine read_row
    end subroutine attempts_of
 
    !> Reads a column of whole numbers, such as the statuses of all points; none if it cannot be read.

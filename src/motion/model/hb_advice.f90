@@ -1,4 +1,4 @@
-!> The message of a point that was not solved: possible remedies, and the least residual of each attempt.
+!> The message of a point that was not solved: possible remedies.
 !> The remedies follow from the outcomes of the attempts and from properties that make a model difficult: contact much
 !> stiffer than the structure, sliders that hardly slide, steep friction, nearly commensurate tones.
 module hb_advice
@@ -10,7 +10,7 @@ module hb_advice
    use hb_law, only: law_t
    use hb_numbers, only: number_t
    use hb_options, only: options_t
-   use hb_outcome, only: outcome, outcome_name, reason
+   use hb_outcome, only: outcome, reason
    use hb_solver_types, only: report_t
    use hb_system, only: system_t
    use hb_text, only: rounded, to_text
@@ -141,7 +141,7 @@ contains
       stiffness = maxval(abs(df_dz))
    end function stiffness_of
 
-   !> The message: advice first, then the least residual of each method.
+   !> The message.
    pure function advice_on(report, circumstances) result(advice)
       type(report_t), intent(in) :: report
       type(circumstances_t), intent(in) :: circumstances
@@ -164,14 +164,13 @@ contains
          if (report%status == outcome%singular) call add(text, "singular tangent: a fold, or an unconstrained motion")
          if (any(report%status == [outcome%diverged, outcome%not_finite])) &
             call add(text, "continue from smaller loads, each point from its neighbour")
-         if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out .and. .not. c%has_fallbacks) &
+         if (count_attempts(report) == 1 .and. report%status /= outcome%timed_out .and. .not. c%has_fallbacks) &
             call add(text, "set solver%fallback to try other methods")
          if (is_out_of_work(report) .and. .not. is_steep(c)) &
             call add(text, "a fallback exhausted its budget: raise solver%max_fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
             call add(text, "try another first guess: "//trim(guesses(c)))
       end associate
-      call add_attempts(report, text)
       advice = text
 
    contains
@@ -214,12 +213,13 @@ contains
       if (.not. circumstances%is_integration_used) text = "the end of a time integration, "//trim(text)
    end function guesses
 
-   pure integer function size_of_attempts(report)
+   !> Attempts at the problem itself, without those at smaller ones.
+   pure integer function count_attempts(report)
       type(report_t), intent(in) :: report
 
-      size_of_attempts = 0
-      if (allocated(report%attempts)) size_of_attempts = size(report%attempts)
-   end function size_of_attempts
+      count_attempts = 0
+      if (allocated(report%attempts)) count_attempts = count(report%attempts%depth == 0)
+   end function count_attempts
 
    !> Whether the direct attempt would have converged with more iterations.
    pure logical function was_falling(report)
@@ -227,9 +227,10 @@ contains
       integer :: i
 
       was_falling = .false.
-      do i = 1, size_of_attempts(report)
+      if (.not. allocated(report%attempts)) return
+      do i = 1, size(report%attempts)
          associate (attempt => report%attempts(i))
-            if (attempt_rules(attempt%rule)%technique /= technique%direct) cycle
+            if (attempt%depth > 0 .or. attempt_rules(attempt%rule)%technique /= technique%direct) cycle
             was_falling = attempt%status == outcome%out_of_budget .and. attempt%was_falling
             return                                                    ! others start elsewhere
          end associate
@@ -242,27 +243,12 @@ contains
       integer :: i
 
       is_out_of_work = .false.
-      do i = 1, size_of_attempts(report)
+      if (.not. allocated(report%attempts)) return
+      do i = 1, size(report%attempts)
          associate (attempt => report%attempts(i))
-            if (attempt_rules(attempt%rule)%share <= 0.0_wp) cycle        ! not a fallback
+            if (attempt%depth > 0 .or. attempt_rules(attempt%rule)%share <= 0.0_wp) cycle   ! not a fallback
             is_out_of_work = is_out_of_work .or. (attempt%is_out_of_work .and. attempt%status == outcome%out_of_budget)
          end associate
       end do
    end function is_out_of_work
-
-   !> Adds the least residual of each method, such as `; least residuals: direct 1.2E-3 stalled, other_guess 3.0E-4
-   !> out_of_budget`.
-   pure subroutine add_attempts(report, text)
-      type(report_t), intent(in) :: report
-      character(:), allocatable, intent(inout) :: text
-      integer :: i
-
-      do i = 1, size_of_attempts(report)
-         text = text//trim(merge("; least residuals:", ",                 ", i == 1))//" "// &
-            trim(attempt_rules(report%attempts(i)%rule)%name)//" "
-         text = text//rounded(report%attempts(i)%best)
-         if (i == 1 .or. report%attempts(i)%status /= report%attempts(1)%status) &
-            text = text//" "//outcome_name(report%attempts(i)%status)
-      end do
-   end subroutine add_attempts
 end module hb_advice
