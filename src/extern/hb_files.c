@@ -10,6 +10,7 @@
 #include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #ifdef __linux__
 #include <sys/vfs.h>
 #endif
@@ -134,6 +135,12 @@ int hb_check_space(int descriptor, long long n_bytes)
    (void)n_bytes;
    return 0;
 #endif
+}
+
+long long hb_free_bytes(const char *path)
+{
+   struct statvfs system;
+   return statvfs(path, &system) == 0 ? (long long)system.f_bavail * (long long)system.f_frsize : -1LL;
 }
 
 void hb_release_file(int descriptor)

@@ -41,6 +41,9 @@ int hb_state_of_file(int descriptor, const char *path, long long n_bytes);
    Returns 0 if they do or the system cannot determine it, -1 otherwise. */
 int hb_check_space(int descriptor, long long n_bytes);
 
+/* Returns the free bytes of the file system of a path for users without privileges; -1 if they are not known. */
+long long hb_free_bytes(const char *path);
+
 /* Releases the lock; no effect for a negative descriptor. */
 void hb_release_file(int descriptor);
 

@@ -7,7 +7,7 @@
 !> MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and 11 (one-sided).
 module hb_mpi
    use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_get_status, ieee_set_halting_mode, ieee_set_status, ieee_status_type
-   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_long_long, c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -31,6 +31,12 @@ module hb_mpi
          import :: c_char
          character(c_char), intent(in) :: name(*), value(*)
       end subroutine hb_set_default
+
+      !> Source: hb_files.h.
+      integer(c_long_long) function hb_free_bytes(path) bind(c, name="hb_free_bytes")
+         import :: c_char, c_long_long
+         character(c_char), intent(in) :: path(*)
+      end function hb_free_bytes
    end interface
 
    !> Returns the largest value of all ranks on every rank, an integer or a real number.
@@ -316,6 +322,8 @@ contains
          allocate (self%own(n_slots), source=0)
          return
       end if
+      call check_shared_memory(comm, error)
+      if (allocated(error)) return
       rank = rank_of(comm)
       call MPI_Comm_dup(comm, self%comm, status)
       if (status == MPI_SUCCESS) then
@@ -340,6 +348,26 @@ contains
       call MPI_Barrier(comm)
       call MPI_Win_lock_all(0, self%window)
    end subroutine new_work_counter
+
+   !> Fails if shared memory of one of the machines is used up: the window would then fail on one rank alone, and the others would wait
+   !> for it. Open MPI and MPICH have its file in /dev/shm; where there is none, or another folder was requested, nothing is known.
+   subroutine check_shared_memory(comm, error)
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+      integer(c_long_long), parameter :: bytes_of_window = 65536_c_long_long, bytes_of_rank = 8192_c_long_long
+      character(*), parameter :: folder = "/dev/shm"
+      integer(c_long_long) :: free, needed
+      integer :: length
+
+      needed = bytes_of_window + bytes_of_rank*ranks_on_node(comm)
+      free = hb_free_bytes(folder//c_null_char)
+      call get_environment_variable("OMPI_MCA_osc_sm_backing_directory", length=length)
+      if (free >= 0_c_long_long .and. free < needed .and. length == 0) &
+         call fail(error, "shared work counter: "//folder//" has "//to_text(int(free/1024))//" kB left, and needs "// &
+                   to_text(int(needed/1024))//" kB for the ranks of this machine; remove files there, give it more room "// &
+                   "(in a container --shm-size), or run on one rank")
+      call share_error(comm, error)
+   end subroutine check_shared_memory
 
    !> Returns the first of the next `n` numbers of a counter, from 0; every number is returned once over all ranks.
    integer function work_counter_next(self, counter, n) result(number)

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from limit_parts.models import MODELS, build_laws
-from program import INCOMPLETE, command, environment, messages_of, program, read, run, seconds_of, solve
+from program import BAD_INPUT, INCOMPLETE, command, environment, is_without_mpi, messages_of, program, read, run, seconds_of, solve
 
 ROOT = Path(__file__).resolve().parents[2]
 NO_MOTION = 11  # docs/user/schema.md
@@ -88,6 +88,21 @@ DUFFING = """
 &law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
 &sweep parameter = 'load(1)%cos', values = 0.5, 1.0, 1.5 /
 """
+
+
+FULL = 'mount -t tmpfs -o size=4k none /dev/shm && exec "$@"'
+
+
+@pytest.mark.skipif(is_without_mpi(program()), reason="ranks without MPI share memory of their own")
+def test_full_shared_memory_is_an_error_on_all_ranks(tmp_path):
+    """The window of MPI would fail on one of them, and the others would wait for it."""
+    if subprocess.run(["unshare", "-m", "bash", "-c", FULL, "-", "true"], capture_output=True).returncode:
+        pytest.skip("needs the right to mount a file system")
+    (tmp_path / "case.nml").write_text(DUFFING)
+    words = ["unshare", "-m", "bash", "-c", FULL, "-", *command("solve", "case.nml", ranks=2)]
+    variables = {**environment(), "OMPI_MCA_btl": "self,vader,tcp"}  # Open MPI goes on without shared memory of its own
+    done = subprocess.run(words, cwd=tmp_path, env=variables, capture_output=True, text=True, timeout=100)
+    assert done.returncode == BAD_INPUT and "/dev/shm has 4 kB left" in done.stderr
 
 
 def test_verify_and_check_end_in_time_too(tmp_path):
