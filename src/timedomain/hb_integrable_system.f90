@@ -9,7 +9,7 @@ module hb_integrable_system
    use hb_system, only: system_t
    implicit none
    private
-   public :: fastest_of, fixed_step_method_of, has_bounds_of, lacks_mass
+   public :: fastest_of, fixed_step_method_of, has_bounds_of, is_stiff, lacks_mass
 
 contains
 
@@ -27,6 +27,32 @@ contains
       call structure%factorise_mass(factor, singular_at)
       lacks_mass = singular_at /= 0
    end function lacks_mass
+
+   !> Whether some coordinate is so much faster than what is integrated that explicit steps would not end: an undamped one by the square
+   !> root of k/m, a damped one by c/m, of the diagonals. Implicit steps pass over its own vibration.
+   logical function is_stiff(system, period, highest)
+      type(system_t), intent(in) :: system
+      real(wp), intent(in) :: period                                  !! [s] of the slowest tone
+      real(wp), intent(in) :: highest                                 !! frequency of interest [rad/s]
+      real(wp), parameter :: max_radians = 1.0e6_wp                   ! of the fastest one in the period: a few million steps
+      real(wp), parameter :: min_distance = 1.0e3_wp                  ! from the highest frequency of interest
+      type(structure_t) :: structure
+      real(wp) :: rate
+      integer :: i
+
+      is_stiff = .false.
+      if (system%structure%n_dofs > max_dofs .or. any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])) return
+      structure = system%structure
+      call structure%unpack()
+      rate = 0.0_wp
+      do i = 1, structure%n_dofs
+         associate (m => structure%mass(i, i))
+            if (.not. m > 0.0_wp) cycle
+            rate = max(rate, sqrt(abs(structure%stiffness(i, i))/m), structure%damping(i, i)/m)
+         end associate
+      end do
+      is_stiff = rate*period > max_radians .and. rate > min_distance*highest
+   end function is_stiff
 
    !> Whether cvode is available and supports the sliders of all laws.
    pure logical function has_bounds_of(system) result(has_bounds)

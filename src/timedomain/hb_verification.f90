@@ -17,7 +17,7 @@ module hb_verification
    use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrable_system, only: fastest_of, fixed_step_method_of, has_bounds_of, lacks_mass
+   use hb_integrable_system, only: fastest_of, fixed_step_method_of, has_bounds_of, is_stiff, lacks_mass
    use hb_integrated_motion, only: find_steady_motion
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
@@ -230,6 +230,7 @@ contains
       integer, intent(in) :: n_periods
       real(wp) :: frequencies(size(claim%tuples, 2)), length, step, tuples(size(claim%tuples, 1), size(claim%tuples, 2))
       integer :: i
+      logical :: is_implicit
 
       associate (omega => claim%omega, amplitudes => claim%amplitudes, equations => self%system)
          tuples = real(claim%tuples, wp)
@@ -248,9 +249,11 @@ contains
          self%config%transient = 0.0_wp
          self%config%decimation = 1
          self%config%tolerance = min(self%config%tolerance, integration_tolerance)
-         if (self%config%method == integration_method%cvode .and. lacks_mass(system)) then
+         is_implicit = self%config%method == integration_method%cvode
+         if (is_implicit) is_implicit = lacks_mass(system) .or. is_stiff(system, self%length%period, maxval(abs(frequencies)))
+         if (is_implicit) then
             self%config%method = integration_method%generalized_alpha
-            self%config%spectral_radius = 0.0_wp                      ! what has no mass has no vibration of its own
+            self%config%spectral_radius = 0.0_wp                      ! what has next to no mass has no vibration of its own
             self%config%substeps = ceiling(step*maxval(omega)*implicit_steps/two_pi)
          else if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(system)) then
             self%config%method = fixed_step_method_of(system)

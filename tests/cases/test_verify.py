@@ -30,6 +30,19 @@ def test_verify_agrees_with_a_converged_motion(tmp_path):
     assert found["integration_difference"][0] < 1e-9
 
 
+@pytest.mark.parametrize("damping", ["0.1, -0.05, -0.05, 0.1", "0.1, 0, 0, 0"], ids=["damped", "undamped"])
+@pytest.mark.parametrize("mass", [1e-12, 1e-18])
+def test_a_tiny_mass_is_verified_like_none(mass, damping, tmp_path):
+    """Its own vibration has 1e5 to 1e10 cycles in a period of the tone, which explicit steps would follow."""
+    text = (
+        f"&structure type='matrices', n_dofs=2, mass=1.0, 0, 0, {mass}, damping={damping}, stiffness=2.0, -1, -1, 2 /\n"
+        "&tones frequency=0.9 /\n&load dof='x1', tuple=1, cos=0.3 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"
+    )
+    began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    assert verified(solve(text, tmp_path))["integration_verdict"] == [AGREES]
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - began < 30.0  # of steps without end
+
+
 SLIDERS = {
     "bouc_wen": "&law type='bouc_wen', dof='x1', stiffness=1.0, yield_displacement=0.2 /\n",
     "jenkins_2d": "&law type='jenkins_2d', dof='x1', second_dofs='x2', stiffness=1.0, limit=0.1 /\n",
