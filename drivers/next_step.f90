@@ -582,13 +582,17 @@ contains
    end function real_of
 
    !> A word quoted for the shell if necessary.
-   pure function shell_word(text) result(word)
+   pure recursive function shell_word(text) result(word)
       character(*), intent(in) :: text
       character(:), allocatable :: word
       character(*), parameter :: plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./%=,+:-"
       integer :: i
 
       word = text
+      if (index(text, "-") == 1) then                                 ! a file, not an option
+         word = shell_word("./"//text)
+         return
+      end if
       if (len(text) > 0 .and. verify(text, plain) == 0) return
       if (scan(text, '"$`\!') == 0 .and. len(text) > 0) then
          word = '"'//text//'"'
