@@ -12,6 +12,7 @@ module hb_input_keys
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
+   integer, parameter :: n_cells = 6                        ! before the meaning
    integer, parameter :: max_groups = 3                     ! that have the same key; with more of them a hint is not useful
 
    !> Kinds of values. A whole number is valid as an integer and as a real.
@@ -47,14 +48,14 @@ contains
    pure subroutine find_rule(group, type, key, rule)
       character(*), intent(in) :: group, type, key          !! lower case; the type is empty if there is none
       type(rule_t), intent(out) :: rule
-      type(string_t), allocatable :: cells(:)
+      type(string_t) :: cells(n_cells)
       integer :: i
 
       i = 0
       if (type /= "") i = row_of(group//" "//type, key)
       if (i == 0) i = row_of(group, key)
       if (i == 0) return
-      call split(trim(key_row(i)), " | ", cells)
+      call split_row(key_row(i), cells)
       associate (type_cell => cells(3)%value, unit => cells(4)%value, default => cells(5)%value, range => cells(6)%value)
          rule%kind = kind_of%word
          if (index(type_cell, "real") > 0) rule%kind = kind_of%number
@@ -71,6 +72,23 @@ contains
          end if
       end associate
    end subroutine find_rule
+
+   !> The first cells of a row; the last one, which is the longest, is for readers of the table.
+   pure subroutine split_row(row, cells)
+      character(*), intent(in) :: row
+      type(string_t), intent(out) :: cells(:)
+      integer :: first, i, k
+
+      i = 1
+      do k = 1, size(cells)
+         first = i
+         do while (row(i:i + 2) /= " | ")
+            i = i + 1
+         end do
+         cells(k)%value = row(first:i - 1)
+         i = i + 3
+      end do
+   end subroutine split_row
 
    !> The words that a key accepts, in the order of the table; none if it has no choices.
    pure function choices_of(group, key, type) result(choices)
@@ -92,6 +110,9 @@ contains
 
       allocate (groups(0))
       do i = 1, n_key_rows()
+         if (i > 1) then
+            if (group_of(i) == group_of(i - 1)) cycle
+         end if
          if (all(groups /= group_of(i))) groups = [character(max_group) :: groups, group_of(i)]
       end do
    end function input_groups
