@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 import nhbm
-from nhbm import ModelError, Structure, meshes
+from nhbm import ModelError, Structure, import_structure, meshes
 from nhbm.command import main
 
 
@@ -117,7 +117,7 @@ def test_full_file_of_ansys(tmp_path, capsys):
     model = Structure.read(tmp_path / "beam.h5")
     assert (model.n_dofs, model.source) == (900, f"Ansys: {path}")
     np.testing.assert_allclose(lowest(model, 3) / (2 * np.pi), [1283.20, 1283.20, 5781.97], rtol=1e-5)
-    in_python = Structure.from_files(ansys=path)
+    in_python = import_structure(ansys=path)
     assert in_python.labels == model.labels and abs(in_python.mass - model.mass).max() == 0.0
     assert len(in_python.notes) == 1 and "63 constrained" in in_python.notes[0]
     from ansys.mapdl.reader.full import FullFile
@@ -129,7 +129,7 @@ def test_full_file_of_ansys(tmp_path, capsys):
     assert abs(sp.triu(theirs) - sp.triu(model.stiffness)).max() == 0.0
     where = next(label for label in model.labels if label.endswith(".x"))
     assert_struck(struck(model, where, 0.98 * lowest(model, 1)[0]), where)
-    assert_refused(lambda copy: Structure.from_files(ansys=copy), path, tmp_path)
+    assert_refused(lambda copy: import_structure(ansys=copy), path, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["TetBeam", "HexBeam", "sector"])
@@ -216,7 +216,7 @@ def test_harwell_boeing_with_its_mapping(chain, tmp_path, kind):
         "  Matrix Eqn    Node   DOF\n" + "".join(f"{i:10d}{i:10d}     UZ\n" for i in range(1, n + 1))
     )
     files = {name: tmp_path / f"{name}.hb" for name in ("mass", "stiffness")}
-    model = Structure.from_files(**files, labels=tmp_path / "job.mapping")
+    model = import_structure(**files, labels=tmp_path / "job.mapping")
     assert model.labels == chain.labels and model.original_labels[0] == "1.UZ"
     np.testing.assert_allclose(model.stiffness.toarray(), chain.stiffness.toarray(), rtol=1e-12)
     text = (tmp_path / "mass.hb").read_text()
@@ -225,7 +225,7 @@ def test_harwell_boeing_with_its_mapping(chain, tmp_path, kind):
                    text.replace("E+00", "E+9999", 1) if "E+00" in text else "x"):  # fmt: skip
         (tmp_path / "mass.hb").write_text(broken)
         with pytest.raises(ModelError, match="mass.hb"):
-            Structure.from_files(**files)
+            import_structure(**files)
 
 
 # Rows that a file keeps, labels of other programs
@@ -270,7 +270,7 @@ def test_substructure_of_abaqus(kind, name, tmp_path):
     path = package("abaqus_mtx_parser") / "mtx" / kind / f"{name}.mtx"
     from abaqus_mtx_parser import parse_mtx
 
-    model, theirs = Structure.from_files(substructure=path), parse_mtx(path)
+    model, theirs = import_structure(substructure=path), parse_mtx(path)
     for ours, other in ((model.stiffness, theirs.stiffness), (model.mass, theirs.mass)):
         np.testing.assert_array_equal(ours.toarray(), np.asarray(other))
         assert abs(ours - ours.T).max() <= 1e-9 * abs(ours).max()
@@ -280,12 +280,12 @@ def test_substructure_of_abaqus(kind, name, tmp_path):
         where, held = next(label for label in model.labels if label.startswith("n13.")), [8]
         rest = holding(model, held)
         assert_struck(struck(model, where, 0.98 * lowest(rest, 1)[0], held), where)
-        assert_refused(lambda copy: Structure.from_files(substructure=copy), path, tmp_path)
+        assert_refused(lambda copy: import_structure(substructure=copy), path, tmp_path)
 
 
 def test_substructure_with_different_nodes():
     path = package("abaqus_mtx_parser") / "mtx" / "recovery" / "interface-beam-sub.mtx"
-    model = Structure.from_files(substructure=path)
+    model = import_structure(substructure=path)
     counts = np.bincount(model.dof_node)
     assert model.n_dofs == 150 and sorted(set(counts)) == [3, 6] and (counts == 6).sum() == 2
 
@@ -313,7 +313,7 @@ def test_output4_of_a_superelement(tmp_path, capsys):
     held = [3]
     where = "n19.x"
     assert_struck(struck(model, where, 0.98 * lowest(holding(model, held), 1)[0], held), where)
-    assert_refused(lambda copy: Structure.from_files(op4=copy, mass="mxx", stiffness="kxx"), folder / "outboard.op4", tmp_path,
+    assert_refused(lambda copy: import_structure(op4=copy, mass="mxx", stiffness="kxx"), folder / "outboard.op4", tmp_path,
                    (0, 1, 2, 4))  # fmt: skip
 
 
@@ -326,10 +326,10 @@ def matrices_of(path):
 def test_names_that_occur_several_times(tmp_path):
     path = outboard() / "nas2cam.op4"
     with pytest.raises(ModelError, match=r"has 3 matrices 'kaa': give kaa#1 of 46 rows, kaa#2 of 32 rows, kaa#3 of 54 rows"):
-        Structure.from_files(op4=path, mass="maa#2", stiffness="kaa")
-    assert Structure.from_files(op4=path, mass="maa#2", stiffness="kaa#2").n_dofs == 32
+        import_structure(op4=path, mass="maa#2", stiffness="kaa")
+    assert import_structure(op4=path, mass="maa#2", stiffness="kaa#2").n_dofs == 32
     with pytest.raises(ModelError, match="'outboard.asm' has no EXTRN|has no EXTRN"):
-        Structure.from_files(op4=path, mass="maa#1", stiffness="kaa#1", labels=outboard() / "outboard.asm")
+        import_structure(op4=path, mass="maa#1", stiffness="kaa#1", labels=outboard() / "outboard.asm")
 
 
 def test_punched_dmig():
@@ -385,17 +385,17 @@ def test_matlab(tmp_path, version):
         scipy.io.savemat(path, {"K": sp.csc_matrix(stiffness), "M": mass, "C": sp.csc_matrix((7, 7))})
     else:
         matlab_73(path, mass, stiffness)
-    model = Structure.from_files(matlab=path, mass="M", stiffness="K", damping="C")
+    model = import_structure(matlab=path, mass="M", stiffness="K", damping="C")
     np.testing.assert_array_equal(model.stiffness.toarray(), stiffness.toarray())
     np.testing.assert_array_equal(model.mass.toarray(), mass)
     assert model.damping.nnz == 0
     with pytest.raises(ModelError, match="has no variable 'k'; it has "):
-        Structure.from_files(matlab=path, mass="M", stiffness="k")
+        import_structure(matlab=path, mass="M", stiffness="k")
     data = path.read_bytes()
     for k, content in enumerate((b"", data[: len(data) // 3], b"hello" * 99, data[:600], data[600:])):
         (tmp_path / f"bad{k}.mat").write_bytes(content)
         with pytest.raises(ModelError, match=f"bad{k}.mat"):
-            Structure.from_files(matlab=tmp_path / f"bad{k}.mat", mass="M", stiffness="K")
+            import_structure(matlab=tmp_path / f"bad{k}.mat", mass="M", stiffness="K")
 
 
 def test_damaged_sparse_matrix_of_matlab(tmp_path):
@@ -407,7 +407,7 @@ def test_damaged_sparse_matrix_of_matlab(tmp_path):
             del file["K"][name]
             file["K"][name] = np.array(values, dtype=kind)
         with pytest.raises(ModelError, match="m.mat"):
-            Structure.from_files(matlab=path, mass="M", stiffness="K")
+            import_structure(matlab=path, mass="M", stiffness="K")
 
 
 # ROSS
@@ -417,10 +417,10 @@ def test_rotor_of_ross(tmp_path):
     """Whirl speeds of the compressor at 700 rad/s, as those of ROSS; a stop at a seal."""
     path = package("ross") / "data" / "compressor_example.toml"
     with pytest.raises(ModelError, match="depend on the speed: give the speed"):
-        Structure.from_files(ross=path)
+        import_structure(ross=path)
     with pytest.raises(ModelError, match="is for a speed of .* not 3000: ROSS would extrapolate it"):
-        Structure.from_files(ross=path, speed=3000.0)
-    model = Structure.from_files(ross=path, speed=700.0)
+        import_structure(ross=path, speed=3000.0)
+    model = import_structure(ross=path, speed=700.0)
     import ross
 
     rotor = ross.Rotor.load(str(path))
@@ -435,7 +435,7 @@ def test_rotor_of_ross(tmp_path):
     for w in lowest_whirls:
         assert np.abs(theirs - w).min() < 1e-6 * w
     assert k > 0
-    from_object = Structure.from_files(ross=rotor, speed=700.0)
+    from_object = import_structure(ross=rotor, speed=700.0)
     assert abs(from_object.stiffness - model.stiffness).max() == 0.0
     # axial motion and torsion have no support in this model
     for end in ("z", "rz"):
@@ -443,7 +443,7 @@ def test_rotor_of_ross(tmp_path):
         model.stiffness = sp.csr_matrix(model.stiffness + sp.csr_matrix(([1e6], ([i], [i])), shape=(n, n)))
     where = "n28.x"
     assert_struck(struck(model, where, 700.0), where)
-    assert_refused(lambda copy: Structure.from_files(ross=copy, speed=700.0), path, tmp_path)
+    assert_refused(lambda copy: import_structure(ross=copy, speed=700.0), path, tmp_path)
 
 
 # BARC
@@ -486,7 +486,7 @@ def test_barc_as_visualdynamics_makes_it():
 )
 def test_options_that_do_not_fit(options, message):
     with pytest.raises(ModelError) as raised:
-        Structure.from_files(**options)
+        import_structure(**options)
     assert message in str(raised.value)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError, check_file
-from nhbm.meshes import DIRECTIONS, Mesh
+from nhbm.mesh import DIRECTIONS, Mesh
 
 Matrices = dict[str, sp.csr_matrix]
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError, check_file
-from nhbm.meshes import Mesh
+from nhbm.mesh import Mesh
 
 
 class Card(NamedTuple):

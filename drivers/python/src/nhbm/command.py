@@ -255,7 +255,7 @@ def run_import(options: Any) -> int:
             raise ModelError(f"--set {text}: give NAME=N,N,..., with numbers of nodes") from None
     names = (*MATRICES, *importing.OPTIONS)
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
-    model = importing.from_files(sets=sets, **given)
+    model = importing.import_structure(sets=sets, **given)
     for note in model.notes:
         print(note)
     _add_loads(model, options.load)

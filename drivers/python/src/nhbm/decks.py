@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nhbm.errors import ModelError
-from nhbm.meshes import Mesh
+from nhbm.mesh import Mesh
 
 
 class Shape(NamedTuple):

@@ -17,7 +17,8 @@ import scipy.sparse as sp
 
 from nhbm import bulk_data, matrix_files, substructures
 from nhbm.errors import ModelError, among
-from nhbm.meshes import DIRECTIONS, add_mesh, name_frames
+from nhbm.mesh import DIRECTIONS
+from nhbm.meshes import add_mesh, name_frames
 from nhbm.structure import MATRICES, Structure, check_labels
 
 ANGLES = ("rx", "ry", "rz")
@@ -31,13 +32,25 @@ _CYCLIC = ("; of a *CYCLIC SYMMETRY MODEL there are twice as many rows, real and
 _SMALL, _MOST_COMPRESSED = 2**26, 50  # bytes, and bytes a compressed byte, of matrices; those of finite elements have up to 30
 
 
-def from_files(  # noqa: PLR0913
+def import_structure(  # noqa: PLR0913
     calculix: Any = None, abaqus: bool = False, nastran: Any = None, ansys: Any = None, substructure: Any = None, op4: Any = None,
     matlab: Any = None, ross: Any = None, labels: Any = None, mesh: Any = None, in_order: bool = False, drop_empty: bool = False,
     sets: dict[str, list[int]] | None = None, speed: float | None = None, frequency: float | None = None, units: str = "m kg s",
     **matrices: Any,
 ) -> Structure:  # fmt: skip
-    """Structure of files of another program; the arguments are the options of `nhbm-model import`, docs/user/programs.md."""
+    """A structure from files of another program, as `nhbm-model import` makes it.
+
+    Parameters
+    ----------
+    **options
+        Those of `nhbm-model import` by their names: ``ansys="file.full"``, ``mesh="file.cdb"``, ``ross=rotor`` (also an object),
+        ``speed=700.0`` [rad/s], ``stiffness=...``, ``labels=...`` (also a list), ``sets={"tip": [12, 13]}``, ...
+
+    Returns
+    -------
+    Structure
+        With `notes` on what was left out. ModelError where something is missing.
+    """
     unknown = next((name for name in matrices if name not in MATRICES), "")
     if unknown:
         raise ModelError(f"there is no option and no matrix '{unknown}'{among(unknown, [*MATRICES])}")

@@ -1,40 +1,24 @@
-"""Meshes of other programs: nodes by their numbers, cells of VTK, sets of nodes in their order; what structures take of them."""
+"""Meshes of other programs by the format of their files, and what structures take of them."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import struct
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from nhbm import ansys, bulk_data, decks
 from nhbm.errors import ModelError, check_file, imported
+from nhbm.mesh import DIRECTIONS, Mesh
 from nhbm.structure import Structure
-
-DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
-
-
-@dataclass
-class Mesh:
-    """Nodes, cells and sets as a file has them, by the numbers of the nodes."""
-
-    numbers: np.ndarray | None  # of the nodes; None: the format has none
-    points: np.ndarray  # (nodes, 3), nan where it is not known
-    cells: list[tuple[int, list[int]]] = field(default_factory=list)  # VTK type, numbers of its nodes
-    sets: dict[str, list[int]] = field(default_factory=dict)  # numbers of nodes, in the order of the file
-    frames: dict[int, str] = field(default_factory=dict)  # nodes whose degrees of freedom are not along x, y, z: why
-    notes: list[str] = field(default_factory=list)  # what the file has and this does not
-    adds_nodes: bool = False  # whether its elements get nodes that the file does not list
 
 
 def read_mesh(path: Any) -> Mesh:
     """Mesh of a file, its format by the end of the name: decks of Abaqus and CalculiX (.inp), bulk data of Nastran (.bdf, .dat,
     .nas, .fem, .pch, .asm), Ansys (.cdb), all others by meshio."""
-    from nhbm import ansys, bulk_data, decks
-
     path = Path(path)
     check_file(path)
     readers = {".inp": decks.read_deck, ".cdb": ansys.read_cdb}

@@ -240,25 +240,6 @@ class Structure:
             file.create_dataset("original_labels", data=self.original_labels, dtype=texts)
 
     @classmethod
-    def from_files(cls, **options: Any) -> Structure:
-        """A structure from files of another program, as `nhbm-model import` makes it.
-
-        Parameters
-        ----------
-        **options
-            Those of `nhbm-model import` by their names: ``ansys="file.full"``, ``mesh="file.cdb"``, ``ross=rotor`` (also an
-            object), ``speed=700.0`` [rad/s], ``stiffness=...``, ``labels=...`` (also a list), ``sets={"tip": [12, 13]}``, ...
-
-        Returns
-        -------
-        Structure
-            With `notes` on what was left out. ModelError where something is missing.
-        """
-        from nhbm.importing import from_files
-
-        return from_files(**options)
-
-    @classmethod
     def read(cls, path: Any) -> Structure:
         """Reads a model file."""
         from nhbm.hdf5_file import open_hdf5
