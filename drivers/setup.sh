@@ -179,12 +179,12 @@ hb_add_optional_modules() {
 # Names the folders of our packages to the Python of build/venv, and makes the commands of pyproject.toml: pip would need a build backend
 # that Debian does not have.
 hb_place_packages() {
-   local command modules=(nhbm-model=nhbm.command nhbm-post=nhbm_post.__main__) folder
+   local command modules=(nhbm-model=model nhbm-post=post) folder
    folder=$("$hb_venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || return
    printf '%s\n' "$hb_root/drivers/python/src" "$hb_root/postproc/src" >"$folder/nhbm.pth" || return
    for command in "${modules[@]}"; do
-      printf '#!%s\nimport sys\n\nfrom %s import main_in_child_process\n\nsys.exit(main_in_child_process())\n' \
-         "$hb_venv/bin/python" "${command#*=}" >"$hb_venv/bin/${command%%=*}" || return
+      printf '#!%s\nimport sys\n\nfrom nhbm.program import %s\n\nsys.exit(%s())\n' \
+         "$hb_venv/bin/python" "${command#*=}" "${command#*=}" >"$hb_venv/bin/${command%%=*}" || return
       chmod +x "$hb_venv/bin/${command%%=*}" || return
    done
 }

@@ -131,6 +131,15 @@ def test_options_of_all_pictures(tmp_path, capsys):
         main(["response", str(path), "--label", "Colour"])
 
 
+@pytest.mark.parametrize("options", [["--width", "5"], ["--width", "0.1"], ["--title", 3000 * "x"]], ids=["5", "0.1", "title"])
+def test_texts_that_do_not_fit_are_an_error_of_the_user(tmp_path, capsys, options):
+    """Matplotlib's solver of layouts would end in a traceback."""
+    path = response(tmp_path / "a.h5")
+    assert main(["response", str(path), *options]) == 2
+    assert capsys.readouterr().err.startswith("nhbm-post response: the texts do not fit into the picture")
+    assert not list(tmp_path.glob("*.png"))
+
+
 @pytest.mark.parametrize("n_tones", [1, 2])
 def test_motion_over_time_is_in_words(tmp_path, n_tones):
     path = single(tmp_path / "a.h5", n_tones)

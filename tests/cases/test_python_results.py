@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import subprocess
 import sys
 import warnings
@@ -476,3 +477,23 @@ def test_stability_that_is_unknown_is_neither():
     assert [{"stable": True, "unstable": False, "unknown": None}[word] for word in words] == verdicts.tolist()
     with pytest.raises(TypeError):
         ~unknown  # noqa: B018
+
+
+@pytest.mark.parametrize("part", ["dof", "component", "point", "law_dof"])
+def test_files_without_an_axis_are_damaged(part, tmp_path):
+    """h5netcdf meets what it does not expect."""
+    path = tmp_path / "a.h5"
+    duffing().solve(order=3).nhbm.save(path)
+    with h5py.File(path, "a") as file:
+        del file[part]
+    with pytest.raises(ModelError, match="a.h5' is damaged"):
+        nhbm.open_dataset(path)
+
+
+@pytest.mark.parametrize("read", [nhbm.open_dataset, nhbm.Structure.read, nhbm.Model], ids=["result", "structure", "model"])
+def test_pipes_are_refused(read, tmp_path):
+    """HDF5 would wait for a writer, for ever."""
+    os.mkfifo(tmp_path / "pipe.h5")
+    with pytest.raises(ModelError, match="it is a pipe or a device"):
+        model = read(tmp_path / "pipe.h5")
+        model.solve()  # a model reads its structure when it is needed

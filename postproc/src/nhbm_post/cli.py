@@ -44,9 +44,21 @@ def main(argv: list[str] | None = None) -> int:
     except NhbmPostError as error:
         print(f"nhbm-post {arguments.command}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # the reader of a pipe, for example head, has closed it
+    except Exception as error:
+        return _end_of_failed(error, arguments)
+    return 0
+
+
+def _end_of_failed(error: Exception, arguments: argparse.Namespace) -> int:
+    """Exit status after an exception, with a line on standard error; what is none of the user is raised again."""
+    if isinstance(error, BrokenPipeError):  # the reader of a pipe, for example head, has closed it
         _discard_output()
-    except DAMAGES as error:
+        return 0
+    if type(error).__module__.partition(".")[0] == "kiwisolver" or str(error).startswith("invalid width"):  # of Matplotlib
+        text = "the texts do not fit into the picture: a larger --width, or a shorter --title"
+        print(f"nhbm-post {arguments.command}: {text}", file=sys.stderr)
+        return 2
+    if isinstance(error, DAMAGES):
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             _discard_output()
             print(f"nhbm-post {arguments.command}: standard output cannot be written ({error.strerror})", file=sys.stderr)
@@ -54,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         print(f"nhbm-post {arguments.command}: {arguments.file} cannot be read, it may be damaged ({what})", file=sys.stderr)
         return 2
-    return 0
+    raise error
 
 
 def _discard_output() -> None:

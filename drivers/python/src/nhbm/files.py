@@ -85,6 +85,9 @@ def opened(path: str | Path) -> xr.Dataset:
         data = xr.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError) as error:
         raise ModelError(f"file '{path}' cannot be read: {error}") from None
+    except (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError) as error:
+        why = " ".join(f"{type(error).__name__}: {error}".split())  # h5py and h5netcdf raise any of these where a part is damaged
+        raise ModelError(f"file '{path}' is damaged: {why}") from None
     if "status" not in data or "point" not in data.dims:
         return with_words(data)
     data = data.isel(point=np.flatnonzero(data["status"].values != _UNUSED))

@@ -6,6 +6,7 @@ could thus show, under the name of a matrix, any file that its reader may read. 
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,6 +18,8 @@ import h5py
 
 def open_hdf5(path: Any, **options: Any) -> h5py.File:
     """The file, open for reading; OSError if it cannot be opened or a part of it is in another file."""
+    if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):
+        raise OSError("it is a pipe or a device, which HDF5 does not read")  # and which may never end
     try:
         file = h5py.File(path, "r", **options)
     except OSError as error:
