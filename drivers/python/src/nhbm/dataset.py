@@ -164,6 +164,7 @@ def check_motion(data: xr.Dataset, what: str = "") -> None:
 # Motions of a session
 
 
+_MOST_TEMPLATES = 20  # sets of harmonics of motions with the same columns
 _MAX_TEMPLATE = 1 << 20  # bytes of a motion: making the dataset of a larger one takes no time beside its solution
 
 
@@ -176,6 +177,8 @@ def motion_of(rows: Rows, source: Source, attributes: Mapping[str, Any]) -> xr.D
     key = values["tuples"].tobytes(), unknown
     template = layout.templates.get(key)
     if template is None:
+        if len(layout.templates) >= _MOST_TEMPLATES:
+            layout.templates.clear()
         found = result_of(columns_of(rows, False), source, {}, attributes)
         layout.templates[key] = _Template(layout, found)
         return found
@@ -217,7 +220,7 @@ class _Template:
             data[name] = value if words is None else words[int(value)].copy()
         found = _with_data(self._empty, data)
         found.attrs = dict(attributes)
-        source.absent, source.labels = dict(self._absent), dict(self._labels)
+        source.absent, source.labels = dict(self._absent), {**self._labels, **source.labels}
         found.encoding = {_DETAILS: Record(source, rows=rows, attributes=dict(attributes))}
         return found
 

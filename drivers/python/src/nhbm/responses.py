@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,20 +15,40 @@ if TYPE_CHECKING:
     from nhbm.session import Session
 
 _LARGEST = "max "
+_MOST_PLACES = 100  # that a session remembers
 
 
 def response_of(session: Session, of: str) -> float:
     """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a
     harmonic; NaN if its set does not have this harmonic."""
+    tuples = session.column("tuples").values
+    i_dof, harmonics = _places_of(session, of, tuples)
+    pairs = session.column("coefficients").values[i_dof, harmonics].ravel().tolist()
+    is_total = parts_of(of)[1] is None  # root mean square of all that oscillates, which may be nothing
+    if not (pairs or is_total):
+        return float("nan")
+    return math.sqrt(sum(value * value for value in pairs) / (2.0 if is_total else 1.0))
+
+
+def _places_of(session: Session, of: str, tuples: np.ndarray[Any, Any]) -> tuple[int, list[int]]:
+    """Degree of freedom and harmonics of a response among those of a motion; found once for an input and its sets."""
+    key = of, tuples.shape, tuples.tobytes()
+    found: tuple[int, list[int]] | None = session.places.get(key)
+    if found is not None:
+        return found
     dof, wanted = parts_of(of)
-    motion, tuples = session.column("coefficients").values[_index(session, of, dof)], session.column("tuples").values
+    i_dof = _index(session, of, dof)
     if wanted is None:
-        return float(np.sqrt((motion[tuples.any(axis=1)] ** 2).sum() / 2))
-    if len(wanted) != tuples.shape[1]:
+        counts = tuples.any(axis=1)
+    elif len(wanted) != tuples.shape[1]:
         raise ModelError(f"'{of}' has a tuple of {len(wanted)}; it needs {tuples.shape[1]}, a whole number for each tone")
-    # not ==, in which NumPy takes a KeyboardInterrupt during the conversion of `wanted` for a comparison that is false
-    found = np.equal(tuples, wanted).all(axis=1) | np.equal(tuples, np.negative(wanted)).all(axis=1)
-    return float(np.sqrt((motion[found] ** 2).sum())) if found.any() else float("nan")
+    else:
+        # not ==, in which NumPy takes a KeyboardInterrupt during the conversion of `wanted` for a comparison that is false
+        counts = np.equal(tuples, wanted).all(axis=1) | np.equal(tuples, np.negative(wanted)).all(axis=1)
+    if len(session.places) >= _MOST_PLACES:
+        session.places.clear()
+    session.places[key] = found = i_dof, np.flatnonzero(counts).tolist()
+    return found
 
 
 def required_response_of(session: Session, of: str) -> float:
@@ -50,9 +71,11 @@ def absence_of(session: Session, of: str) -> str:
 
 def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
     """Derivatives of that response by the values of the group &gradient; NaN where they are not known."""
-    if "response_gradient" in session.columns():
+    try:
         alone = session.column("response_gradient").values
         return np.full(len(session.labels("gradient_value")), np.nan) if alone is None else alone.copy()
+    except KeyError:
+        pass  # those of all coefficients are known
     dof, wanted = parts_of(of)
     i_dof, by = _index(session, of, dof), session.column("gradient").values
     if by is None:

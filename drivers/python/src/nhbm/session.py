@@ -50,6 +50,24 @@ _WORDS: dict[str, list[str]] = {}  # names of the numbers in columns, of the lib
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 
 
+_COLUMNS: dict[Any, ColumnInfo] = {}  # of all models, by what the library says about them
+_LAYOUTS: dict[Any, Layout] = {}  # of the last models, likewise
+_MOST_LAYOUTS = 50
+
+
+def _shared_layout(columns: list[ColumnInfo], sizes: bytes, labels: dict[str, list[str]], dofs_of_sets: dict[str, str]) -> Layout:
+    """The layout of these columns, which models with the same columns share, and with it the templates of their datasets."""
+    words = tuple((axis, *names) for axis, names in labels.items())
+    key = tuple(map(id, columns)), sizes, words, tuple(dofs_of_sets.items())
+    found = _LAYOUTS.get(key)
+    if found is None:
+        if len(_LAYOUTS) >= _MOST_LAYOUTS:
+            _LAYOUTS.clear()
+        each = np.frombuffer(sizes, np.int32).reshape(len(columns), 1 + MAX_AXES).tolist()
+        found = _LAYOUTS[key] = Layout(columns, each, labels, dofs_of_sets)
+    return found
+
+
 class _Interrupts:
     """Records Ctrl-C during a call of the library, which then returns soon, and calls the handler of Python after it."""
 
@@ -122,6 +140,7 @@ class Session:
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self._declaration: tuple[int, list[ColumnInfo], dict[str, list[str]]] = (-1, [], {})  # of the table of motions
         self._layouts: dict[bytes, Layout] = {}  # of this declaration
+        self.places: dict[Any, Any] = {}  # of responses, for nhbm.responses
         self._numbers = ctypes.c_int(), ctypes.c_int()  # of the last outcome
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
         self._interrupt = INTERRUPT_CALLBACK(lambda context: int(interrupts.is_noted))
@@ -138,11 +157,13 @@ class Session:
         """Reads the text of an input, replacing the previous one; `name` is used in messages."""
         named = laws.laws_in(text)
         self.has_motion = False
+        self.places.clear()
         self._call("read_input", text.encode(), name.encode())
         self.laws = named
 
     def set(self, path: str, value: Any) -> None:
         """Sets a key like --set of the command: numbers, texts, lists."""
+        self.places.clear()
         self._call("set_key", path.encode(), as_input(value).encode())
 
     def parameter(self, path: str) -> int:
@@ -318,15 +339,20 @@ class Session:
         found = self._layouts.get(sizes)
         if found is None:
             _, columns, labels = self._declaration
-            each = np.frombuffer(sizes, np.int32).reshape(table.n_columns, 1 + MAX_AXES).tolist()
-            found = self._layouts[sizes] = Layout(columns, each, labels, self.dofs_of_sets)
+            found = self._layouts[sizes] = _shared_layout(columns, sizes, labels, self.dofs_of_sets)
         return found
 
     def _table_column(self, number: int) -> ColumnInfo:
         found = TableColumn()
         self._call("describe_table_column", number, ctypes.byref(found))
-        attributes = {"units": found.unit.decode() or "1", **_attributes(found.description)}
-        return ColumnInfo(found.name.decode(), _KINDS[found.description.kind], tuple(found.axes.decode().split()), attributes)
+        d = found.description
+        key = (found.name, found.unit, found.axes, d.kind, d.long_name, d.dof_units, d.flag_meanings, d.lowest_flag, d.attributes)
+        known = _COLUMNS.get(key)
+        if known is None:
+            attributes = {"units": found.unit.decode() or "1", **_attributes(d)}
+            known = ColumnInfo(found.name.decode(), _KINDS[d.kind], tuple(found.axes.decode().split()), attributes)
+            known = _COLUMNS.setdefault(key, known)
+        return known
 
     @property
     def status(self) -> str:
