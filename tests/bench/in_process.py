@@ -117,12 +117,26 @@ def print_models() -> None:
         model.law("cubic_spring", "x1", stiffness=0.1, label="spring")
         return model
 
+    def of_ten() -> nhbm.Model:
+        model = built()
+        for number in range(6):
+            model.law("cubic_spring", "x1", stiffness=0.01, label=f"spring_{number}")
+        return model
+
     line("model of four statements", built, 20)
+    line("model of ten statements", of_ten, 20)
+    line("model of ten statements, and its first solution", lambda: of_ten().solve(), 20)
+    model = of_ten()
+    line("a further solution of it", model.solve, 100)
     model = built()
     session = model._begin(nhbm.model.request())
     line("solve in the library", session.solve, 100)
     line("model solve", model.solve, 100)
     line("model response", lambda: model.response("x1 (1)"), 100)
+    by = {"by": ["law(spring)%stiffness"], "of": "x1 (1)"}
+    session = model._begin(nhbm.model.request(gradient=by))
+    session.solve()
+    line("gradient in the library", lambda: session.solve(warm=True, points=0), 100)
     line("model gradient", lambda: model.gradient("x1 (1)", ["spring.stiffness"]), 100)
     values = np.linspace(0.5, 2.0, 1000)
     line("model sweep of a thousand points", lambda: model.sweep({"tones[0]": values}))
@@ -132,7 +146,6 @@ def print_models() -> None:
     sweep = "&sweep parameter = 'tones%frequency', from = 0.5, to = 2, n = 1000 /\n"
     curve = "&curve parameter = 'tones%frequency', from = 0.5, to = 2 /\n"
     with tempfile.TemporaryDirectory() as folder:
-        text = text.replace("first_guess = 'auto'", "first_guess = 'linear'")
         line("sweep of the command", command(text + sweep, folder), who=children)
         line("curve of the command", command(text + curve, folder), who=children)
     model["tones[0]"] = 1.2
