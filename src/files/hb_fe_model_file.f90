@@ -161,6 +161,7 @@ contains
       type(fe_model_t), intent(inout) :: fe_model
       type(error_t), allocatable, intent(out) :: error
       type(texts_t) :: words
+      real(wp), allocatable :: coordinates(:)
       integer, allocatable :: node_of(:), nodes(:), numbers(:), starts(:)
       integer :: i, n_nodes
 
@@ -182,6 +183,11 @@ contains
       fe_model%sets%node_of = node_of + 1
       allocate (fe_model%sets%direction(size(words%values)))
       fe_model%sets%direction = words%values
+      if (file%has("nodes/coordinates")) then
+         call file%get("nodes/coordinates", coordinates, error, extents=[3, n_nodes])
+         if (allocated(error)) return
+         fe_model%sets%coordinates = reshape(coordinates, [3, n_nodes])
+      end if
       call file%get("sets/names", words%values, error)
       call file%get("sets/indptr", starts, error)
       call file%get("sets/nodes", nodes, error)

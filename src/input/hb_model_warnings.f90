@@ -9,6 +9,7 @@ module hb_model_warnings
    use hb_modes, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
+   use hb_pair_warnings, only: describe_pairs
    use hb_sign_warnings, only: describe_signs, is_gyrator
    use hb_structure, only: structure_t
    use hb_structure_load, only: is_only_in_time, load_box_t
@@ -59,6 +60,10 @@ contains
       text = ""
       call describe_tones(system, text)
       call describe_signs(system, lines)
+      do i = 1, size(lines)
+         call add_line(text, lines(i)%value)
+      end do
+      call describe_pairs(system, lines)
       do i = 1, size(lines)
          call add_line(text, lines(i)%value)
       end do

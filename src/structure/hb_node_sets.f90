@@ -19,6 +19,7 @@ module hb_node_sets
       integer, allocatable :: nodes(:)                                !! of all sets
       integer, allocatable :: node_of(:)                              !! (n_dofs), 0: none
       character(direction_length), allocatable :: direction(:)        !! (n_dofs), such as `x` or `rz`
+      real(wp), allocatable :: coordinates(:, :)                      !! [m], (3, n_nodes), where they are known
    contains
       procedure :: add => node_sets_add
       procedure :: find => node_sets_find

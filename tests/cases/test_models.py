@@ -151,6 +151,19 @@ def test_every_format_gives_the_same_motion(chain, tmp_path, kind):
     assert other["dof"].tolist() == ours["dof"].tolist() and other["law"].tolist() == ours["law"].tolist()
 
 
+@pytest.mark.parametrize("order, warned", [([2, 3], False), ([3, 2], True)])
+def test_pairs_of_sets_that_are_not_the_nearest_nodes_are_told(chain, tmp_path, order, warned):
+    """Sets are paired in their order: a deck may list one side of a joint backwards."""
+    places = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.0, 0, 1e-3], [0.1, 0, 1e-3], [1.0, 0, 0]])
+    sets = {"lower": np.array([0, 1]), "upper": np.array(order)}
+    dataclasses.replace(chain, coordinates=places, sets=sets, loads={}).write(tmp_path / "chain.h5")
+    joint = "&law type = 'jenkins', label = 'joint', dofs = 'lower.z', 'upper.z', weights = 1, -1, stiffness = 9, limit = 1 /\n"
+    (tmp_path / "run.nml").write_text(MODEL + joint)
+    done = run("check", "run.nml", cwd=tmp_path)
+    assert done.status == 0, done.stderr
+    assert ("nearer" in done.stdout + done.stderr) == warned
+
+
 def test_sweep_of_a_law_on_a_set(chain, tmp_path):
     """On two ranks, from neighbours: each point equals a separate one."""
     sweep = "&sweep parameter = 'law(stop)%gap', from = 0.3, to = 0.2, n = 3 /\n&solver first_guess = 'linear' /\n"
