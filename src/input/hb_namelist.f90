@@ -43,7 +43,7 @@ contains
             if (text(i:i) == new_line("a")) line = line + 1
          end do
          call fail(error, &
-                   self%file_name//":"//to_text(line)//": the file contains a NUL byte; it is no text file")
+                   self%file_name//":"//to_text(line)//": the file contains a NUL byte; it is not a text file")
          return
       end if
       if (index(text, char(239)//char(187)//char(191)) == 1) scan%position = 4  ! byte order mark

@@ -44,7 +44,7 @@ module hb_remedies
 
 contains
 
-   !> Gives the sentences for a status of `hb_outcome`; a number that is no status has those of the nearest one.
+   !> Gives the sentences for a status of `hb_outcome`; a number that is not a status has those of the nearest one.
    pure function remedy_of(status) result(text)
       integer, intent(in) :: status
       character(len_trim(texts(known(status)))) :: text

@@ -87,7 +87,7 @@ module hb_outcome
 
 contains
 
-   !> Gives the name of a status as it stands in the result file, `unknown` for a number that is no status.
+   !> Gives the name of a status as it stands in the result file, `unknown` for a number that is not a status.
    pure function outcome_name(status) result(name)
       integer, intent(in) :: status
       character(merge(len_trim(outcome_names(known(status))), len("unknown"), is_status(status))) :: name
@@ -96,7 +96,7 @@ contains
       if (is_status(status)) name = outcome_names(status)
    end function outcome_name
 
-   !> Gives a status in words for people, `unknown status` for a number that is no status.
+   !> Gives a status in words for people, `unknown status` for a number that is not a status.
    pure function outcome_text(status) result(text)
       integer, intent(in) :: status
       character(merge(len_trim(texts(known(status))), len("unknown status"), is_status(status))) :: text

@@ -2,7 +2,7 @@
 !>
 !> With all multipliers m except the trivial one: 1 + m is zero at a period doubling, 1 - m at a branch point (or at a
 !> fold, where the curve itself turns back), 1 - m n of a complex pair where it leaves the unit circle. For two real
-!> ones 1 - m n is zero where they are inverse to each other, which is no bifurcation: `is_torus` distinguishes the
+!> ones 1 - m n is zero where they are inverse to each other, which is not a bifurcation: `is_torus` distinguishes the
 !> cases. The function of each kind has the magnitude of the factor closest to zero and the sign of the product of
 !> all. It is therefore zero if one factor is, changes its sign there, and does not depend on the number of other
 !> multipliers or their distance from the unit circle. Source: Y. A. Kuznetsov, Elements of Applied Bifurcation

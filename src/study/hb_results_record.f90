@@ -166,7 +166,7 @@ contains
       call stored%list(error)
       if (.not. allocated(error)) call read_columns(self, stored, error)
       call stored%file%close(error)
-      call annotate(error, "'"//path//"' is no result file of this program")
+      call annotate(error, "'"//path//"' is not a result file of this program")
    end subroutine read_record
 
    !> Stores in a plan the units of its parameters that are in the file; others remain empty.

@@ -224,11 +224,11 @@ def _parse(line: str, number: int) -> Expectation:
         return Expectation(tone=int(frequency[1]), **common)
     coefficient = _COEFFICIENT.fullmatch(subject)
     if not coefficient or coefficient[3] not in COMPONENTS:
-        raise _malformed(number, line, f"'{subject}' is no subject; the form is {_FORMS}")
+        raise _malformed(number, line, f"'{subject}' is not a subject; the form is {_FORMS}")
     try:
         j = tuple(int(entry) for entry in coefficient[2].split(","))
     except ValueError:
-        raise _malformed(number, line, f"({coefficient[2]}) is no tuple of integers") from None
+        raise _malformed(number, line, f"({coefficient[2]}) is not a tuple of integers") from None
     return Expectation(dof=coefficient[1], j=j, component=coefficient[3], **common)
 
 
@@ -238,7 +238,7 @@ def _number(text: str, number: int, line: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise _malformed(number, line, f"'{text}' is no finite number")
+        raise _malformed(number, line, f"'{text}' is not a finite number")
     return value
 
 

@@ -114,7 +114,7 @@ def for_all_sources(test):
 @for_all_sources
 def test_source_is_in_a_known_layer(path):
     assert layer_of(path) in LAYERS, (
-        f"{path.relative_to(ROOT)}: '{layer_of(path)}' is no layer; add it to LAYERS here, to docs/develop/architecture.md "
+        f"{path.relative_to(ROOT)}: '{layer_of(path)}' is not a layer; add it to LAYERS here, to docs/develop/architecture.md "
         "and to src/CMakeLists.txt"
     )
 
@@ -255,7 +255,7 @@ def test_options_that_messages_name_exist():
     assert len(named) > 5
     for name in sorted(named):
         stage, option = name.split("%")
-        assert (stage, option) in keys, f"{name} is no path of the input"
+        assert (stage, option) in keys, f"{name} is not a path of the input"
         assert re.search(rf":: {option}\b", types[stages[stage]]), f"options%{name} does not exist"
 
 
@@ -453,7 +453,7 @@ def test_what_is_pointed_to_is_a_target(path):
             wrong = ""
         for holder, held in HOLDERS:
             if match and holder in dummies and held in dummies and not re.search("target|pointer", dummies[held]):
-                wrong = f"{path.relative_to(ROOT)}:{number}: a {holder} may point to the {held}, which is no target"
+                wrong = f"{path.relative_to(ROOT)}:{number}: a {holder} may point to the {held}, which is not a target"
 
 
 # Copies of a system whose numbers change: on both sides of a value, at the frequencies of a start, along its ties.

@@ -376,7 +376,7 @@ def test_trial_values_are_not_warned_of(monkeypatch):
 @pytest.mark.parametrize("made, message", [
     (lambda: nhbm.fit(linear(), {"frequency;amplitude": OMEGA}, LINEAR, "x1 (1)"), "one column: commas separate columns"),
     (lambda: nhbm.fit(linear(), {"frequency": OMEGA}, LINEAR, "x1 (1)"), "need the columns 'amplitude' and 'frequency'"),
-    (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1"), "'x1' is no harmonic; a fit needs one, such as 'x1 .1.'"),
+    (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1"), "'x1' is not a harmonic; a fit needs one, such as 'x1 .1.'"),
     (lambda: nhbm.fit(linear(), DATA, ["structure.stifness[0]"], "x1 (1)"), "stifness"),
     (lambda: nhbm.fit(stopped(), DATA, ["law(stp)%gap"], "x1 (1)"), "no group &law has the label 'stp'; did you mean 'stop'"),
     (lambda: nhbm.fit(linear(), {**DATA, "sweep": "left"}, LINEAR, "x1 (1)"), "'up' and 'down', not 'left'"),

@@ -27,7 +27,7 @@ def test_files_that_are_no_results_are_named(tmp_path):
         nhbm.open_dataset(tmp_path / "empty.h5")
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["x"] = np.zeros(3)
-    with pytest.raises(ModelError, match="other.h5' is no result of nhbm"):
+    with pytest.raises(ModelError, match="other.h5' is not a result of nhbm"):
         nhbm.open_dataset(tmp_path / "other.h5")
     path = tmp_path / "motion.h5"
     duffing().solve(order=3).nhbm.save(path)
@@ -109,8 +109,8 @@ def test_a_point_without_a_motion_is_not_drawn():
     (lambda data: data.nhbm.animate(frames=0), "frames must be 1 or more"),
     (lambda data: data.nhbm.report().save("page.png"), "the name must end in .html"),
     (lambda data: xr.Dataset({"integration_verdict": "agrees"}).nhbm.plot(), "a verdict of .verify., without a motion"),
-    (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.plot(), "this dataset is no result of nhbm"),
-    (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.to_dataframe(), "this dataset is no result of nhbm"),
+    (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.plot(), "this dataset is not a result of nhbm"),
+    (lambda data: xr.Dataset({"a": ("x", [1.0, 2.0])}).nhbm.to_dataframe(), "this dataset is not a result of nhbm"),
     (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.plot("x1 (1)"), "numbers, not motions: response"),
     (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.amplitude("x1"), "numbers, not motions: response"),
     (lambda data: duffing().sweep({"tones[0]": [0.8]}, of="x1", order=3).nhbm.save("x.h5"), "to_csv, to_mat or to_netcdf write it"),

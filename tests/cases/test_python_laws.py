@@ -119,7 +119,7 @@ def test_derivatives_of_laws_that_complex_steps_do_not_follow():
 
 
 def test_one_sided_derivatives_at_a_kink_are_trusted():
-    """All samples of the motion zero stand on the kink: that is no reason to give complex steps up."""
+    """All samples of the motion zero stand on the kink: that is not a reason to give complex steps up."""
     trust = nhbm.laws._Trust()
     kink, zero = lambda by: np.maximum(np.zeros(9) + by, 0.0), lambda: np.zeros(9)  # noqa: E731
     assert (trust.slopes(kink, zero, 1e-6) == 1.0).all() and trust.is_complex

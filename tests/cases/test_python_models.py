@@ -124,7 +124,7 @@ def test_what_is_wrong_is_said():
         model.set("harmonic", order=3)
     with pytest.raises(ModelError, match="'wall gap!' has no key, as in wall.gap"):
         model["wall gap!"] = 1.0
-    with pytest.raises(ModelError, match="'wall.gap.x' is no path"):
+    with pytest.raises(ModelError, match="'wall.gap.x' is not a path"):
         model["wall.gap.x"] = 1.0
     with pytest.raises(KeyError, match="no column 'amplitude'; known: status reason n_periods message"):
         session_of(DUFFING).column("amplitude")
@@ -164,7 +164,7 @@ def test_groups_are_added_by_their_keys():
     by_keys.add("law", type="cubic_spring", dof="x2", stiffness=3.0)
     by_keys.add("bearing", dofs=["x1", "x2"], **table, speed=0.5, label="seal")
     assert by_keys.to_namelist() == by_methods.to_namelist()
-    with pytest.raises(nhbm.ModelError, match="'harmonics' is no group of which there may be several"):
+    with pytest.raises(nhbm.ModelError, match="'harmonics' is not a group of which there may be several"):
         by_keys.add("harmonics", order=3)
     with pytest.raises(nhbm.ModelError, match="did you mean 'bearing'"):
         by_keys.add("baering", dofs=["x1", "x2"])

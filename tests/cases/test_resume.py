@@ -114,7 +114,7 @@ def test_an_unfinished_chain_is_said_to_begin_again(tmp_path):
     "words, says",
     [
         (("resume", "none.h5"), "'none.h5' does not exist"),
-        (("resume", "case.txt"), "is no result file"),
+        (("resume", "case.txt"), "is not a result file"),
         (("resume",), "needs a result file"),
         (("resume", "case.h5", "--set", "law(1)%gap=1"), "no --set"),
         (("resume", "case.h5", "--overwrite"), "--overwrite"),
@@ -122,7 +122,7 @@ def test_an_unfinished_chain_is_said_to_begin_again(tmp_path):
         (("solve", "case.nml", "--retry"), "--resume"),
         (("solve", "case.nml", "--time-limit", "1h"), "--time-limit needs seconds"),
         (("solve", "case.nml", "--time-limit", "-1"), "--time-limit needs seconds"),
-        (("info", "case.txt"), "is no result file"),
+        (("info", "case.txt"), "is not a result file"),
     ],
 )
 def test_what_cannot_be_resumed(words, says, tmp_path):

@@ -126,9 +126,9 @@ def test_cylindrical_positions(tmp_path):
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("*NODE\n1, 0., x\n", "line 2: '1, 0., x' is no node with its position"),
+        ("*NODE\n1, 0., x\n", "line 2: '1, 0., x' is not a node with its position"),
         ("*NODE\n1, 0.\n*NSET, NSET=a\n2x\n", "line 4: '2x' is neither a number nor the name of a node set that stands before it"),
-        ("*NODE\n1, 0.\n*NSET, NSET=a, GENERATE\n1, 2, 0\n", "line 4: '1, 2, 0' is no first, last and increment"),
+        ("*NODE\n1, 0.\n*NSET, NSET=a, GENERATE\n1, 2, 0\n", "line 4: '1, 2, 0' must be 'first, last, increment'"),
         ("*NODE\n1, 0.\n*NSET\n1\n", "line 3: \\*NSET has no NSET="),
         ("*INCLUDE, INPUT=none.inp\n", "line 1: the file .*none.inp' of INPUT= does not exist"),
         ("*INCLUDE, INPUT=deck.inp\n", "includes itself"),

@@ -80,7 +80,7 @@ def read_displacement(path, dof: str) -> tuple[str, np.ndarray, np.ndarray]:
     try:
         with open_hdf5(path) as file:
             if file.attrs.get("kind") != "integration":
-                raise ReaderError(f"{path}: is no record of nhbm integrate")
+                raise ReaderError(f"{path}: is not a record of nhbm integrate")
             k = _row(path, list(file["dof"].asstr()[()]), dof)
             t, x = file["time"][()], file["displacement"][k]
             method = str(file.attrs["method"]).replace("_", " ")

@@ -98,7 +98,7 @@ def axis_label(text):
 def choice_of_axes(known):
     def convert(text):
         if text != "none" and (not text or set(text) - set(known)):
-            raise argparse.ArgumentTypeError(f"'{text}' is no choice of axes; write letters of {known}, or none")
+            raise argparse.ArgumentTypeError(f"'{text}' is not a choice of axes; write letters of {known}, or none")
         return text
 
     return convert
@@ -107,7 +107,7 @@ def choice_of_axes(known):
 def pair(text):
     names = [name.strip() for name in text.split(",")]
     if len(names) != 2 or not all(names) or names[0] == names[1]:
-        raise argparse.ArgumentTypeError(f"'{text}' is no pair of parameters; write for example law(1)%gap,load(1)%cos")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a pair of parameters; write for example law(1)%gap,load(1)%cos")
     return tuple(names)
 
 
@@ -181,7 +181,7 @@ def numbers(text):
     try:
         numbers = [int(part) for part in text.split(",")]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no list of points; write for example 0,2,5") from None
+        raise argparse.ArgumentTypeError(f"'{text}' is not a list of points; write for example 0,2,5") from None
     return numbers
 
 
@@ -190,7 +190,7 @@ def tuple_of_integers(text):
         return tuple(int(part) for part in text.strip("() ").split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"'{text}' is no tuple of integers; write for example 1,0 or 2,-1"
+            f"'{text}' is not a tuple of integers; write for example 1,0 or 2,-1"
         ) from None
 
 

@@ -200,7 +200,7 @@ contains
       if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
       if (steady%status == outcome%subharmonic .or. &
           (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
-         call result%forget_motion()                               ! it is no motion by its estimate, or does not persist
+         call result%forget_motion()                               ! it is not a motion by its estimate, or does not persist
          result%status = steady%status
          result%n_periods = steady%n_repeat
       end if

@@ -112,7 +112,7 @@ def changes(start: str, code: str, begin: int):
     for match in each(r"(?<=[=(,\[<>] |[\s=(,\[]\()(-)(?=[\w(])|(?<=[(,\[=])(-)(?=[\w(])"):
         at = match.start(match.lastindex)
         yield at, "-", [""], "sign"
-    for match in each(r"(?<![\w=<>/*])= (?=[a-z(])"):  # a result with the other sign; does not build where it is no number
+    for match in each(r"(?<![\w=<>/*])= (?=[a-z(])"):  # a result with the other sign; does not build where it is not a number
         is_zero = not re.search(r"[^0. ,()]", re.sub(r"_wp", "", code[match.end() :]))  # has no other sign, nor has a NaN
         if (
             begin == 0

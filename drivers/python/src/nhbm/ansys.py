@@ -71,7 +71,7 @@ def _full(records: _Records) -> tuple[Matrices, list[tuple[int, str]], list[tupl
     constants, _ = records.at(word)
     directions = [DIRECTIONS.get(int(kind), "") for kind in kinds]
     if not all(directions):
-        raise ValueError(f"it has the degree of freedom {kinds[directions.index('')]}, which is no displacement or rotation")
+        raise ValueError(f"it has the degree of freedom {kinds[directions.index('')]}, which is not a displacement or rotation")
     if len(counts) != len(nodes) or (counts != len(directions)).any():
         raise ValueError("its nodes differ in their degrees of freedom; write HBMAT with its mapping file")
     rows = [(int(node), direction) for node in nodes for direction in directions]
@@ -226,7 +226,7 @@ def _widths(form: str) -> list[tuple[int, int]]:
     """Counts and widths of a Fortran format such as (3i9,6e21.13e3)."""
     found = [(int(n or 1), int(width)) for n, width in re.findall(r"(\d*)[ieIE](\d+)", form.split("e3)")[0])]
     if not found:
-        raise ValueError(f"'{form.strip()}' is no format")
+        raise ValueError(f"'{form.strip()}' is not a format")
     return found
 
 

@@ -142,7 +142,7 @@ def read_dmig(path: Any) -> dict[str, Dmig]:
             row = card.whole(k), card.whole(k + 1, 0)
             for point, component in (row, column):
                 if point < 1 or not 0 <= component <= 6:
-                    raise card.refuse(f"{point}, {component} is no point from 1 with a component from 0 to 6")
+                    raise card.refuse(f"{point}, {component} is not a point from 1 with a component from 0 to 6")
             if (row, column) in entries:
                 raise card.refuse(f"'{name}' has the term of {row[0]}, {row[1]} and {column[0]}, {column[1]} twice")
             entries[row, column] = card.real(k + 2)

@@ -141,7 +141,7 @@ def check_found(data: xr.Dataset, name: str) -> None:
 def check_result(data: xr.Dataset, name: str = "coefficients") -> None:
     """Raises ModelError if a dataset has neither a column nor any other sign of a result."""
     if not {name, "coefficients", "status", "displacement", "integration_verdict"} & set(data.variables):
-        raise ModelError(f"this dataset is no result of nhbm: it has no '{name}'")
+        raise ModelError(f"this dataset is not a result of nhbm: it has no '{name}'")
 
 
 def check_points(data: xr.Dataset) -> None:

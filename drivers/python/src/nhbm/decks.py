@@ -234,9 +234,9 @@ class _Deck:
             try:
                 values = [float(word.upper().replace("D", "E")) if word else 0.0 for word in words[1:4]]
             except ValueError:
-                raise line.refuse(f"'{line.text}' is no node with its position") from None
+                raise line.refuse(f"'{line.text}' is not a node with its position") from None
             if number < 1 or not np.isfinite(values).all():
-                raise line.refuse(f"'{line.text}' is no node from 1 with a finite position")
+                raise line.refuse(f"'{line.text}' is not a node from 1 with a finite position")
             self.nodes[number] = _cartesian(system, [*values, 0.0, 0.0, 0.0][:3])
             members[number] = None
 
@@ -282,7 +282,7 @@ class _Deck:
             if "GENERATE" in block.options:
                 numbers = [_whole(word, line, f"number of {'an' if what == 'element' else 'a'} {what}") for word in words]
                 if len(numbers) not in (2, 3) or (len(numbers) == 3 and numbers[2] < 1):
-                    raise line.refuse(f"'{line.text}' is no first, last and increment")
+                    raise line.refuse(f"'{line.text}' must be 'first, last, increment'")
                 found = range(numbers[0], numbers[1] + 1, *numbers[2:])
                 if len(found) > _LONGEST:
                     raise line.refuse(f"'{line.text}' are {len(found)} numbers, more than {_LONGEST}")
@@ -338,7 +338,7 @@ class _Deck:
             if not face:
                 self.notes[f"surface {surface}: faces that the deck leaves open are not known"] = None
                 return []
-            raise line.refuse(f"'{face}' is no face of an element of the type {kind}")
+            raise line.refuse(f"'{face}' is not a face of an element of the type {kind}")
         return [nodes[k] for k in shape.faces[int(match[1]) - 1]]
 
     def _nodes_of(self, name: str, line: Line) -> dict[int, None]:

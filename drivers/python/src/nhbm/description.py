@@ -252,7 +252,7 @@ class Description(Laws):
             Its keys, as in an input.
         """
         if group not in repeated_groups():
-            raise ModelError(f"'{group}' is no group of which there may be several{among(group, list(repeated_groups()))}")
+            raise ModelError(f"'{group}' is not a group of which there may be several{among(group, list(repeated_groups()))}")
         if group == "tie":
             check_keys(group, keys)
             for key in ("parameter", "to"):
@@ -650,7 +650,7 @@ def size_of(structure: Group) -> int:
 
 
 def place_of(folder: Path) -> str:
-    """A folder as the name of an input that is no file."""
+    """A folder as the name of an input that is not a file."""
     return "" if folder == Path() else f"{folder}/"
 
 

@@ -79,7 +79,7 @@ def opened(path: str | Path) -> xr.Dataset:
         if is_model:  # which h5netcdf opens or not, by its version
             raise ModelError(f"file '{path}' cannot be read: it is a model file, which nhbm.Model takes")
         if is_foreign:
-            raise ModelError(f"file '{path}' is no result of nhbm: it has no attribute 'schema_version'")
+            raise ModelError(f"file '{path}' is not a result of nhbm: it has no attribute 'schema_version'")
         if version != _SCHEMA:
             raise ModelError(f"file '{path}' has the schema version {version}; this nhbm reads {_SCHEMA}")
         data = xr.open_dataset(path, engine="h5netcdf")

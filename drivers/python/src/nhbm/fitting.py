@@ -271,7 +271,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     if not paths or len(set(paths)) < len(paths):
         raise ModelError("`by` needs the paths of the parameters, each once")
     if parts_of(of)[1] is None:
-        raise ModelError(f"'{of}' is no harmonic; a fit needs one, such as '{of} (1)'")
+        raise ModelError(f"'{of}' is not a harmonic; a fit needs one, such as '{of} (1)'")
     at = work._resolved(path)
     sets, is_scaled, force = measured_sets(data, work, at, noise, controlled)
     if n_measured(sets) <= len(paths):
@@ -419,7 +419,7 @@ def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]
     own = {model._resolved(path): ends for path, ends in given.items()}
     unknown = [path for path in own if path not in paths]
     if unknown:
-        raise ModelError(f"bounds of '{unknown[0]}', which is no parameter of the fit: {', '.join(paths)}")
+        raise ModelError(f"bounds of '{unknown[0]}', which is not a parameter of the fit: {', '.join(paths)}")
     lower, upper = [], []
     for path in paths:
         group = model._groups.find(path_of(path))

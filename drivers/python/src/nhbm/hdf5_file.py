@@ -24,7 +24,7 @@ def open_hdf5(path: Any, **options: Any) -> h5py.File:
         file = h5py.File(path, "r", **options)
     except OSError as error:
         if "signature not found" in str(error):
-            raise OSError("it is empty" if Path(path).stat().st_size == 0 else "it is no HDF5 file") from None
+            raise OSError("it is empty" if Path(path).stat().st_size == 0 else "it is not an HDF5 file") from None
         sizes = re.search(r"truncated file: eof = (\d+),.* stored_eof = (\d+)", str(error))
         if sizes:
             raise OSError(f"it is truncated: {sizes[1]} of {sizes[2]} bytes are there") from None

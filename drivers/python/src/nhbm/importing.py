@@ -203,7 +203,7 @@ def read_matrix(path: Any) -> sp.csr_matrix:
 
 
 def _of_abaqus(path: Path) -> str:
-    """A hint for a file that is no Matrix Market but a table of Abaqus."""
+    """A hint for a file that is not in the Matrix Market format but a table of Abaqus."""
     try:
         with open(path, "rb") as file:
             lines = [line for line in file.read(2**12).decode().splitlines()[:-1] if line.strip() and not line.startswith("*")]
@@ -311,7 +311,7 @@ def from_calculix(stem: Any, **more: Any) -> Structure:
     for line in _text(files["labels"]).split():
         node, _, direction = line.partition(".")
         if not node.isdigit() or direction not in ("1", "2", "3", "4", "5", "6"):
-            raise ModelError(f"file '{files['labels']}': '{line}' is no node and direction, such as 12.3")
+            raise ModelError(f"file '{files['labels']}': '{line}' is not a node and direction, such as 12.3")
         labels.append(f"n{node}.{DIRECTIONS[int(direction)]}")
     if not labels:
         raise ModelError(f"file '{files['labels']}' names no degree of freedom")
@@ -430,7 +430,7 @@ def _text(path: Any) -> str:
     try:
         return _existing(path).read_text()
     except UnicodeDecodeError:
-        raise ModelError(f"file '{path}' is no text") from None
+        raise ModelError(f"file '{path}' is not a text file") from None
 
 
 def _existing(path: Any) -> Path:

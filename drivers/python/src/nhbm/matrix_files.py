@@ -47,7 +47,7 @@ def _column(file: Any, form: str, n: int, kind: Any) -> list[Any]:
     """Numbers in fields of a Fortran format such as 4E20.12."""
     match = re.search(r"(\d*)\s*[IEDFGiedfg]\s*(\d+)", form)
     if match is None:
-        raise ValueError(f"'{form}' is no format of numbers")
+        raise ValueError(f"'{form}' is not a format of numbers")
     width = int(match[2])
     found: list[Any] = []
     while len(found) < n:
@@ -98,7 +98,7 @@ def _of_hdf5(item: Any) -> Any:
             raise ValueError(f"{item.name} is complex")
         return item[()].T
     if "MATLAB_sparse" not in item.attrs or "jc" not in item:
-        raise ValueError(f"{item.name} is no matrix")
+        raise ValueError(f"{item.name} is not a matrix")
     starts = item["jc"][()].astype(np.int64)
     rows = item["ir"][()].astype(np.int64) if "ir" in item else np.zeros(0, dtype=np.int64)
     values = item["data"][()] if "data" in item else np.zeros(0)
@@ -148,7 +148,7 @@ def _real_square(value: Any, what: str) -> sp.csr_matrix:
     try:
         matrix = sp.csr_matrix(value)
     except (TypeError, ValueError):
-        raise ModelError(f"{what} is no matrix") from None
+        raise ModelError(f"{what} is not a matrix") from None
     matrix = checked(matrix, what)
     matrix.eliminate_zeros()
     return sp.csr_matrix(matrix.astype(float))

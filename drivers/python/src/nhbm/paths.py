@@ -54,7 +54,7 @@ def path_of(path: Any) -> InputPath:
         mixed = re.fullmatch(r"\s*\w+\(([^()]+)\)\.(\w+)\s*", path)
         hint = f"; did you mean '{mixed[1]}.{mixed[2]}'?" if mixed and not mixed[1].isdigit() else ""
         hint = "; give each of several paths by itself" if re.search(r"[,;]\s*\w+[^\]]*[.%]", path) else hint
-        raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are{hint}")
+        raise ModelError(f"'{path}' is not a path; 'wall.gap', 'tones[0]' and 'load[1].cos' are{hint}")
     name, number, key, element, column = match.groups()
     if key is None:
         if name != "tones":

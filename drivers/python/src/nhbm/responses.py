@@ -96,7 +96,7 @@ def _index(session: Session, of: str, dof: str) -> int:
     label = session.dofs_of_sets.get(dof, dof)
     if label not in labels:
         known = ", ".join([*labels, *session.dofs_of_sets])
-        raise ModelError(f"'{of}' is no response: there is no degree of freedom '{dof}'; known: {known}")
+        raise ModelError(f"'{of}' is not a response: there is no degree of freedom '{dof}'; known: {known}")
     return labels.index(label)
 
 
@@ -104,7 +104,7 @@ def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
     """Degree of freedom and tuple of a response: "x1", "x1 (1)", "v3 (1,0)"."""
     parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", _text_of(of))
     if parts is None:
-        raise ModelError(f"'{of}' is no response; 'x1', 'x1 (1)' and 'x1 (1,0)' are")
+        raise ModelError(f"'{of}' is not a response; 'x1', 'x1 (1)' and 'x1 (1,0)' are")
     return parts[1], tuple(map(int, parts[2].split(","))) if parts[2] else None
 
 

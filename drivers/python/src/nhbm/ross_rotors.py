@@ -30,7 +30,7 @@ def read_rotor(
                 warnings.simplefilter("ignore")  # on the version that has written the file
                 rotor = ross.Rotor.load(str(rotor))
         except Exception as error:  # it raises whatever it meets
-            raise ModelError(f"file '{rotor}' is no rotor that ROSS reads: {type(error).__name__}: {error}") from None
+            raise ModelError(f"file '{rotor}' is not a rotor that ROSS reads: {type(error).__name__}: {error}") from None
     for name in ("M", "K", "C", "G", "number_dof", "nodes", "nodes_pos", "bearing_elements"):
         if not hasattr(rotor, name):
             raise ModelError(f"ross is a Rotor of ROSS or its file, not {type(rotor).__name__}: it has no '{name}'")

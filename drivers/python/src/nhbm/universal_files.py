@@ -123,7 +123,7 @@ def functions_of(path: Any) -> list[Function]:
                 raise ValueError("its last dataset does not end")
             at = end + 6
     except (ValueError, IndexError) as error:
-        raise ModelError(f"'{path}' is no universal file that can be read: {error}") from None
+        raise ModelError(f"'{path}' is not a universal file that can be read: {error}") from None
     if not found:
         raise ModelError(f"'{path}' has no function (dataset 58)")
     return found

@@ -55,7 +55,7 @@ def read_record(path, dof: str = "") -> Record:
             i for i, row in enumerate(rows) if len(row) <= column or not _is_number(row[0], row[column])
         )
         raise ReaderError(
-            f"{path}: data row {bad + 1} is no pair of numbers (t, x): {' '.join(rows[bad])}"
+            f"{path}: data row {bad + 1} is not a pair of numbers (t, x): {' '.join(rows[bad])}"
         ) from None
     if len(table) < 2:
         raise ReaderError(f"{path}: needs at least two rows of numbers (t, x), found {len(table)}")
