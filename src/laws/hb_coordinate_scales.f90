@@ -1,5 +1,5 @@
-!> Scales of coordinates, in which amperes, pascals and metres may be compared: the motion and everything said about it are the same
-!> whatever the units of a coordinate, of an equation and of time.
+!> Scales of coordinates, in which amperes, pascals and metres may be compared, whatever the units of a coordinate, of an equation
+!> and of time.
 !>
 !> Where two coordinates act on each other, their equations are multiplied so that both actions have one magnitude: those of a
 !> symmetric structure, or of a coil and its circuit, are then powers, and every coordinate is measured by its energy at the slowest
@@ -7,7 +7,6 @@
 !> their own motion. Pairs are joined in the order of the strength of their coupling, as in the algorithm of R. C. Prim, Bell System
 !> Technical Journal 36 (1957) 1389-1401.
 module hb_coordinate_scales
-   use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: max_dense, structure_t
@@ -19,7 +18,6 @@ module hb_coordinate_scales
       real(wp), allocatable :: coordinates(:)                         !! (n_dofs), each in the unit of its coordinate
       real(wp), allocatable :: equations(:)                           !! factors with which forces are reciprocal, (n_dofs)
    contains
-      procedure :: of_coordinates => coordinate_scales_of_coordinates
       procedure :: scaled_structure => coordinate_scales_structure
       procedure :: scaled_laws => coordinate_scales_laws
    end type coordinate_scales_t
@@ -129,20 +127,6 @@ contains
          if (largest > 0.0_wp) where (group == k) factors = factors/largest
       end do
    end subroutine measure_by_motion
-
-   !> Scales of linear functionals of degrees of freedom, each the root of the sum of squares of its terms.
-   pure function coordinate_scales_of_coordinates(self, coordinates) result(scale)
-      class(coordinate_scales_t), intent(in) :: self
-      type(coordinates_t), intent(in) :: coordinates
-      real(wp) :: scale(coordinates%n)
-      integer :: k
-
-      if (coordinates%are_dofs) then
-         scale = self%coordinates(coordinates%dofs)
-      else
-         scale = [(norm2(coordinates%shape(:, k)*self%coordinates(coordinates%dofs)), k=1, coordinates%n)]
-      end if
-   end function coordinate_scales_of_coordinates
 
    !> A structure of the scaled coordinates; forces are scaled so that powers remain as they are.
    pure function coordinate_scales_structure(self, structure) result(scaled)
