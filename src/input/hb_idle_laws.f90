@@ -2,18 +2,22 @@
 module hb_idle_laws
    use hb_discretisation, only: discretisation_t
    use hb_floquet, only: free_motions
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t, law_t
    use hb_law_reach, only: exerts_no_force, has_reach
+   use hb_modes, only: find_natural_frequencies
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved, outcome
    use hb_system, only: system_t
+   use hb_text, only: rounded_to, to_text
    use hb_thresholds, only: faint
    implicit none
    private
    public :: describe_idle_law, idle_law_text, idle_laws_t
 
+   character(*), parameter :: units(2) = [character(5) :: "rad/s", "Hz"]
+   integer, parameter :: n_digits = 3                                 ! of a frequency
    integer, parameter :: n_samples = 512
    integer, parameter :: largest_examined = 1000                      ! degrees of freedom, for free bodies
    real(wp), parameter :: margin = 0.05_wp                            ! a motion larger or smaller by this share has no force
@@ -124,10 +128,47 @@ contains
          if (is_at_free_body(system, is_idle, law)) then
             text = trim(free_body_text(law%label))
          else
-            text = trim(idle_law_text(law%label))
+            text = trim(idle_law_text(law%label))//unit_hint(system)
          end if
       end associate
    end subroutine describe_idle_law
+
+   !> Asks for the unit of a tone that is far from all natural frequencies, but near one if it is read in the other unit.
+   function unit_hint(system) result(text)
+      type(system_t), intent(in) :: system
+      character(:), allocatable :: text
+      real(wp), parameter :: factors(2) = [two_pi, 1.0_wp/two_pi], near = 2.0_wp
+      real(wp), allocatable :: natural(:)
+      real(wp) :: omega, read_as
+      integer :: k, tone
+      logical :: lacks_gyroscopic
+
+      text = ""
+      call find_natural_frequencies(system%structure, natural, lacks_gyroscopic)
+      natural = pack(natural, natural > 0.0_wp)
+      associate (tones => system%tones)
+         do tone = 1, tones%n_tones
+            omega = tones%omega(tone)
+            if (tones%is_unknown(tone) .or. is_near(omega)) cycle
+            k = merge(2, 1, tones%unit() == "Hz")
+            read_as = omega*factors(k)
+            if (.not. is_near(read_as)) cycle
+            text = "; is the tone of "//to_text(rounded_to(tones%in_unit(omega), n_digits))//" "//trim(tones%unit())// &
+                   " given in "//trim(units(3 - k))//"? A natural frequency is "// &
+                   to_text(rounded_to(natural(minloc(abs(natural - read_as), dim=1))/two_pi**(2 - k), n_digits))//" "// &
+                   trim(units(3 - k))
+            return
+         end do
+      end associate
+
+   contains
+
+      pure logical function is_near(omega)
+         real(wp), intent(in) :: omega
+
+         is_near = any(natural > omega/near .and. natural < omega*near)
+      end function is_near
+   end function unit_hint
 
    !> Whether a law acts on a body that nothing else holds: neither the structure nor a law that exerts a force.
    logical function is_at_free_body(system, is_idle, law)

@@ -5,7 +5,7 @@ module hb_model_warnings
    use hb_error_estimate, only: near_commensurate
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
-   use hb_law, only: law_t
+   use hb_law, only: hold_t, law_t
    use hb_modes, only: find_natural_frequencies
    use hb_numbers, only: number_t
    use hb_options, only: options_t
@@ -32,6 +32,9 @@ module hb_model_warnings
    character(*), parameter :: lengths(3) = [character(9) :: "clearance", "gap", "gaps"]
    character(*), parameter :: no_load_text = "no load acts and no tone is unknown: only laws can cause a motion"
 
+   character(*), parameter :: no_losses_text = "nothing dissipates energy, neither the structure nor a law: resonances have no "// &
+      "limit, curves through them do not end, and stability remains unknown; give damping"
+
 contains
 
    !> Lists the warnings about a model, one per line; none: an empty text.
@@ -47,8 +50,8 @@ contains
    end subroutine describe_warnings
 
    !> Lists values of a model that suggest a mistake, one per line: tones far above or below all natural frequencies, negative
-   !> damping or stiffness, couplings without a counterpart, gaps that are very large or negative, repeated loads, a tolerance of a
-   !> large part of the motion or beside given harmonics, a very large set of these; none: an empty text.
+   !> damping or stiffness, loads without damping, couplings without a counterpart, gaps that are very large or negative, repeated
+   !> loads, a tolerance of a large part of the motion or beside given harmonics, a very large set of these; none: an empty text.
    subroutine describe_implausible(system, discretisation, options, text)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -69,6 +72,7 @@ contains
       end do
       call describe_coupling("stiffness", system%structure%stiffness, system%structure, text)
       call describe_coupling("damping", system%structure%damping, system%structure, text)
+      if (is_driven_without_losses(system, discretisation)) call add_line(text, no_losses_text)
       do i = 1, size(system%laws)
          call describe_gaps(system%laws(i)%law, text)
       end do
@@ -213,6 +217,32 @@ contains
                     .not. any(is_only_in_time(system%loads)) .and. &
                     .not. any([(allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])
    end function has_no_load
+
+   !> Whether loads drive a model in which nothing dissipates energy. Of laws with rates, memory or unknown contents it is assumed
+   !> that they do.
+   logical function is_driven_without_losses(system, discretisation) result(is_driven)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(hold_t) :: hold
+      real(wp), allocatable :: damping(:), mass(:), stiffness(:)      ! diagonals
+      integer :: i
+
+      is_driven = .false.
+      if (system%tones%n_tones == 0 .or. any(system%tones%is_unknown) .or. has_no_load(system, discretisation)) return
+      if (allocated(system%structure%parts)) return
+      call system%structure%diagonals(mass, damping, stiffness)
+      if (all(abs(mass) <= 0.0_wp) .or. any(abs(damping) > 0.0_wp)) return
+      do i = 1, size(system%laws)
+         associate (law => system%laws(i)%law)
+            if (law%needs_velocity .or. law%n_states > 0 .or. law%is_users_own) return
+            if (law%n_phases > 0 .or. law%needs_frequencies) return
+            if (.not. law%is_multiplier) cycle
+            hold = law%hold()
+            if (hold%restitution >= 0.0_wp .and. hold%restitution < 1.0_wp) return
+         end associate
+      end do
+      is_driven = .true.
+   end function is_driven_without_losses
 
    !> Names a combination of given tones with a frequency below `limit` times the largest, and the equivalent model
    !> with fewer tones if it is zero; empty if there is none.

@@ -1,5 +1,6 @@
 !> What to do about a motion, by its status (hb_outcome): sentences that name groups, keys and, without a program, operations.
 module hb_remedies
+   use hb_outcome, only: outcome
    implicit none
    private
    public :: remedy_of
@@ -16,11 +17,8 @@ module hb_remedies
       "Look for loads or stiffnesses of a wrong magnitude, the end of a table, or a law that divides by "// &
          "zero; a check tests the derivatives of the laws.", &
       "Remove the cause, then solve the point again.", &
-      "With a given order: double it, or leave it out for a tolerance. With a tolerance, as by default: raise its limits "// &
-         "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &error_estimate truncation.", &
-      "With a given order: double the samples, or remove &sampling and &harmonics; contact and friction need "// &
-         "many more samples than harmonics. With a tolerance, as by default: remove &sampling, or raise max_work and "// &
-         "max_samples.", &
+      "", &
+      "", &
       "Raise order and samples; hard impacts on a wall need very high orders.", &
       "Solve the model with fewer tones.", &
       "Integrate from a small disturbance: does it grow? If a large motion coexists with a stable "// &
@@ -42,14 +40,30 @@ module hb_remedies
          "frequencies.", &
       "The stored motion is the first one that repeats with the tones. Start near another one with &start."]
 
+   character(*), parameter :: of_order(outcome%truncated:outcome%aliased) = [character(160) :: &
+      "double it, or leave it out for a tolerance. If the error is acceptable, raise &error_estimate truncation.", &
+      "double the samples, or remove &sampling and &harmonics; contact and friction need many more samples than harmonics."]
+   character(*), parameter :: of_tolerance(outcome%truncated:outcome%aliased) = [character(160) :: &
+      "raise its limits max_work and max_harmonics. If the error is acceptable, raise the tolerance.", &
+      "remove &sampling, or raise max_work and max_samples."]
+
 contains
 
    !> Gives the sentences for a status of `hb_outcome`; a number that is not a status has those of the nearest one.
-   pure function remedy_of(status) result(text)
+   pure function remedy_of(status, is_adaptive) result(text)
       integer, intent(in) :: status
-      character(len_trim(texts(known(status)))) :: text
+      logical, intent(in), optional :: is_adaptive !! harmonics or samples are chosen for a tolerance; else sentences for both cases
+      character(:), allocatable :: text
 
-      text = texts(known(status))
+      text = trim(texts(known(status)))
+      if (status < lbound(of_order, 1) .or. status > ubound(of_order, 1)) return
+      if (.not. present(is_adaptive)) then
+         text = "With a given order: "//trim(of_order(status))//" With a tolerance, as by default: "//trim(of_tolerance(status))
+      else if (is_adaptive) then
+         text = "With this tolerance: "//trim(of_tolerance(status))
+      else
+         text = "With this order: "//trim(of_order(status))
+      end if
    end function remedy_of
 
    !> The status, or the nearest one.

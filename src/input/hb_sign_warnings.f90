@@ -21,6 +21,8 @@ module hb_sign_warnings
    character(*), parameter :: remedy = "make it positive"
    character(*), parameter :: without_inertia = "all masses and dampings of the structure are zero: it follows its loads as in "// &
       "statics, at any frequency; unless that is meant, give the masses"
+   character(*), parameter :: without_mass = "all masses of the structure are zero: springs and dashpots follow their loads "// &
+      "without a resonance; unless that is meant, give the masses"
    character(*), parameter :: unstable = "the equilibrium is unstable; unless the structure is to be buckled, "
 
 contains
@@ -36,7 +38,11 @@ contains
       allocate (lines(0))
       associate (structure => system%structure)
          call structure%diagonals(mass, damping, stiffness)
-         if (all(abs(mass) <= 0.0_wp) .and. all(abs(damping) <= 0.0_wp)) call add_string(lines, without_inertia)
+         if (all(abs(mass) <= 0.0_wp) .and. all(abs(damping) <= 0.0_wp)) then
+            call add_string(lines, without_inertia)
+         else if (all(abs(mass) <= 0.0_wp)) then
+            call add_string(lines, without_mass)
+         end if
          if (.not. is_gyroscopic(structure)) &
             call describe_matrix(structure, "stiffness", stiffness, structure%stiffness, unstable, lines)
          if (any(system%tones%is_unknown)) return

@@ -53,7 +53,7 @@ def test_absent_harmonics_are_not_zero():
         odd.nhbm.amplitude("x1", 21)
     with pytest.raises(ModelError, match="does not have the tuple 9"):
         motion.nhbm.amplitude("x1", 9)
-    with pytest.raises(ModelError, match="tuple_ must be whole numbers"):
+    with pytest.raises(ModelError, match="tuple_ must be a whole number"):
         motion.nhbm.amplitude("x1", 3.7)
     with pytest.raises(ModelError, match="'x1 .9.': the set of harmonics does not have this tuple"):
         model.response("x1 (9)", order=3)

@@ -62,9 +62,56 @@ def test_a_tolerance_beside_given_harmonics_is_named():
         model.solve()
 
 
+@pytest.mark.parametrize("tones, hint", [
+    ([10.0], r"is the tone of 10.0 rad/s given in Hz\? A natural frequency is 10.0 Hz"),
+    ({"hertz": 62.8}, r"is the tone of 62.8 Hz given in rad/s\? A natural frequency is 62.8 rad/s"),
+    ([70.0], "lengths and loads$"),
+    ([1000.0], "lengths and loads$"),
+])  # fmt: skip
+def test_a_stop_that_is_not_reached_may_have_a_tone_in_the_other_unit(tones, hint):
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=30.0, stiffness=(20 * np.pi) ** 2), tones=tones)
+    model.load("x1", 1, cos=1.0)
+    model.law("elastic_stop", "x1", stiffness=1e4, gap=0.01, label="stop")
+    with pytest.warns(Implausible, match="law 'stop' exerts no force.*" + hint):
+        model.solve(order=1)
+
+
+def test_tones_with_a_common_period_are_implausible():
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[1.0, 2.0])
+    model.load("x1", (1, 0), cos=0.3)
+    model.load("x1", (0, 1), cos=0.1)
+    model.law("cubic_spring", "x1", stiffness=0.5)
+    with pytest.warns(Implausible, match="use one tone of 1.0 rad/s instead of both") as warned:
+        model.solve(order=3)
+    assert not any(issubclass(one.category, NotConverged) for one in warned)
+
+
+def test_a_law_that_pushes_away_from_rest_is_named():
+    """Forces stand on the left-hand side: that of a spring is positive. Laws with a mean force, and of several kinds, are judged by
+    their change."""
+    wrong = [lambda q: -0.01 * q**3, lambda q, v, p: v - p[0] * q, lambda q: (-0.1 * np.sin(q), -0.1 * np.cos(q)),
+             lambda q: 0.1 - 0.1 * q]  # fmt: skip
+    right = [lambda q: 0.5 * q**3, lambda q, v, p: p[0] * np.sinh(q) + v, lambda q: np.maximum(q - 0.5, 0.0),
+             lambda v, q: 0.1 * v, lambda q: 0.1 * q - 0.01 * q**3]  # fmt: skip
+    def solved_with(law):
+        model = duffing()
+        model.law(law, "x1", parameters=[0.1])
+        model.response("x1", order=1)
+        model.response("x1", order=1)
+
+    for law in wrong:
+        with pytest.warns(Implausible, match="drives 'x1' away from rest") as warned:
+            solved_with(law)
+        assert sum("away from rest" in str(one.message) for one in warned) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Implausible)
+        for law in right:
+            solved_with(law)
+
+
 def test_all_operations_say_what_is_doubtful_in_the_same_words():
     """With the estimates, their limits and what to do; once."""
-    words = r"estimated error .* by truncation .limit 0.01., .* by aliasing .limit 0.01.. With a given order: "
+    words = r"estimated error .* by truncation .limit 0.01., .* by aliasing .limit 0.01.. With this order: "
     for operation in (
         lambda m: m.solve(order=3),
         lambda m: m.response("x1 (1)", order=3),
@@ -91,7 +138,7 @@ def test_tones_with_a_common_period_are_named():
         lambda: model.response("x1 (1,0)", order=3),
         lambda: model.sweep({"load[0].cos": [0.1, 0.11]}, order=3),
     ):
-        with pytest.warns(NotConverged, match=words):
+        with pytest.warns(Implausible, match=words):
             operation()
     model["tones[1]"] = 0.1131370849898476
     with warnings.catch_warnings():

@@ -88,9 +88,10 @@ def test_a_verification_ends_at_its_time_limit():
     (lambda: nhbm.fit(duffing(), {"frequency": [1, 2], "amplitude": [1]}, ["spring.stiffness"], "x1 (1)"),
      "columns of data differ in length: frequency: 2, amplitude: 1"),
     (lambda: nhbm.Rotor().critical_speeds(0.0), "up_to must be above 0"),
-    (lambda: duffing().load("x1", "one"), "tuple_ must be whole numbers, not 'one'"),
-    (lambda: duffing().load("x1", 1.5), "tuple_ must be whole numbers"),
-    (lambda: duffing().start("x1", None), "tuple_ must be whole numbers"),
+    (lambda: duffing().load("x1", "one"), "tuple_ must be a whole number, or a list of them, not 'one'"),
+    (lambda: duffing().load("x1", 1.5), "tuple_ must be a whole number"),
+    (lambda: duffing().load("x1", [[1]]), r"tuple_ must be a whole number, or a list of them, not \[\[1\]\]"),
+    (lambda: duffing().start("x1", None), "tuple_ must be a whole number"),
     (lambda: duffing().law("cubic_spring", 5), "dof must be a label such as 'x1'"),
     (lambda: duffing().sweep({"tones[0]": {0.8, 0.9}}), "a list of numbers, in their order, not a set"),
     (lambda: nhbm.Matrices(mass=1.0, damping=0.1, stiffness="1e3"), "stiffness must be a square matrix of numbers, not '1e3'"),
@@ -177,6 +178,29 @@ def test_a_law_for_one_number_is_named(law, message):
     model.law(law, "x1", parameters=[1.0])
     with pytest.raises(ModelError, match=message):
         model.solve()
+
+
+def test_errors_end_at_the_call():
+    """Frames of the package below its public functions help nobody; those of functions of the user do."""
+    motion = duffing().solve(order=3)
+    for wrong in (
+        lambda: duffing().gradient("x1", ["speed"]),
+        lambda: duffing().curve("tones[0]", 0.5, 2.0, pints=3),
+        lambda: motion.nhbm.amplitude("x7", 1),
+        lambda: nhbm.open_dataset("nothing.h5"),
+        lambda: nhbm.fit(duffing(), "nothing.csv", ["spring.stiffness"], "x1 (1)"),
+    ):
+        with pytest.raises((ModelError, KeyError)) as caught:
+            wrong()
+        own = [frame for frame in caught.traceback if frame.path.parent.name == "nhbm"]
+        assert len(own) == 1, [str(frame) for frame in own]
+
+    def on_point(_):
+        return {}["nothing"]
+
+    with pytest.raises(KeyError, match="nothing") as caught:
+        duffing().curve("tones[0]", 0.5, 2.0, order=3, on_point=on_point)
+    assert caught.traceback[-1].name == "on_point"
 
 
 def test_results_and_inputs_are_told_apart(tmp_path):
@@ -330,8 +354,8 @@ def chain(**keys):
 
 
 @pytest.mark.parametrize("made, message", [
-    (lambda: duffing().load("x1", "1", cos=1.0), "tuple_ must be whole numbers, not '1'"),
-    (lambda: duffing().load("x1", True, cos=1.0), "tuple_ must be whole numbers, not True"),
+    (lambda: duffing().load("x1", "1", cos=1.0), "tuple_ must be a whole number, or a list of them, not '1'"),
+    (lambda: duffing().load("x1", True, cos=1.0), "tuple_ must be a whole number, or a list of them, not True"),
     (lambda: chain(tones="1.0"), "tones are frequencies"),
     (lambda: chain(tones=[]), r"\}, not \[\]"),
     (lambda: chain(hertz=[2.0]), "write tones=.'hertz': .2.0"),

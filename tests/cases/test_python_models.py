@@ -83,6 +83,37 @@ def test_numbers_of_any_kind_are_values(number):
     assert model["spring.stiffness"] == 0.75
 
 
+def test_a_model_in_memory_becomes_files_of_the_command(tmp_path):
+    """A structure in memory was named by words that no command could read."""
+    shaft = nhbm.Rotor()
+    shaft.shaft(np.linspace(0.0, 1.0, 4), 0.05)
+    shaft.disk(1 / 3, 10.0, 0.1, 0.2)
+    for z in (0.0, 1.0):
+        shaft.bearing(z, 1e7, 1e3)
+    shaft.unbalance(1 / 3, 1e-3)
+    model = Model(shaft.structure(), tones=[50.0], harmonics={"order": 1})
+    model.load(vector="unbalance_shaft_cos", cos=1.0, frequency_power=2)
+    model.load(vector="unbalance_shaft_sin", sin=1.0, frequency_power=2)
+    model.tie("structure.speed", "tones[0]")
+    with pytest.raises(ModelError, match=r"the structure is in memory, .*: model.to_file\('model.nml'\) writes"):
+        model.to_namelist()
+    model["tones[0]"] = 60.0
+    (tmp_path / "there").mkdir()
+    model.to_file(tmp_path / "there" / "shaft.nml")
+    subprocess.run([Path(os.environ["NHBM"]).resolve(), "solve", "there/shaft.nml", "--quiet"], cwd=tmp_path, check=True)
+    found = nhbm.open_dataset(tmp_path / "shaft.h5")
+    assert float(found.nhbm.amplitude("disk1.x")) == pytest.approx(model.response("disk1.x (1)"), rel=1e-9)
+    again = Model.from_file(tmp_path / "there" / "shaft.nml")
+    assert again.response("disk1.x (1)") == pytest.approx(model.response("disk1.x (1)"), rel=1e-9)
+    own = duffing(spring=cubic)
+    own.law(cubic, "x1")
+    with pytest.raises(ModelError, match="law 'cubic' is a function of Python, which the command cannot call"):
+        own.to_file(tmp_path / "own.nml")
+    assert not (tmp_path / "own.nml").exists()
+    with pytest.raises(ModelError, match="cannot be written: No such file"):
+        duffing().to_file(tmp_path / "nothing" / "own.nml")
+
+
 def test_inputs_go_both_ways():
     """The complete input of a model gives the same model, with values set since and laws in Python; &sweep is left out."""
     model = duffing(spring=cubic)

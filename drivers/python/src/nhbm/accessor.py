@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from nhbm.dataset import Record, check_found, check_motion, check_points, check_result, record_beside, varies_of
-from nhbm.errors import ModelError, meant
+from nhbm.errors import ModelError, meant, without_own_frames
 from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
 from nhbm.schema import SOLVED
 from nhbm.values import numbers_of
@@ -549,6 +550,11 @@ class Accessor:
         if "n_harmonics" not in self._dataset:
             return xr.ones_like(self._dataset["harmonic"], dtype=bool)
         return self._dataset["harmonic"] < self._dataset["n_harmonics"]
+
+
+for _name, _method in list(vars(Accessor).items()):
+    if inspect.isfunction(_method) and not _name.startswith("_"):
+        setattr(Accessor, _name, without_own_frames(_method))
 
 
 def _located_responses(text: str, keys: str) -> list[str]:

@@ -317,7 +317,7 @@ def run_fit(options: Any) -> int:
     else:
         print(found)
     if options.write:
-        Path(options.write).write_text(found.model.to_namelist())
+        found.model.to_file(options.write)
         print(f"wrote {options.write}")
     if options.picture:
         from matplotlib.figure import Figure

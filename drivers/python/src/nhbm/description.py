@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import re
@@ -14,8 +15,8 @@ import numpy as np
 
 from nhbm import doubts
 from nhbm.builders import Builder
-from nhbm.errors import Implausible, ModelError, among, check_file
-from nhbm.groups import OPERATIONS, Group, Groups, Settings, call_of, value_at
+from nhbm.errors import Implausible, ModelError, among, check_file, foreign_frames
+from nhbm.groups import OPERATIONS, Group, Groups, Settings, absolute_files, call_of, value_at
 from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups, subject_of
 from nhbm.laws import Law
 from nhbm.paths import InputPath, check_label, path_of
@@ -36,12 +37,29 @@ _SIZES = "n_masses", "n_elements", "n_dofs", "n_modes"  # keys of structures
 
 def answering(method: _Method) -> _Method:
     """A method that answers wrong arguments with those that there are."""
+    return _public(method, contextlib.nullcontext)
+
+
+def exclusive(method: _Method) -> _Method:
+    """Such a method that one thread at a time executes; others wait."""
+    return _public(method, lambda self: self._lock)
+
+
+def _public(method: _Method, held: Callable[[Any], Any]) -> _Method:
+    """A method that answers wrong arguments with those that there are, and whose errors end where it was called."""
     signature = inspect.signature(method)
 
     @functools.wraps(method)
     def call(self: Description, *arguments: Any, **options: Any) -> Any:
+        __tracebackhide__ = True
         try:
-            return method(self, *arguments, **options)
+            if not isinstance(options.get("warm", False), (bool, np.bool_)):
+                raise ModelError("warm must be True or False, for a start from the motion that this model had last, not "
+                                 f"{type(options['warm']).__name__}")  # fmt: skip
+            with held(self):
+                return method(self, *arguments, **options)
+        except (ModelError, KeyError) as error:
+            raise error.with_traceback(foreign_frames(error))
         except TypeError:
             try:
                 signature.bind(self, *arguments, **options)
@@ -55,21 +73,6 @@ def answering(method: _Method) -> _Method:
                     text += f"; values are a dict by path, {{{arguments[0]!r}: [...]}}"
                 raise TypeError(text) from None
             raise
-
-    return cast(_Method, call)
-
-
-def exclusive(method: _Method) -> _Method:
-    """Such a method that one thread at a time executes; others wait."""
-    answered = answering(method)
-
-    @functools.wraps(method)
-    def call(self: Description, *arguments: Any, **options: Any) -> Any:
-        if not isinstance(options.get("warm", False), (bool, np.bool_)):
-            raise ModelError("warm must be True or False, for a start from the motion that this model had last, not "
-                             f"{type(options['warm']).__name__}")  # fmt: skip
-        with self._lock:
-            return answered(self, *arguments, **options)
 
     return cast(_Method, call)
 
@@ -197,14 +200,64 @@ class Description(Laws):
 
     @exclusive
     def to_namelist(self) -> str:
-        """The complete input with all keys and their values; Python laws and structures in memory appear by name only.
+        """The complete input with all keys and their values.
 
         Returns
         -------
         str
-            An input for `from_namelist` and the command.
+            An input for `from_namelist` and the command. Laws of Python appear by names that are valid in this process alone.
+
+        Raises
+        ------
+        ModelError
+            The structure is in memory, which no input can name: `to_file` writes it into a file.
         """
+        if self._structure_in_memory() is not None:
+            raise ModelError("the structure is in memory, which no text can name: model.to_file('model.nml') writes the input and, "
+                             "beside it, the matrices as 'model.structure.h5'")  # fmt: skip
+        return self._input()
+
+    @exclusive
+    def to_file(self, path: str | Path) -> None:
+        """Writes the complete input for the command, and a structure in memory beside it, as NAME.structure.h5.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file, such as "wall.nml"; an existing one is replaced.
+
+        Raises
+        ------
+        ModelError
+            The model has laws of Python, which the command cannot call.
+        """
+        from nhbm.child_process import atomic_write  # with h5py
+
+        path = Path(path)
+        own = [group.keys["name"] for group in self._groups.named("law") if isinstance(group.keys.get("name"), Law)]
+        if own:
+            raise ModelError(f"law '{own[0].__name__}' is a function of Python, which the command cannot call: write it in C "
+                             "(docs/howto/law_in_c.md) and give its library, or solve the model here")  # fmt: skip
+        text = absolute_files(self._input(), self._folder)
+        structure = self._structure_in_memory()
+        try:
+            if structure is not None:
+                beside = path.with_name(f"{path.stem}.structure.h5")
+                structure.write(beside)
+                text = text.replace(f"'{Structure.input_name}'", f"'{beside.name}'")
+            with atomic_write(path) as name:
+                Path(name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
+
+    def _input(self) -> str:
+        """The complete input; laws of Python and a structure in memory appear by name only."""
         return self._live(Settings()).session.input()
+
+    def _structure_in_memory(self) -> Structure | None:
+        group = self._groups.first("structure")
+        file = None if group is None else group.keys.get("file")
+        return file if isinstance(file, Structure) else None
 
     @exclusive
     def set(self, group: str, **keys: Any) -> None:
@@ -400,7 +453,7 @@ class Description(Laws):
             group = self._groups.find(at)
             is_beyond = group is not None and at.key in group.keys and group.get(at.key, at.indices) is None
             if group is None or self._key_at(at) is None or is_beyond:
-                value_at(at, Groups.of_text(self.to_namelist()))  # raises what is wrong with the path
+                value_at(at, Groups.of_text(self._input()))  # raises what is wrong with the path
         if self._resolved(path) == self._resolved(to):
             raise ModelError(f"&tie: '{path}' cannot follow itself")
         paths = str(self._groups.located(path)), str(self._groups.located(to))
@@ -475,7 +528,7 @@ class Description(Laws):
         value = None if group is None else group.get(at.key, at.indices)
         if isinstance(value, (bool, int, float, str)):
             return value
-        return value_at(at, Groups.of_text(self.to_namelist()))
+        return value_at(at, Groups.of_text(self._input()))
 
     @exclusive
     def __delitem__(self, entry: str) -> None:
@@ -559,6 +612,7 @@ class Description(Laws):
         session = self._live(settings).session
         if not self._is_trial:
             doubts.warn_of_model(session, self._warned)
+            doubts.warn_of_signs(self._groups.named("law"), self._warned)
         return session
 
     def _continue_cut(self, settings: Settings) -> CutCurve | None:
@@ -618,10 +672,9 @@ class Description(Laws):
             live.set(str(path), group.value(key))
 
     def _find_structure(self, name: str) -> Structure:
-        group = self._groups.first("structure")
-        file = None if group is None else group.keys.get("file")
-        if isinstance(file, Structure):
-            return file
+        held = self._structure_in_memory()
+        if held is not None:
+            return held
         path = self._folder / name
         return Structure.read(path if path.is_file() else name)
 

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from nhbm.errors import Implausible, Jump, NotConverged
+from nhbm.groups import Group
+from nhbm.laws import Law
 from nhbm.schema import SOLVED
 
 if TYPE_CHECKING:
@@ -36,9 +38,16 @@ def warn(text: str, category: type[Warning] = NotConverged) -> None:
 
 def warn_of(session: Session) -> None:
     """Warns of what is doubtful about the motion found last."""
-    text = doubt_of(session)
-    if text:
-        warn(text)
+    for category, text in _parted(doubt_of(session)):
+        warn(text, category)
+
+
+def _parted(text: str) -> list[tuple[type[Warning], str]]:
+    """The lines about a motion, and those about tones that belong to the model, each with the category of its warning."""
+    lines = text.splitlines()
+    parts = ((category, "\n".join(line for line in lines if (_OF_A_MOTION in line) is is_of_tones))
+             for category, is_of_tones in ((NotConverged, False), (Implausible, True)))  # fmt: skip
+    return [(category, part) for category, part in parts if part]
 
 
 def warn_of_model(session: Session, known: set[str]) -> None:
@@ -50,6 +59,20 @@ def warn_of_model(session: Session, known: set[str]) -> None:
             warn(text, Implausible)
 
 
+def warn_of_signs(laws: Iterable[Group], known: set[str]) -> None:
+    """Warns of functions of Python that are laws of one degree of freedom and push it away from rest, once each."""
+    for group in laws:
+        law, parameters = group.keys.get("name"), group.keys.get("parameters")
+        name = f"{getattr(law, 'input_name', '')} {parameters}"
+        if not isinstance(law, Law) or "dof" not in group.keys or name in known:
+            continue
+        known.add(name)
+        if law.pushes_away(parameters):
+            warn(f"law '{law.__name__}' drives '{group.keys['dof']}' away from rest: a law returns the force on the left-hand side of "
+                 "the equation of motion, which is positive for a positive displacement of a spring; unless it is to soften, "
+                 "change its sign", Implausible)  # fmt: skip
+
+
 def warn_of_idle_laws(idle: Iterable[str]) -> None:
     """Warns of laws that exert no force on any motion of an operation."""
     for text in idle:
@@ -58,15 +81,15 @@ def warn_of_idle_laws(idle: Iterable[str]) -> None:
 
 def warn_of_points(doubts: Iterable[tuple[str, str]], n_points: int) -> None:
     """One warning for many motions, from status and doubt of each that has one: their numbers, and the first of each kind."""
-    kinds: dict[str, list[str]] = {}
+    kinds: dict[type[Warning], dict[str, list[str]]] = {}
     for status, text in doubts:
-        kinds.setdefault(status, []).append(text)
-    if not kinds:
-        return
+        for category, part in _parted(text):
+            kinds.setdefault(category, {}).setdefault(status if category is NotConverged else "converged", []).append(part)
     words = {"converged": "with a doubt"}
-    counts = ", ".join(f"{len(texts)} {words.get(status, status)}" for status, texts in kinds.items())
-    firsts = "\n".join(f"The first: {texts[0]}" if len(texts) > 1 else texts[0] for texts in kinds.values())
-    warn(f"of {n_points} points {counts}. {firsts}")
+    for category, found in kinds.items():
+        counts = ", ".join(f"{len(texts)} {words.get(status, status)}" for status, texts in found.items())
+        firsts = "\n".join(f"The first: {texts[0]}" if len(texts) > 1 else texts[0] for texts in found.values())
+        warn(f"of {n_points} points {counts}. {firsts}", category)
 
 
 def warn_of_jumps(branch: Sequence[int], n_line: int, where: Callable[[int], str], messages: Sequence[str]) -> None:

@@ -1,11 +1,15 @@
 """Errors of a model, each reported once and with the entry that is wrong."""
 
 import difflib
+import functools
 import importlib
 import os
 import stat
-from typing import Any
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, TypeVar, cast
 
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 _EXTRAS = {"matplotlib": "plot", "meshio": "fe", "pyyeti": "op4", "ross": "ross", "skfem": "fe"}  # of pyproject.toml
 
 
@@ -24,6 +28,32 @@ class Jump(UserWarning):
 class Implausible(UserWarning):
     """A model can be solved, but suggests a mistake: a stop that no motion reaches, a gap of a kilometre, negative damping, a tone
     far above or below all natural frequencies, no load."""
+
+
+def without_own_frames(function: _Function) -> _Function:
+    """A public function whose errors end where it was called: the frames below, unless they are of functions of the user, are not
+    shown."""
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        __tracebackhide__ = True
+        try:
+            return function(*arguments, **options)
+        except (ModelError, KeyError) as error:
+            raise error.with_traceback(foreign_frames(error))
+
+    return cast(_Function, call)
+
+
+def foreign_frames(error: BaseException) -> TracebackType | None:
+    """The frames of an error that a public function raises again: none if all of them are of this package."""
+    frames = error.__traceback__
+    below = frames
+    while below is not None:
+        if str(below.tb_frame.f_globals.get("__name__", "")).partition(".")[0] != "nhbm":
+            return frames
+        below = below.tb_next
+    return None
 
 
 def check_file(path: Any, what: str = "file") -> None:

@@ -14,7 +14,7 @@ import xarray as xr
 from nhbm.child_process import atomic_write
 from nhbm.dataset import Record, Source, described_find, names_of_dofs, split, with_words
 from nhbm.errors import ModelError, check_file
-from nhbm.groups import Groups, described
+from nhbm.groups import Groups, absolute_files, described
 from nhbm.hdf5_file import image_of, open_hdf5
 from nhbm.paths import path_of
 from nhbm.schema import AXES, CENSUS, TUPLE
@@ -154,7 +154,7 @@ def save(data: xr.Dataset, record: Record, path: Path) -> None:
     if "curve_kind" in columns:
         columns = _padded(_with_wide_state(columns, text), _rows_of_curve(text), _UNUSED if source.is_complete else _PENDING)
     text, libraries = _canonical(source, text, libraries)
-    text = _absolute_files(text, source.folder)
+    text = absolute_files(text, source.folder)
     try:
         if source.structure is not None:
             beside = path.with_name(f"{path.stem}.structure.h5")
@@ -275,16 +275,6 @@ def _canonical(source: Source, text: str, libraries: str) -> tuple[str, str]:
     except ModelError:
         return text, libraries
     return session.input(), session.libraries()
-
-
-def _absolute_files(text: str, folder: Path) -> str:
-    """The input with paths of its files that do not depend on the folder."""
-
-    def absolute(match: re.Match[str]) -> str:
-        there = folder / match[2]
-        return f"{match[1]}'{there.resolve()}'" if there.is_file() else match[0]
-
-    return re.sub(r"( (?:file|library|stiffness_file|table) = )'([^']+)'", absolute, text)
 
 
 def _write(file: h5py.File, data: xr.Dataset, attrs: dict[str, Any], text: str, libraries: str, path: Path) -> None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nhbm import doubts
-from nhbm.errors import ModelError, imported
+from nhbm.errors import ModelError, imported, without_own_frames
 from nhbm.groups import Settings, request
 from nhbm.keys import keys_of, limits_of
 from nhbm.measured import MeasuredSet, is_same, measured_sets, n_measured
@@ -213,6 +213,7 @@ class Fit:
         return _unit_of(session, self.of) if session.has_motion else "m"
 
 
+@without_own_frames
 def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "tones[0]", tolerance: float | None = None,
         order: int | None = None, noise: float | None = None, bounds: Mapping[str, Sequence[float]] | None = None,
         controlled: bool = False, **keys: Any) -> Fit:  # fmt: skip
@@ -316,6 +317,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     return fitted
 
 
+@without_own_frames
 def compare_fits(fits: Mapping[str, Fit]) -> Any:
     """Compares models that were fitted to the same data, by the Bayesian information criterion.
 

@@ -6,6 +6,7 @@ import copy
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -358,3 +359,13 @@ def changed_values(before: str, after: str, varied: Iterable[str]) -> str:
                     which = f"({now.label or k + 1})" if name in repeated_groups() else ""
                     return f"{name}{which}%{key} is {as_input(value)}, and was {as_input(other)}"
     return ""
+
+
+def absolute_files(text: str, folder: Path) -> str:
+    """The input with paths of its files that do not depend on the folder."""
+
+    def absolute(match: re.Match[str]) -> str:
+        there = folder / match[2]
+        return f"{match[1]}'{there.resolve()}'" if there.is_file() else match[0]
+
+    return re.sub(r"( (?:file|library|stiffness_file|table) = )'([^']+)'", absolute, text)

@@ -111,13 +111,13 @@ class Law:
         if (states > 0) != (advance is not None):
             raise ModelError(f"law '{self.__name__}': states, their number, and the function advance belong together")
         address = _address(function)
-        self.takes_parameters = False
+        self.takes_parameters, self._force = False, None
         self.steps_slowly = states > 0 and None in (address, _address(advance))  # in time: an evaluation takes 1 ms
         if address is None and not callable(function):
             raise ModelError(f"a law is a function of q, v and p, a pointer to one, or the name of a type, not {function!r}")
         if address is None:
             caller = _Force(function, self.__name__, arguments, velocity, states)
-            self.takes_parameters = "p" in caller.roles
+            self.takes_parameters, self._force = "p" in caller.roles, caller
             needs_velocity, phases, frequencies = caller.needs_velocity, "phases" in caller.named, "frequencies" in caller.named
             self._pointer = EVALUATE(caller)
         else:
@@ -136,6 +136,24 @@ class Law:
 
     def __call__(self, *arguments: Any) -> Any:
         return self.function(*arguments)
+
+    def pushes_away(self, parameters: Any = None) -> bool:
+        """Whether the force of a function of Python on one coordinate at rest opposes each displacement, as no spring does."""
+        if self._force is None or self._force.named:
+            return False
+        sizes = 10.0 ** np.arange(-6.0, 1.0)
+        q = np.concatenate([[0.0], sizes, -sizes])
+        given = {"q": q, "v": np.zeros_like(q), "p": np.ravel(() if parameters is None else parameters)}
+        try:
+            with np.errstate(all="ignore"):
+                force = self.function(*(given[role].copy() for role in self._force.roles))
+            force = np.asarray(force[0] if isinstance(force, tuple) else force)
+            if force.dtype.kind not in "fi" or force.shape != q.shape:
+                return False
+            work = (force - force[0])[1:] * q[1:]
+        except Exception:  # what is wrong with the function is reported when it is used
+            return False
+        return bool(np.isfinite(work).all() and (work <= 0).all() and (work < 0).any())
 
     def __reduce__(self) -> Any:
         if getattr(sys.modules.get(self.__module__), self.__name__, None) is self:  # of the decorator: known by its name

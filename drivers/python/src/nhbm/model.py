@@ -447,7 +447,7 @@ class Model(Peaks):
                 varied.append(str(value.attrs["parameter"]))
                 here[varied[-1]] = value.item()
         record = dataset.record_beside(motion)
-        changed = changed_values(record.source.text, here.to_namelist(), varied) if record is not None else ""
+        changed = changed_values(record.source.text, here._input(), varied) if record is not None else ""
         if changed:
             raise ModelError(f"the model has changed since this motion was found: {changed}")
         n, tuples = self._checked_shapes(motion)

@@ -7,9 +7,10 @@ from pathlib import Path
 import xarray as xr
 
 import nhbm.accessor  # noqa: F401  (every dataset has the accessor `nhbm`)
-from nhbm.errors import imported
+from nhbm.errors import imported, without_own_frames
 
 
+@without_own_frames
 def open_dataset(path: str | Path) -> xr.Dataset:
     """Opens a result file of `nhbm solve` or of `dataset.nhbm.save`.
 

@@ -106,7 +106,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     n_points = math.prod(len(line) for line in grid.values())
     if n_points > _MOST_POINTS and not paired:
         raise ModelError(f"{n_points:,} points: a sweep in memory has at most {_MOST_POINTS:,}; the command writes larger ones to "
-                         "a file, from model.to_namelist() and a group &sweep for each path")  # fmt: skip
+                         "a file, by model.to_file(path), and add a group &sweep for each path")  # fmt: skip
     points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
     model = copy.copy(self)  # keeps its values
     settings = request(tolerance, order)

@@ -65,7 +65,9 @@ def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
             raise ModelError(f"{name} must be finite, not {values!r}")
         if not numbers or (kind is int and numbers != [float(value) for value in np.ravel(values)]):
             raise ValueError
+        if kind is int and np.ndim(values) > 1:
+            raise ValueError
     except (TypeError, ValueError, OverflowError):
-        what = "whole numbers" if kind is int else "a number" if np.ndim(values) == 0 else "numbers"
+        what = "a whole number, or a list of them" if kind is int else "a number" if np.ndim(values) == 0 else "numbers"
         raise ModelError(f"{name} must be {what}, not {values!r}") from None
     return numbers
