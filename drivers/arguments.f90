@@ -13,7 +13,7 @@ module arguments
    type :: arguments_t
       character(:), allocatable :: verb
       character(:), allocatable :: input                              !! path of the input file, or of a result file
-      type(string_t), allocatable :: more_inputs(:)                   !! of info: further result files
+      type(string_t), allocatable :: more_inputs(:)                   !! of info and merge: further result files
       character(:), allocatable :: output                             !! path of the result file
       type(string_t), allocatable :: overrides(:)                     !! path=value
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
@@ -30,6 +30,7 @@ module arguments
       logical :: wants_help = .false.
       logical :: wants_version = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
+      integer :: n_parts = 0                                          !! of plan: jobs of an array; 0: not given
       character(:), allocatable :: points                             !! of plan their number, of verify a list
       type(string_t), allocatable :: given(:)                         !! long names of the options that were given
    contains
@@ -94,7 +95,7 @@ contains
          self%verb = word
       else if (.not. allocated(self%input)) then
          self%input = word
-      else if (self%verb == "info") then
+      else if (self%verb == "info" .or. self%verb == "merge") then
          call add_string(self%more_inputs, word)
       else if (self%verb == "keys") then
          call fail(error, "unexpected argument '"//word//"'; several words need quotes: nhbm keys '"//self%input//" "//word//"'")
@@ -186,6 +187,7 @@ contains
       case ("--starts"); call read_number(option, value, 0, self%n_starts, error)
       case ("--seed"); call read_number(option, value, 0, self%seed, error)
       case ("--workers"); call read_number(option, value, 1, self%n_workers, error)
+      case ("--array"); call read_number(option, value, 1, self%n_parts, error)
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
       case ("--time-limit"); call read_time_limit(value, self%time_limit, error)

@@ -17,15 +17,17 @@ module command_table
       character(12) :: name
       character(2) :: short
       character(11) :: value                            !! word for the value in the help; blank: no value
-      character(90) :: verbs                            !! that have the option, separated by blanks
+      character(100) :: verbs                            !! that have the option, separated by blanks
       character(200) :: text
    end type option_t
 
-   type(verb_t), parameter :: verbs(15) = [ &
+   type(verb_t), parameter :: verbs(16) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the remaining points of an interrupted run"), &
       verb_t("info", "RESULT", "print the contents of a result file, and whether it is complete; of several files, such as "// &
          "those of an array of jobs, one line each"), &
+      verb_t("merge", "RESULT", "write the new file RESULT from those of the parts of a sweep, the further arguments, such as "// &
+         "the jobs of an array (&sweep part); its status is that of info"), &
       verb_t("why", "RESULT", "explain points that failed: attempts, residuals, remedy, and a command to try; "// &
          "without RESULT: all statuses"), &
       verb_t("check", "INPUT", "read and check the input with all points, print its sizes and natural frequencies, test "// &
@@ -46,12 +48,12 @@ module command_table
       verb_t("help", "[VERB]", "this text; nhbm help VERB or nhbm VERB --help: one verb; nhbm help man: all as a manual "// &
          "page, for man")]
 
-   character(*), parameter :: all_verbs = "solve resume info why check plan integrate census verify"
+   character(*), parameter :: all_verbs = "solve resume info merge why check plan integrate census verify"
 
-   type(option_t), parameter :: options(27) = [ &
+   type(option_t), parameter :: options(28) = [ &
       option_t("--output", "-o", "FILE", "solve integrate census", &
          "result file; default: name of the input with .h5, in the current folder"), &
-      option_t("--overwrite", "", "", "solve integrate census", "replace an existing result file"), &
+      option_t("--overwrite", "", "", "solve integrate census merge", "replace an existing result file"), &
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
       option_t("--resume", "", "", "solve", "continue an existing result file; the input must be the same"), &
       option_t("--retry", "", "", "solve", "with --resume: also repeat the points that did not converge"), &
@@ -78,6 +80,7 @@ module command_table
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
       option_t("--periods", "", "N", "verify", "longest time integration in periods of the slowest tone"), &
       option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 10000 by tens"), &
+      option_t("--array", "", "N", "plan", "the commands of an array of N jobs, each of which solves a part of the sweep"), &
       option_t("--points", "", "N", "plan", "number of points, instead of that of the input"), &
       option_t("--cost-from", "", "FILE", "plan", "time of a point from a result file, for example of a smaller run"), &
       option_t("--cost", "", "SECONDS", "plan", "seconds of a point"), &

@@ -206,7 +206,7 @@ contains
 
       text = "Point "//name_of(kind%first, plan)//others_of(kind)//": "//outcome_text(kind%status)//"."
       if (kind%status == outcome%pending .or. kind%status == outcome%unused) then
-         if (kind%status == outcome%pending) text = text//" "//remedy_of(kind%status)
+         if (kind%status == outcome%pending) text = text//" "//trim(remedy_of(kind%status))
          return
       end if
       associate (seconds => record%solve_seconds(kind%first))
@@ -218,7 +218,7 @@ contains
       call describe_attempts(attempts, tried)
       if (size(attempts) > 0) text = text//new_line("a")//"Attempts: "//tried
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
-      text = text//new_line("a")//"What to do: "//remedy_of(kind%status)
+      text = text//new_line("a")//"What to do: "//trim(remedy_of(kind%status))
       command = command_to_try(kind, names, plan, document)
       if (len(command) > 0) text = text//command_mark//command
    end function paragraph

@@ -16,7 +16,7 @@ module next_step
    use switched_inputs, only: list_of
    implicit none
    private
-   public :: command_for_cut_curve, command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
+   public :: command_for_cut_curve, command_to_try, failure_kind_t, is_by_tolerance, option_of, run_names_t, shell_word
 
    character(*), parameter :: set_keys(4) = [character(8) :: "set", "order", "tuples", "odd_only"], & ! that fix a set or a grid
                               grid_keys(2) = [character(12) :: "samples", "oversampling"]

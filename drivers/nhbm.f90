@@ -26,6 +26,7 @@ program nhbm
    use verb_fit, only: run_fit
    use verb_info, only: run_info
    use verb_integrate, only: run_integrate
+   use verb_merge, only: run_merge
    use verb_plan, only: run_plan
    use verb_solve, only: run_resume, run_solve
    use verb_verify, only: run_verify
@@ -168,6 +169,8 @@ contains
          if (rank_of(comm) == 0) call print_statuses()
       else if ((verb == "resume" .or. verb == "info") .and. .not. allocated(options%input)) then
          call fail(error, verb//" needs a result file, such as nhbm "//verb//" result.h5")
+      else if (verb == "merge" .and. .not. allocated(options%input)) then
+         call fail(error, "merge needs a new file and those of the parts, such as nhbm merge whole.h5 part_*.h5")
       else if (.not. allocated(options%input)) then
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else
@@ -230,6 +233,8 @@ contains
          call run_check(options, comm, status, error)
       else if (verb == "info") then
          call run_info(options, comm, status, error)
+      else if (verb == "merge") then
+         call run_merge(options, comm, status, error)
       else if (verb == "plan") then
          call run_plan(options, comm, error)
       else if (verb == "resume") then

@@ -9,6 +9,7 @@ module verb_plan
    use hb_mpi, only: comm_t, rank_of
    use hb_study, only: row_of_study, study_t
    use hb_text, only: number_of, parse_real, to_text
+   use next_step, only: option_of, shell_word
    use verb_solve, only: load_study
    implicit none
    private
@@ -42,7 +43,40 @@ contains
       task = merge(study%model%options%chain%length, 1, study%model%options%chain%is_on)
       if (allocated(study%plan%curve)) task = line                    ! curves are drawn as a whole
       if (mean > 0.0_wp) call write_times(ranks, n_points, task, mean, most)
+      if (options%n_parts > 0) call write_array(study, options, mean, error)
    end subroutine run_plan
+
+   !> Writes the command of the jobs of an array, and that which merges their results.
+   subroutine write_array(study, options, mean, error)
+      type(study_t), intent(in) :: study
+      type(arguments_t), intent(in) :: options
+      real(wp), intent(in) :: mean                                    !! [s] of a point; 0: not known
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: line, name
+      character(9) :: seconds
+      integer :: group, i, most
+
+      call study%plan%largest_array(options%n_parts, group, most)
+      if (group == 0) then
+         line = "the input has no &sweep that jobs could share"
+         if (most > 0) line = "at most "//number_of(most, "job")//" can share the sweep, whose longest axis has as many values"
+         call fail(error, "--array "//to_text(options%n_parts)//": "//line)
+         return
+      end if
+      name = options%result_path()
+      name = name(:len(name) - len(".h5"))
+      line = "   nhbm solve "//shell_word(options%input)
+      do i = 1, size(options%overrides)
+         line = line//option_of(options%overrides(i)%value)
+      end do
+      call say(number_of(options%n_parts, "job")//", K = 1 to "//to_text(options%n_parts)//", each with a part of the values "// &
+               "of "//study%plan%parameters(group)%path//":")
+      call say(line//" --set 'sweep("//to_text(group)//")%part=K,"//to_text(options%n_parts)//"' -o "//shell_word(name//"_K.h5"))
+      call say("then one file of all:")
+      call say("   nhbm merge "//shell_word(name//".h5")//" "//shell_word(name)//"_*.h5")
+      write (seconds, "(es9.1)") mean*study%plan%n_expected()/options%n_parts
+      if (mean > 0.0_wp) call say("A job takes "//trim(adjustl(seconds))//" s on one rank, on average.")
+   end subroutine write_array
 
    !> Prints the size of the result file. If each point has its own harmonics, that with the initial ones: the space for the most
    !> that there may be is reserved without being written.

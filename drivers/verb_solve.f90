@@ -18,7 +18,7 @@ module verb_solve
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind
    use hb_progress, only: log_level
-   use hb_results_record, only: numbers_of, read_record, record_t
+   use hb_results_record, only: name_of_input, numbers_of, read_record, record_t
    use hb_run_summary, only: number_answered, number_solved, run_summary_t
    use hb_stability, only: stability_method
    use hb_study, only: new_study, study_t
@@ -35,7 +35,7 @@ module verb_solve
    use switched_inputs, only: switched_input
    implicit none
    private
-   public :: load_study, run_resume, run_solve
+   public :: load_study, make_study, run_resume, run_solve
 
    real(wp), parameter :: same_end = 1.0e-5_wp                        ! of the range: motions end where others leave the curve
 
@@ -512,8 +512,7 @@ contains
       if (rank_of(comm) == 0) then
          call read_record(record, path, error)
          if (.not. allocated(error)) then
-            name = record%input_name                               ! files that it names are relative to the folder of the run
-            if (kind_of_file(record%input_folder) == file_kind%folder) name = record%input_folder//last_name(name)
+            name = trim(name_of_input(record))
             text = record%input_text
             files = record%input_libraries
             overrides = record%overrides

@@ -88,7 +88,7 @@ contains
       do i = lbound(outcome_names, 1), ubound(outcome_names, 1)
          text = outcome_text(i)
          if (index(text, ": ") > 0) text = text(index(text, ": ") + 2:)   ! the preceding text repeats the name
-         call say_entry(trim(outcome_names(i)), text//". "//remedy_of(i), len(outcome_names) + 2)
+         call say_entry(trim(outcome_names(i)), text//". "//trim(remedy_of(i)), len(outcome_names) + 2)
       end do
    end subroutine print_statuses
 end module verb_why

@@ -128,22 +128,22 @@ contains
          if (is_at_free_body(system, is_idle, law)) then
             text = trim(free_body_text(law%label))
          else
-            text = trim(idle_law_text(law%label))//unit_hint(system)
+            text = trim(idle_law_text(law%label))
+            call add_unit_hint(system, text)
          end if
       end associate
    end subroutine describe_idle_law
 
    !> Asks for the unit of a tone that is far from all natural frequencies, but near one if it is read in the other unit.
-   function unit_hint(system) result(text)
+   subroutine add_unit_hint(system, text)
       type(system_t), intent(in) :: system
-      character(:), allocatable :: text
+      character(:), allocatable, intent(inout) :: text
       real(wp), parameter :: factors(2) = [two_pi, 1.0_wp/two_pi], near = 2.0_wp
       real(wp), allocatable :: natural(:)
       real(wp) :: omega, read_as
       integer :: k, tone
       logical :: lacks_gyroscopic
 
-      text = ""
       call find_natural_frequencies(system%structure, natural, lacks_gyroscopic)
       natural = pack(natural, natural > 0.0_wp)
       associate (tones => system%tones)
@@ -153,7 +153,7 @@ contains
             k = merge(2, 1, tones%unit() == "Hz")
             read_as = omega*factors(k)
             if (.not. is_near(read_as)) cycle
-            text = "; is the tone of "//to_text(rounded_to(tones%in_unit(omega), n_digits))//" "//trim(tones%unit())// &
+            text = text//"; is the tone of "//to_text(rounded_to(tones%in_unit(omega), n_digits))//" "//trim(tones%unit())// &
                    " given in "//trim(units(3 - k))//"? A natural frequency is "// &
                    to_text(rounded_to(natural(minloc(abs(natural - read_as), dim=1))/two_pi**(2 - k), n_digits))//" "// &
                    trim(units(3 - k))
@@ -168,7 +168,7 @@ contains
 
          is_near = any(natural > omega/near .and. natural < omega*near)
       end function is_near
-   end function unit_hint
+   end subroutine add_unit_hint
 
    !> Whether a law acts on a body that nothing else holds: neither the structure nor a law that exerts a force.
    logical function is_at_free_body(system, is_idle, law)

@@ -35,8 +35,8 @@ contains
             if (motion%level_estimate > 0.0_wp) call add(", ", motion%level_estimate, " by refinement", accuracy%tolerance)
          end associate
       end if
-      text = text//". "//remedy_of(motion%status, options%accuracy%is_on .and. &
-                                   (options%accuracy%grows_set .or. motion%status /= outcome%truncated))
+      text = text//". "//trim(remedy_of(motion%status, options%accuracy%is_on .and. &
+                                        (options%accuracy%grows_set .or. motion%status /= outcome%truncated)))
 
    contains
 

@@ -40,6 +40,7 @@ module hb_remedies
          "frequencies.", &
       "The stored motion is the first one that repeats with the tones. Start near another one with &start."]
 
+   integer, parameter :: max_text = 400
    character(*), parameter :: of_order(outcome%truncated:outcome%aliased) = [character(160) :: &
       "double it, or leave it out for a tolerance. If the error is acceptable, raise &error_estimate truncation.", &
       "double the samples, or remove &sampling and &harmonics; contact and friction need many more samples than harmonics."]
@@ -53,9 +54,9 @@ contains
    pure function remedy_of(status, is_adaptive) result(text)
       integer, intent(in) :: status
       logical, intent(in), optional :: is_adaptive !! harmonics or samples are chosen for a tolerance; else sentences for both cases
-      character(:), allocatable :: text
+      character(max_text) :: text                                     !! padded with blanks
 
-      text = trim(texts(known(status)))
+      text = texts(known(status))
       if (status < lbound(of_order, 1) .or. status > ubound(of_order, 1)) return
       if (.not. present(is_adaptive)) then
          text = "With a given order: "//trim(of_order(status))//" With a tolerance, as by default: "//trim(of_tolerance(status))

@@ -17,7 +17,7 @@ contains
       integer, parameter :: min_points = 8                          ! a few distant values are not a curve
 
       is_chained = model%options%chain%is_auto .and. size(model%system%laws) > 0 .and. &
-         plan%n_fastest() >= min_points .and. plan%can_be_chained()
+         plan%n_fastest_of_whole() >= min_points .and. plan%can_be_chained()
    end function is_chained
 
    !> Number of points that are solved in order: a curve, a chain, or a point.

@@ -50,7 +50,7 @@ contains
       source%rows = rows_of(record%status, n_curves, n_now)
       call hold_file(path, held, error)
       if (.not. allocated(error)) call open_file(source%file, path, error)
-      if (.not. allocated(error)) call make_file(path, layout, plan, .true., error, source)
+      if (.not. allocated(error)) call make_file(path, layout, plan, .true., error, [source])
       call source%file%close(error)
       if (held%descriptor >= 0) call unlock_file(held%descriptor)
       if (.not. allocated(error)) call store_law_doubt(path, record%law_doubt, error)

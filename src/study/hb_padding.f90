@@ -55,7 +55,7 @@ contains
             else
                if (record%n_points > many) call progress%say("compacting "//path)
                source%rows = [(i, i=1, record%n_points)]
-               call make_file(path, layout, plan, .true., error, source)
+               call make_file(path, layout, plan, .true., error, [source])
             end if
          end if
       end if

@@ -21,6 +21,8 @@ module hb_results_file
    type :: copied_file_t
       type(h5_file_t) :: file
       integer, allocatable :: rows(:)                                 !! of this file, for each row of the new one; 0: none yet
+      integer :: first_rank = 1                                       !! of the new file, which is the first of this one
+      integer :: n_ranks = 0                                          !! 0: as many as the new file has
    end type copied_file_t
 
    real(wp), parameter :: max_bytes = 1.6e7_wp                       ! [B] of rows that are copied together
@@ -33,19 +35,19 @@ contains
    !> Creates the whole file under another name beside `path`, then renames it.
    !> The other name is the same for all runs. It is locked while the file is created, and a lock ends with its
    !> process: the remains of a killed run are replaced, the file of a running process is not.
-   subroutine make_file(path, layout, plan, overwrite, error, source)
+   subroutine make_file(path, layout, plan, overwrite, error, sources)
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
-      type(copied_file_t), intent(in), optional :: source             !! of rows; else there are none yet
+      type(copied_file_t), intent(in), optional :: sources(:)         !! of rows; else there are none yet
       character(:), allocatable :: temporary
       integer(int64) :: n_bytes
       integer :: descriptor
       logical :: ok
 
-      call check_target(path, overwrite, error, is_own=present(source))
+      call check_target(path, overwrite, error, is_own=present(sources))
       if (allocated(error)) return
       temporary = path//".part"
       call lock_file(temporary, descriptor, error)
@@ -53,7 +55,7 @@ contains
       call note_unfinished(temporary)
       n_bytes = n_bytes_of(plan, layout)
       if (has_space(descriptor, n_bytes)) then
-         call fill_file(temporary, layout, plan, error, source)
+         call fill_file(temporary, layout, plan, error, sources)
       else
          call fail(error, "no space left on device, or more than a quota or limit allows")
       end if
@@ -66,7 +68,7 @@ contains
             ") or give another --output: "//error%message
       else
          call finish_file(descriptor)
-         call give_final_name(temporary, path, overwrite, error, is_own=present(source))
+         call give_final_name(temporary, path, overwrite, error, is_own=present(sources))
       end if
       if (allocated(error)) call remove_file(temporary)
       call note_unfinished("")
@@ -112,13 +114,14 @@ contains
    end function size_text
 
    !> Creates the file and closes it.
-   subroutine fill_file(path, layout, plan, error, source)
+   subroutine fill_file(path, layout, plan, error, sources)
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
-      type(copied_file_t), intent(in), optional :: source
+      type(copied_file_t), intent(in), optional :: sources(:)
       type(h5_file_t) :: file
+      integer :: i
 
       call create_file(file, path, .true., error)
       if (.not. allocated(error)) call add_root_attributes(file, layout, error)
@@ -126,7 +129,11 @@ contains
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
       if (.not. allocated(error)) call add_columns(file, plan, plan%columns, error)
       if (.not. allocated(error)) call add_columns(file, plan, plan%times, error)
-      if (present(source) .and. .not. allocated(error)) call copy_rows(source, plan, error)
+      if (present(sources)) then
+         do i = 1, size(sources)
+            if (.not. allocated(error)) call copy_rows(sources(i), plan, error)
+         end do
+      end if
       call file%close(error)
    end subroutine fill_file
 
@@ -335,7 +342,7 @@ contains
       type(plan_t), intent(in) :: plan                                !! of the new file, with its datasets
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: stored(:), sums(:)
-      integer :: first, i, last, n_at_once, n_datasets
+      integer :: first, i, last, n_at_once, n_datasets, n_ranks
       logical :: is_repeated
       real(wp) :: n_bytes
 
@@ -358,16 +365,34 @@ contains
             end associate
             if (allocated(error)) return
             deallocate (stored, sums)
+            if (source%first_rank > 1) call shift_ranks(plan, first, last, source%first_rank - 1, error)
+            if (allocated(error)) return
          end if
          first = last + 1
       end do
       do i = 1, size(plan%times)
-         allocate (sums(product(plan%times(i)%dataset%get_extents())))
-         call copy(source%file, plan%times(i), 1, 1, sums, error)
+         n_ranks = source%n_ranks
+         if (n_ranks == 0) n_ranks = product(plan%times(i)%dataset%get_extents())
+         allocate (sums(n_ranks))
+         call copy(source%file, plan%times(i), 1, source%first_rank, sums, error)
          if (allocated(error)) return
          deallocate (sums)
       end do
    end subroutine copy_rows
+
+   !> Adds a number to the ranks that have solved points, which begin again in each source.
+   subroutine shift_ranks(plan, first, last, by, error)
+      type(plan_t), intent(in) :: plan
+      integer, intent(in) :: first, last                              !! rows
+      integer, intent(in) :: by
+      type(error_t), allocatable, intent(out) :: error
+      integer :: ranks(last - first + 1)
+
+      associate (dataset => plan%columns(plan%index_of("rank"))%dataset)
+         call dataset%read(ranks, error, first)
+         if (.not. allocated(error)) call dataset%write(ranks + by, error, first)
+      end associate
+   end subroutine shift_ranks
 
    !> Last of the rows from `first` on that are copied together: consecutive ones of the source, one of them repeated, or none.
    pure integer function end_of_rows(rows, first, most) result(last)

@@ -9,6 +9,7 @@ module hb_results_record
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: int64, wp
    use hb_motion_columns, only: max_attempts
+   use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: is_solved, is_status, outcome, outcome_names
    use hb_parameter_path, only: identifier
    use hb_results_file, only: schema_version
@@ -18,7 +19,8 @@ module hb_results_record
    use hb_text, only: join, number_of, split, string_t, texts_t, to_text
    implicit none
    private
-   public :: attempts_of, count_pending, fail_where_damaged, message_of, messages_of, numbers_of, open_points, store_law_doubt
+   public :: attempts_of, count_pending, fail_where_damaged, message_of, messages_of, name_of_input, numbers_of, open_points
+   public :: store_law_doubt
    public :: read_record, read_units, record_t, refuse_damaged_rows
 
    type :: record_t
@@ -55,6 +57,16 @@ module hb_results_record
    end type record_t
 
 contains
+
+   !> Name of the input of a file in the folder of its run, to which files that it names are relative.
+   function name_of_input(record) result(name)
+      type(record_t), intent(in) :: record
+      character(len(record%input_folder) + len(record%input_name)) :: name   !! padded with blanks
+
+      name = record%input_name
+      if (kind_of_file(record%input_folder) == file_kind%folder) &
+         name = record%input_folder//record%input_name(index(record%input_name, "/", back=.true.) + 1:)
+   end function name_of_input
 
    !> Reads the message of a point; empty if there is none or it cannot be read.
    function message_of(path, point) result(message)

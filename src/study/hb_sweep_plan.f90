@@ -13,7 +13,7 @@ module hb_sweep_plan
    use hb_properties, only: properties_t
    use hb_property_record, only: line_of_sweep
    use hb_swept, only: has_several_values, is_clear_range, read_values, swept_t, value_text, with_unit
-   use hb_text, only: lower, shown, to_text
+   use hb_text, only: lower, number_of, shown, to_text
    implicit none
    private
    public :: read_sweep_plan, sweep_plan_t
@@ -27,11 +27,14 @@ module hb_sweep_plan
       real(wp), allocatable :: curve_values(:)                        !! at the points of curves; none until known
       real(wp), allocatable :: over_values(:)                         !! likewise of `over`
       integer, allocatable, private :: length(:)                      ! of each axis
+      integer, allocatable, private :: n_before(:), n_whole(:)        ! of each axis: values in earlier parts, and in all parts
    contains
       procedure :: index_on => sweep_plan_index_on
       procedure :: axes_of => sweep_plan_axes_of
       procedure :: n_combinations => sweep_plan_n_combinations
       procedure :: note_units => sweep_plan_note_units
+      procedure :: point_of_whole => sweep_plan_point_of_whole
+      procedure :: largest_array => sweep_plan_largest_array
       procedure :: point_of_combination => sweep_plan_point_of_combination
       procedure :: apply => sweep_plan_apply
       procedure :: apply_between => sweep_plan_apply_between
@@ -41,6 +44,7 @@ module hb_sweep_plan
       procedure :: is_ordered => sweep_plan_is_ordered
       procedure :: can_be_chained => sweep_plan_can_be_chained
       procedure :: n_fastest => sweep_plan_n_fastest
+      procedure :: n_fastest_of_whole => sweep_plan_n_fastest_of_whole
       procedure :: n_expected => sweep_plan_n_expected
       procedure :: share_covered => sweep_plan_share_covered
       procedure :: refuse_tied => sweep_plan_refuse_tied
@@ -54,11 +58,13 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
-      integer, allocatable :: axis_of(:)
+      integer, allocatable :: axis_of(:), parts(:, :)
       integer :: i, n
 
-      allocate (self%parameters(document%count("sweep")), self%length(0))
+      allocate (self%parameters(document%count("sweep")), self%length(0), self%n_before(0), self%n_whole(0))
       call read_axes(document, axis_of)
+      call read_parts(document, axis_of, parts, error)
+      if (allocated(error)) return
       do i = 1, size(self%parameters)
          group => document%group("sweep", i)
          self%parameters(i)%location = group%location()
@@ -67,6 +73,13 @@ contains
          call refuse_twice(self%parameters(:i), group)
          call group%finish(error)
          if (allocated(error)) return
+         if (parts(2, i) > self%parameters(i)%length()) then
+            call group%problem("part", "there are only "//number_of(self%parameters(i)%length(), "value")//" for "// &
+                               number_of(parts(2, i), "part"))
+            call group%finish(error)
+            return
+         end if
+         call self%parameters(i)%restrict(parts(:, i))
          n = self%parameters(i)%length()
          self%parameters(i)%axis = findloc(axis_of(1:i - 1), axis_of(i), dim=1)
          if (self%parameters(i)%axis > 0) then
@@ -79,6 +92,8 @@ contains
             end if
          else
             self%length = [self%length, n]
+            self%n_before = [self%n_before, self%parameters(i)%n_before]
+            self%n_whole = [self%n_whole, self%parameters(i)%n_whole]
             self%parameters(i)%axis = size(self%length)
          end if
       end do
@@ -87,6 +102,8 @@ contains
          call read_curve_plan(self%curve, document, error)
          if (allocated(error)) return
          self%length = [self%length, self%curve%n_points]
+         self%n_before = [self%n_before, 0]
+         self%n_whole = [self%n_whole, self%curve%n_points]
       end if
       if (product(real(self%length, wp)) > real(max_points, wp)) then
          call fail(error, "the sweep would have more than "//to_text(max_points)//" points")
@@ -210,6 +227,73 @@ contains
       end do
    end subroutine read_axes
 
+   !> Reads the part of its values that each group has: that of the first group on its axis with one, else all.
+   subroutine read_parts(document, axis_of, parts, error)
+      type(document_t), intent(inout), target :: document
+      integer, intent(in) :: axis_of(:)                               !! of each group
+      integer, allocatable, intent(out) :: parts(:, :)                !! number and count, of each group
+      type(error_t), allocatable, intent(out) :: error
+      type(properties_t), pointer :: group
+      integer, allocatable :: part(:)
+      integer :: i, k
+
+      allocate (parts(2, size(axis_of)), source=1)
+      do i = 1, size(axis_of)
+         group => document%group("sweep", i)
+         if (.not. group%given("part")) cycle
+         call group%get("part", part)
+         if (size(part) /= 2) then
+            call group%problem("part", "needs two numbers, K, N: part K of N")
+         else if (part(1) < 1 .or. part(1) > part(2)) then
+            call group%problem("part", "must be K, N with 1 <= K <= N, not "//to_text(part(1))//", "//to_text(part(2)))
+         else
+            do k = 1, size(axis_of)
+               if (axis_of(k) == axis_of(i)) parts(:, k) = part
+            end do
+            cycle
+         end if
+         call group%pass_over_keys()
+         call group%finish(error)
+         return
+      end do
+   end subroutine read_parts
+
+   !> The point of the whole sweep that a point of this part of it is.
+   pure integer function sweep_plan_point_of_whole(self, point) result(whole)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: point                                    !! 1 to n_points
+      integer :: axis, quotient, stride
+
+      whole = 1
+      quotient = point - 1
+      stride = 1
+      do axis = size(self%length), 1, -1
+         whole = whole + (self%n_before(axis) + modulo(quotient, self%length(axis)))*stride
+         quotient = quotient/self%length(axis)
+         stride = stride*self%n_whole(axis)
+      end do
+   end function sweep_plan_point_of_whole
+
+   !> The group &sweep whose values are shared by the parts of an array of jobs, the slowest with as many values, and the most parts
+   !> that there may be; 0 without a sweep.
+   pure subroutine sweep_plan_largest_array(self, n_parts, group, most)
+      class(sweep_plan_t), intent(in) :: self
+      integer, intent(in) :: n_parts
+      integer, intent(out) :: group                                   !! from 1; 0: no axis has so many values
+      integer, intent(out) :: most
+      integer :: axis, i
+
+      group = 0
+      most = 0
+      do i = 1, size(self%parameters)
+         axis = self%parameters(i)%axis
+         most = max(most, self%length(axis))
+         if (self%length(axis) < n_parts) cycle
+         if (group == 0) group = i
+         if (axis < self%parameters(group)%axis) group = i
+      end do
+   end subroutine sweep_plan_largest_array
+
    !> Index of the value of parameter `i` at a point.
    pure integer function sweep_plan_index_on(self, i, point)
       class(sweep_plan_t), intent(in) :: self
@@ -231,6 +315,14 @@ contains
       sweep_plan_n_fastest = 1
       if (size(self%length) > 0) sweep_plan_n_fastest = self%length(size(self%length))
    end function sweep_plan_n_fastest
+
+   !> That number in the whole sweep, of which this may be a part.
+   pure integer function sweep_plan_n_fastest_of_whole(self) result(n)
+      class(sweep_plan_t), intent(in) :: self
+
+      n = 1
+      if (size(self%n_whole) > 0) n = self%n_whole(size(self%n_whole))
+   end function sweep_plan_n_fastest_of_whole
 
    !> Coordinate of a point on the fastest axis: the value of its first parameter with numbers that are not all equal,
    !> otherwise the index of the point.
@@ -262,11 +354,12 @@ contains
       share = share/abs(self%curve%to - self%curve%from)
    end function sweep_plan_share_covered
 
-   !> Number of points by which a run may measure the cost of one: of curves not more than usual, however many are permitted.
+   !> Number of points by which a run may measure the cost of one: of all parts of the sweep, so that a part is solved as in one run
+   !> of the whole; of curves not more than usual, however many are permitted.
    pure integer function sweep_plan_n_expected(self) result(n)
       class(sweep_plan_t), intent(in) :: self
 
-      n = self%n_points
+      n = int(min(product(real(self%n_whole, wp)), real(max_points, wp)))
       if (allocated(self%curve)) n = n/self%n_fastest()*min(self%n_fastest(), usual_points)
    end function sweep_plan_n_expected
 

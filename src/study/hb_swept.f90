@@ -1,7 +1,7 @@
 !> One swept parameter: its path in the input and its values along an axis.
 module hb_swept
    use hb_document, only: parameter_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, wp
    use hb_properties, only: properties_t
    use hb_text, only: lower, number_of, quote, rounded_to, string_t, to_text
    implicit none
@@ -29,10 +29,14 @@ module hb_swept
       type(range_t), private :: range
       real(wp), allocatable, private :: values(:)                     ! numbers, unless is_text or a range
       type(string_t), allocatable :: texts(:)
+      integer :: n_whole = 0                                          !! number of values of all parts of the sweep
+      integer :: n_before = 0                                         !! of them, in earlier parts
+      integer, private :: n_here = 0                                  ! of them, in this part
    contains
       procedure :: describe => swept_describe
       procedure :: length => swept_length
       procedure :: omission => swept_omission
+      procedure :: restrict => swept_restrict
       procedure :: value => swept_value
    end type swept_t
 
@@ -74,6 +78,20 @@ contains
       end if
    end subroutine read_values
 
+   !> Retains the values of one part of several, whose lengths differ by one at most.
+   subroutine swept_restrict(self, part)
+      class(swept_t), intent(inout) :: self
+      integer, intent(in) :: part(2)                                  !! its number, from 1, and how many there are
+
+      self%n_whole = self%length()
+      self%n_before = int(int(part(1) - 1, int64)*self%n_whole/part(2))
+      self%n_here = int(int(part(1), int64)*self%n_whole/part(2)) - self%n_before
+      associate (first => self%n_before + 1, last => self%n_before + self%n_here)
+         if (allocated(self%values)) self%values = self%values(first:last)
+         if (allocated(self%texts)) self%texts = self%texts(first:last)
+      end associate
+   end subroutine swept_restrict
+
    !> What a range of one value leaves out; empty: nothing.
    function swept_omission(self) result(text)
       class(swept_t), intent(in) :: self
@@ -89,6 +107,7 @@ contains
    pure real(wp) function swept_value(self, i) result(value)
       class(swept_t), intent(in) :: self
       integer, intent(in) :: i                                        !! 1 to its length
+      integer :: k
       real(wp) :: step
 
       if (allocated(self%values)) then
@@ -97,16 +116,17 @@ contains
       end if
       associate (first => self%range%first, last => self%range%last, n => self%range%n)
          step = (last - first)/max(n - 1, 1)
-         if (i == 1) then
+         k = self%n_before + i
+         if (k == 1) then
             value = first
-         else if (i == n) then
+         else if (k == n) then
             value = last
          else if (self%range%is_log) then
-            value = first*(last/first)**(real(i - 1, wp)/(n - 1))
+            value = first*(last/first)**(real(k - 1, wp)/(n - 1))
          else if (first == anint(first) .and. step == anint(step)) then ! without the rounding of a quotient: orders are integers
-            value = first + step*(i - 1)
+            value = first + step*(k - 1)
          else
-            value = first + (last - first)*(real(i - 1, wp)/(n - 1))
+            value = first + (last - first)*(real(k - 1, wp)/(n - 1))
          end if
       end associate
    end function swept_value
@@ -176,7 +196,7 @@ contains
       else if (allocated(self%values)) then
          n = size(self%values)
       else
-         n = self%range%n
+         n = merge(self%n_here, self%range%n, self%n_whole > 0)
       end if
    end function swept_length
 
