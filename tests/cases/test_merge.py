@@ -141,7 +141,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
     assert "other harmonics than the whole sweep" in refusal(tmp_path / "orders", "merged.h5", *files)
     assert run("resume", two, "--quiet", cwd=tmp_path).status == 0
     before = (tmp_path / one).read_bytes()
-    assert f"'{one}' exists" in run("merge", one, two, cwd=tmp_path).stderr and (tmp_path / one).read_bytes() == before
+    assert "exists; give --overwrite" in run("merge", one, two, cwd=tmp_path).stderr and (tmp_path / one).read_bytes() == before
 
 
 @pytest.mark.parametrize("part, message", [

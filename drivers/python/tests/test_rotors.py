@@ -191,3 +191,80 @@ def test_a_disk_beside_the_nodes_is_doubted():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         rotor.bearing(1.0 - 1e-12, stiffness=1e6)
+
+
+def with_tables(stiffness, damping=0.0, speeds=(0.0, 1000.0), n_elements=4):
+    rotor = Rotor()
+    rotor.shaft(np.linspace(0.0, 1.0, n_elements + 1), 0.03)
+    rotor.disk(0.25, 8.0, 0.04, 0.08)
+    for z in (0.0, 1.0):
+        rotor.bearing(z, stiffness, damping, speeds=speeds)
+    rotor.unbalance(0.25, 1e-4)
+    return rotor
+
+
+def test_constant_tables_are_constant_bearings():
+    tables, constant = with_tables(2e6, 200.0), with_tables(2e6, 200.0, speeds=None)
+    for one, other in zip(tables.campbell([0.0, 300.0, 2000.0]), constant.campbell([0.0, 300.0, 2000.0])):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(tables.critical_speeds(1200.0), constant.critical_speeds(1200.0), rtol=1e-8)
+    with pytest.raises(ModelError, match=r"'bearing1' has coefficients over the speed, .* rotor.model\(speed=...\)"):
+        tables.structure()
+
+
+def test_critical_speeds_of_bearings_that_stiffen_with_the_speed():
+    """There the whirl of the rotor without damping has the frequency of its unbalance."""
+    rotor = with_tables([2e5, 5e5, 9e5, 2e6], speeds=[0.0, 150.0, 400.0, 1000.0])
+    found = rotor.critical_speeds(1000.0)
+    assert len(found) >= 1
+    for speed in found:
+        assert abs(rotor.campbell([speed])[0][0] - speed).min() < 1e-6 * speed
+    soft = with_tables(2e5).critical_speeds(1000.0)[0]
+    assert found[0] > 1.05 * soft
+
+
+def test_models_of_rotors_have_their_speed_and_unbalance():
+    """Circular whirl at a row of the tables, against the linear equations at that speed; the speed follows the tone along sweeps."""
+    speeds = [0.0, 150.0, 400.0, 1000.0]
+    stiffness = [[[k, 0.2 * k], [-0.2 * k, k]] for k in (2e5, 5e5, 9e5, 2e6)]
+    rotor = with_tables(stiffness, [300.0, 250.0, 200.0, 100.0], speeds)
+    model = rotor.model(speed=100.0, harmonics={"order": 1})
+    found = model.sweep({"tones[0]": [150.0, 250.0, 400.0]})
+    for at, amplitude in zip((150.0, 250.0, 400.0), found.nhbm.amplitude("disk1.x").values):
+        s = rotor._at_speed(rotor._matrices(), at, 1.0)
+        force = np.zeros(s.n_dofs, complex)
+        for part, factor in (("cos", 1.0), ("sin", -1j)):
+            dofs, values = s.loads[f"unbalance_shaft_{part}"]
+            force[dofs] += factor * values * at**2
+        rates = s.damping.toarray() + s.gyroscopic.toarray()
+        whole = s.stiffness.toarray() - at**2 * s.mass.toarray() + 1j * at * rates
+        dof = s.labels.index("n2.x")
+        assert amplitude == pytest.approx(abs(np.linalg.solve(whole, force)[dof]), rel=1e-9)
+    figure = found.nhbm.orbit("disk1.x", "disk1.y")
+    assert len(figure.axes[0].lines) == 3
+    for line, amplitude in zip(figure.axes[0].lines, found.nhbm.amplitude("disk1.x").values):
+        np.testing.assert_allclose(np.hypot(*line.get_data()), amplitude, rtol=1e-9)  # circles
+
+
+def test_two_shafts_turn_with_two_tones():
+    rotor = Rotor()
+    for name, speed in (("inner", 1), ("outer", 2)):
+        rotor.shaft([0.0, 0.5, 1.0], 0.03, name=name, speed=speed)
+        rotor.disk(0.5, 5.0, 0.02, 0.04, shaft=name)
+        rotor.unbalance(0.5, 1e-4, shaft=name)
+        for z in (0.0, 1.0):
+            rotor.bearing(z, 1e6, 100.0, shaft=name, speeds=[0.0, 1000.0])
+    model = rotor.model(speed=100.0, ratio=1.5, harmonics={"order": 1})
+    assert [model[path] for path in ("tones[1]", "structure.speed[1]", "bearing(bearing3)%speed")] == [150.0] * 3
+    motion = model.solve()
+    assert motion.nhbm.amplitude("disk1.x", (1, 0)) > 0 and motion.nhbm.amplitude("disk2.x", (0, 1)) > 0
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (([1e6, 2e6], 0.0, [0.0, 100.0, 200.0]), r"needs for each of 3 speeds a number, a matrix of 2 x 2 or four numbers, not \(2,\)"),
+    ((1e6, 0.0, [100.0, 0.0]), "speeds must be two or more ascending numbers"),
+    (("stiff", 0.0, [0.0, 100.0]), "stiffness must be"),
+])  # fmt: skip
+def test_tables_that_do_not_fit_are_refused(arguments, message):
+    with pytest.raises(ModelError, match=message):
+        with_tables(*arguments)

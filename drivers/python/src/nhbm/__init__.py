@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.keys import input_keys as input_keys
     from nhbm.laws import Step as Step
     from nhbm.laws import law as law
+    from nhbm.measured import backbone as backbone
     from nhbm.model import Gradient as Gradient
     from nhbm.model import Model as Model
     from nhbm.peaks import Peak as Peak
@@ -38,6 +39,7 @@ _LATER = {  # what needs NumPy and more is imported at the first use
     "Peak": "peaks", "PeakGradient": "peaks",
     "open_dataset": "results",
     "Step": "laws", "law": "laws",
+    "backbone": "measured",
     "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",
     "Beam": "builders", "Chain": "builders",
     "Jeffcott": "builders", "Matrices": "builders", "ModalBeam": "builders", "RotorStator": "builders", "Rotor": "rotors",

@@ -12,7 +12,7 @@ import xarray as xr
 
 from nhbm.dataset import Record, check_found, check_motion, check_points, check_result, record_beside, varies_of
 from nhbm.errors import ModelError, meant, without_own_frames
-from nhbm.responses import largest_of, parts_of, words_of, words_of_tuple
+from nhbm.responses import is_pattern, largest_of, matches, parts_of, words_of, words_of_tuple
 from nhbm.schema import SOLVED
 from nhbm.values import numbers_of
 
@@ -166,7 +166,8 @@ class Accessor:
         tables.write_uff(self._dataset, Path(path), dof, tuple_, force)
 
     def orbit(self, dof: str | None = None, other: str | None = None) -> Any:
-        """Draws a motion in the phase plane, or over another degree of freedom; for several tones with its section.
+        """Draws a motion in the phase plane, or over another degree of freedom; for several tones with its section. Of several
+        points all motions, each over the other degree of freedom.
 
         Parameters
         ----------
@@ -179,8 +180,11 @@ class Accessor:
         -------
         matplotlib.figure.Figure
         """
-        from nhbm import notebook
+        from nhbm import notebook, pictures
 
+        if "point" in self._dataset.dims and dof and other:
+            check_found(self._dataset, "coefficients")
+            return pictures.orbits(self._dataset, dof, other)
         return notebook.drawn("orbit", self._dataset, [self._moving(dof), *([other] if other else [])])
 
     def spectrum(self, dof: str | None = None, over: str = "tuple") -> Any:
@@ -387,7 +391,8 @@ class Accessor:
         Parameters
         ----------
         of : str
-            "x1", the root mean square of its oscillation, "x1 (1)", the amplitude of a harmonic, or "max x1", the largest |x1|.
+            "x1", the root mean square of its oscillation, "x1 (1)", the amplitude of a harmonic, or "max x1", the largest |x1|;
+            with an asterisk, "x* (1)", the largest of all degrees of freedom whose names match.
 
         Returns
         -------
@@ -397,6 +402,13 @@ class Accessor:
         check_found(self._dataset, "coefficients")
         name = largest_of(of)
         dof, tuple_ = (name, None) if name is not None else parts_of(of)
+        if is_pattern(dof):
+            labels = matches(dof, [str(label) for label in self._dataset["dof"].values])
+            units = {self.unit_of(label) for label in labels}
+            if len(units) > 1:
+                raise ModelError(f"'{of}' compares displacements with rotations: {', '.join(labels)}")
+            each = xr.concat([self.response(of.replace(dof, label, 1)) for label in labels], "of", combine_attrs="drop")
+            return self._named(each.max("of"), of, words_of(of), units.pop())
         if name is not None:
             return self._named(self.largest(dof), of, words_of(of), self.unit_of(dof))
         if tuple_ is not None:

@@ -342,6 +342,31 @@ class Description(Laws):
             raise ModelError("a load needs an amplitude: cos= or sin= [N]")
         self._add("load", keys)
 
+    @exclusive
+    def engine_order(self, dofs: Iterable[str], order: int, amplitude: float, tuple_: Any = 1) -> None:
+        """Adds the load that a wheel of equal sectors meets as it turns past an uneven flow: the force on sector k of N,
+        ``amplitude cos(j.omega t - 2 pi order k/N)``, which travels round the wheel.
+
+        Parameters
+        ----------
+        dofs : iterable of str
+            One degree of freedom of each sector, in the order of the sectors.
+        order : int
+            Engine order, the number of waves round the wheel; negative: it travels the other way.
+        amplitude : float
+            [N], or [N m] for rotations.
+        tuple_ : int or sequence of int
+            j; its frequency is that of the order, `order` times the speed of the wheel.
+        """
+        names = list(_dofs([dofs] if isinstance(dofs, str) else dofs)["dofs"])
+        waves = numbers_of("order", order, int)[0]
+        size = numbers_of("amplitude", amplitude)[0]
+        if len(names) < 2:
+            raise ModelError(f"an engine order needs a degree of freedom of each of several sectors, not {names}")
+        for k, dof in enumerate(names):
+            angle = 2.0 * np.pi * ((waves * k) % len(names)) / len(names)
+            self.load(dof, tuple_, cos=float(size * np.cos(angle)), sin=float(size * np.sin(angle)))
+
     if not TYPE_CHECKING:  # its keys by law: nhbm.signatures
 
         @exclusive

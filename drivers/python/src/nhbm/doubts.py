@@ -68,8 +68,8 @@ def warn_of_signs(laws: Iterable[Group], known: set[str]) -> None:
             continue
         known.add(name)
         if law.pushes_away(parameters):
-            warn(f"law '{law.__name__}' drives '{group.keys['dof']}' away from rest: a law returns the force on the left-hand side of "
-                 "the equation of motion, which is positive for a positive displacement of a spring; unless it is to soften, "
+            warn(f"law '{law.__name__}' drives '{group.keys['dof']}' away from rest: a law returns the force on the left-hand side "
+                 "of the equation of motion, which is positive for a positive displacement of a spring; unless it is to soften, "
                  "change its sign", Implausible)  # fmt: skip
 
 

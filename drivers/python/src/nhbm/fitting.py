@@ -27,6 +27,7 @@ from nhbm.measured import MeasuredSet, is_same, measured_sets, n_measured
 from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of
 from nhbm.schema import SOLVED
+from nhbm.sweeps import Progress
 
 if TYPE_CHECKING:
     from nhbm.model import Model
@@ -39,6 +40,7 @@ _FACTORS = 0.25, 0.5, 2.0, 4.0  # of one parameter, for them
 _FAR = 1e3  # residual of a point where the model has no motion
 _WEAK = 1e-6  # singular value, relative to the largest, of a combination of parameters that the data do not determine
 _FIRST, _HELD_STEP = 0.05, 0.25  # first force of a curve on which an amplitude is sought, over the measured one; longest step
+_MOST_SOLUTIONS, _HELD, _LEAST_SLOPE = 8, 1e-7, 0.02  # of the search for a force that holds an amplitude
 _OTHER_UNIT = 30.0  # ratio of measured and fitted amplitudes that suggests millimetres for metres
 _UNLIKELY, _SIGNIFICANT, _MANY = 1e-3, 3.3, 8  # chance of a warning about noise alone; the same in deviations; fewest pairs
 
@@ -216,7 +218,7 @@ class Fit:
 @without_own_frames
 def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "tones[0]", tolerance: float | None = None,
         order: int | None = None, noise: float | None = None, bounds: Mapping[str, Sequence[float]] | None = None,
-        controlled: bool = False, **keys: Any) -> Fit:  # fmt: skip
+        controlled: bool = False, progress: Any = False, **keys: Any) -> Fit:  # fmt: skip
     """Fits parameters of a model to measured amplitudes, and phases, over the frequency.
 
     Points are compared with the stable branches of the response curve, so that sweeps with jumps may be given as they are.
@@ -247,6 +249,9 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
         The response was controlled, or its phase, so that points may be on unstable branches. Where the data have one column with
         the amplitude of a load, that force is compared at the measured amplitude and frequency, and `noise` and `sigma` over
         `amplitude` are those of the force.
+    progress : bool or function
+        True: a bar of tqdm with the number of evaluations of the model and their misfit, the mean of the squared residuals over
+        their variances, which tends to 1 with `noise`; a function is called with both.
     **keys
         Of the group &curve, such as ``max_step=0.02``.
 
@@ -282,7 +287,8 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     first = np.array([float(work[one]) for one in paths])
     scale = np.where(first != 0.0, np.abs(first), 1.0)
     lower, upper = _bounds(work, paths, bounds or {})
-    problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys, force)
+    bar = Progress(progress, "fit", unit="evaluation")
+    problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys, force, bar)
     least_squares = imported("scipy.optimize", "fits are made with", "scipy").least_squares
     work._begin(Settings())  # of the first guess and of what is fitted, not of trial values
     def search(start: Array) -> Any:
@@ -292,9 +298,10 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
                              x_scale="jac", xtol=1e-8, ftol=1e-8, gtol=1e-10, max_nfev=100)  # fmt: skip
 
     work._is_trial = True
-    found = search(first)
-    if found.cost > _POOR * n_measured(sets):  # a minimum far from the data: another start may lead elsewhere
-        found = min([found, *map(search, _other_starts(problem, first, lower, upper))], key=lambda one: one.cost)
+    with bar:
+        found = search(first)
+        if found.cost > _POOR * n_measured(sets):  # a minimum far from the data: another start may lead elsewhere
+            found = min([found, *map(search, _other_starts(problem, first, lower, upper))], key=lambda one: one.cost)
     values = found.x * scale
     residuals, jacobian = problem.residuals(values), problem.jacobian(values)
     covariance, is_known = _covariance(jacobian)
@@ -511,9 +518,9 @@ class _Problem:
     """Residuals and their derivatives by the parameters."""
 
     def __init__(self, model: Model, paths: list[str], of: str, path: str, tolerance: Any, order: Any, sets: list[MeasuredSet],
-                 controlled: bool, keys: Mapping[str, Any], force: str) -> None:  # fmt: skip
+                 controlled: bool, keys: Mapping[str, Any], force: str, bar: Progress) -> None:  # fmt: skip
         self.model, self.paths, self.of, self.path, self.tolerance, self.order = model, paths, of, path, tolerance, order
-        self.sets, self.controlled, self.keys, self.force = sets, controlled, keys, force
+        self.sets, self.controlled, self.keys, self.force, self.bar = sets, controlled, keys, force, bar
         self.predictions: list[Array] = []
         self._at: Array | None = None
         self._found: tuple[Array, Array] = np.zeros(0), np.zeros((0, 0))
@@ -544,6 +551,7 @@ class _Problem:
                 self.predictions = [part[2] for part in parts]
                 self._found = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
             self._at = np.array(values)
+            self.bar.update(misfit=float((self._found[0] ** 2).sum() / n_measured(self.sets)))
         return self._found
 
     def _parts(self, values: Array) -> list[tuple[Array, Array, Array]]:
@@ -566,19 +574,48 @@ def _held(how: _Problem, one: MeasuredSet) -> tuple[Array, Array, Array]:
     for path, value in one.conditions:
         how.model[path] = value
     assert one.force is not None
+    present = float(how.model[how.force])
     for i, (at, amplitude, measured) in enumerate(zip(one.at, one.amplitude, one.force)):
         how.model[how.path] = float(at)
-        force, by_force, phase, by_phase = _holding(how, float(amplitude), float(measured))
+        found = _by_newton(how, float(amplitude), float(measured)) or _by_curve(how, float(amplitude), float(measured))
+        force, by_force, phase, by_phase = found
         width = one.sigma[i] / amplitude
         residuals[i, 0], slopes[i, 0] = (force / measured - 1) / width, by_force / measured / width
         if one.phase is not None:
             residuals[i, 1], slopes[i, 1] = np.angle(np.exp(1j * (phase - one.phase[i]))) / width, by_phase / width
         predicted[i] = force * np.exp(1j * phase)
+    how.model[how.force] = present
     return residuals.ravel(), slopes.reshape(-1, n), predicted
 
 
-def _holding(how: _Problem, amplitude: float, measured: float) -> tuple[float, Array, float, Array]:
-    """The force that holds an amplitude, the phase of the response, and their derivatives by the parameters at that amplitude.
+def _by_newton(how: _Problem, amplitude: float, force: float) -> tuple[float, Array, float, Array] | None:
+    """The force that holds an amplitude, the phase of the response, and their derivatives by the parameters at that amplitude, by
+    Newton's method over the logarithm of the force from the motion found last; None if it fails, as near a fold over the force."""
+    groups: dict[str, Any] = {"stability": {"method": "off"}, "gradient": {"by": [*how.paths, how.force]}}
+    if how.order is not None:
+        groups["error_estimate"] = {"is_on": False}
+    for _ in range(_MOST_SOLUTIONS):
+        how.model[how.force] = force
+        session = how.model._begin(request(how.tolerance, how.order, **groups))
+        session.solve(True, points=0)
+        if session.status not in SOLVED:
+            return None
+        z, dz, _ = _amplitude(session, how.of, [*how.paths, how.force], False)
+        if not z:
+            return None
+        by, excess = dz / z, math.log(abs(z) / amplitude)
+        slope = float(by[-1].real) * force  # of the logarithm of the amplitude over that of the force
+        if not abs(slope) > _LEAST_SLOPE:
+            return None
+        if abs(excess) <= _HELD:
+            by_force = -by[:-1].real / by[-1].real
+            return force, by_force, float(np.angle(z)), by[:-1].imag + by[-1].imag * by_force
+        force *= math.exp(min(1.0, max(-1.0, -excess / slope)))
+    return None
+
+
+def _by_curve(how: _Problem, amplitude: float, measured: float) -> tuple[float, Array, float, Array]:
+    """As `_by_newton`.
 
     The curve over the force is followed from a small one until it reaches the amplitude, round its folds. On its last step both
     follow from values and derivatives at its ends (Hermite), over the amplitude, which does not turn back.

@@ -48,6 +48,45 @@ class MeasuredSet:
         return ", ".join([*(f"{path} = {value:g}" for path, value in self.conditions), *([self.sweep] if self.sweep else [])])
 
 
+def backbone(amplitude: Any, hertz: Any, damping_ratio: Any, mass: float, *, load: str = "load[0].cos") -> dict[str, Any]:
+    """Turns a measured backbone, from free decay or phase resonance, into data for `nhbm.fit(..., controlled=True)`.
+
+    Parameters
+    ----------
+    amplitude : array_like
+        Of the first harmonic at the measured degree of freedom [m].
+    hertz : array_like
+        Frequencies of resonance at these amplitudes [Hz].
+    damping_ratio : array_like
+        Relative to critical damping.
+    mass : float
+        Modal mass at that degree of freedom [kg].
+    load : str
+        Path of the amplitude of the load at that degree of freedom.
+
+    Returns
+    -------
+    dict
+        Columns `hertz`, `amplitude`, `phase` and that of the load: the force 2 zeta omega^2 m a that holds the amplitude a at phase
+        resonance, where the response lags by a quarter of a period.
+
+    Examples
+    --------
+    >>> import nhbm
+    >>> data = nhbm.backbone([1e-3], [50.0], [0.01], mass=2.0)
+    >>> f"{data['load[0].cos'][0]:.3f} N"
+    '3.948 N'
+    """
+    columns = [np.array(numbers_of(name, values)) for name, values in
+               (("amplitude", amplitude), ("hertz", hertz), ("damping_ratio", damping_ratio))]  # fmt: skip
+    if len({len(column) for column in columns}) > 1:
+        raise ModelError(f"amplitude, hertz and damping_ratio need equally many values, not {[len(column) for column in columns]}")
+    if not all((column > 0).all() for column in columns) or not numbers_of("mass", mass)[0] > 0:
+        raise ModelError("amplitudes, frequencies, damping ratios and the mass of a backbone must be above 0")
+    a, f, zeta = columns
+    return {"hertz": f, "amplitude": a, "phase": np.full(len(a), -np.pi / 2), load: 2 * zeta * (2 * np.pi * f) ** 2 * mass * a}
+
+
 def is_same(one: MeasuredSet, other: MeasuredSet) -> bool:
     """Whether two sets have the same numbers."""
     if (one.phase is None) != (other.phase is None) or len(one.at) != len(other.at):

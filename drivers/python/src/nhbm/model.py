@@ -21,7 +21,7 @@ from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.paths import identifier, path_of
 from nhbm.peaks import Peaks
-from nhbm.responses import gradient_of, refuse_largest, required_response_of, responses_in
+from nhbm.responses import gradient_of, is_pattern, parts_of, refuse_largest, required_response_of, responses_in
 from nhbm.rows import Rows
 from nhbm.schema import AMPLITUDES, CENSUS_STARTS, SOLVED
 from nhbm.session import Session
@@ -170,7 +170,8 @@ class Model(Peaks):
         """
         refuse_largest(of)
         paths = self._paths(by)
-        session = self._begin(request(tolerance, order, gradient={"by": paths, "of": of}))
+        of_one = {} if is_pattern(parts_of(of)[0]) else {"of": of}  # the largest is known behind the solution
+        session = self._begin(request(tolerance, order, gradient={"by": paths, **of_one}))
         session.solve(warm, points=0)
         doubts.warn_of(session)
         if session.status not in SOLVED:

@@ -107,22 +107,94 @@ class Peaks(Description):
         >>> bool(abs((further.at - found.at) / 1e-5 - found.at_slopes[0]) < 1e-3 * found.at_slopes[0])
         True
         """
+        paths = self._of_peaks(by, path)
+        none = np.full(len(paths), np.nan)
+        groups, keys = {"gradient": {"by": paths}}, curve_range(start, stop, keys)
+        return self._highest(of, path, keys, tolerance, order, groups, _with_slopes(of, paths)) or PeakGradient(
+            np.nan, np.nan, none, none
+        )
+
+    @exclusive
+    @documented
+    def peaks(self, of: str, path: str, start: float, stop: float, *, by: Iterable[str] = (), tolerance: float | None = None,
+              order: int | None = None, **keys: Any) -> list[PeakGradient]:  # fmt: skip
+        """Finds all peaks of a response along a curve, with their derivatives: for the minimisation of the largest of them.
+
+        The largest peak alone (`peak`, `peak_gradient`) has a kink where two peaks are equally high, which is where the optimum of
+        several parameters is: a gradient method stalls there. Each peak by itself is smooth (docs/howto/optimise_damper.md).
+
+        Parameters
+        ----------
+        of : str
+            A response, as for `response`.
+        path : str
+            Path of the continuation parameter.
+        start, stop : float
+            Its range, in its unit.
+        by : iterable of str
+            Paths of the values to differentiate by; none by default.
+        {tolerance and order}
+        **keys
+            Of the group &curve.
+
+        Returns
+        -------
+        list of PeakGradient
+            The peaks in their order along the curve, as `peak_gradient` returns one. With the warning NotConverged, those before
+            the point where a curve stops.
+
+        Examples
+        --------
+        >>> import nhbm, numpy as np
+        >>> structure = nhbm.Matrices(mass=np.eye(2), stiffness=[[2.0, -1.0], [-1.0, 2.0]], damping=0.05 * np.eye(2))
+        >>> model = nhbm.Model(structure, tones=[1.0])
+        >>> model.load("x1", 1, cos=1.0)
+        >>> [f"{peak.at:.2f} rad/s, {peak.value:.2f} m" for peak in model.peaks("x1 (1)", "tones[0]", 0.5, 2.5, order=1)]
+        ['1.00 rad/s, 10.00 m', '1.73 rad/s, 5.79 m']
+        """
+        paths, found = self._of_peaks(by, path) if by else [], []
+        evaluate = _with_slopes(of, paths)
+
+        def visit(session: Session, value: float, at: float) -> None:
+            if session.kind == "peak":
+                found.append((evaluate(session, value, at), doubts.doubt_of(session)))
+
+        groups = {"gradient": {"by": paths}} if paths else {}
+        self._trace(of, path, curve_range(start, stop, keys), tolerance, order, groups, visit)
+        for doubt in dict.fromkeys(doubt for _, doubt in found if doubt):
+            doubts.warn(doubt)
+        return [peak for peak, _ in found]
+
+    def _of_peaks(self, by: Iterable[str], path: str) -> list[str]:
+        """The values by which peaks over a path are differentiated."""
         paths = self._paths(by)
         if self._resolved(path) in paths:
             raise ModelError(f"'{path}' varies along the curve, so that the peak does not depend on it: leave it out of by")
-        none = np.full(len(paths), np.nan)
-
-        def here(session: Session, value: float, at: float) -> PeakGradient:
-            moves = session.column("position_gradient").values
-            return PeakGradient(value, at, gradient_of(session, of), none if moves is None else moves.copy())
-
-        groups, keys = {"gradient": {"by": paths}}, curve_range(start, stop, keys)
-        return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
+        return paths
 
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
                  groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
         """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
         warning, if the curve stops before the end of its range."""
+        best: dict[str, Any] = {"value": -1.0, "at": np.nan, "found": None, "doubt": ""}
+
+        def visit(session: Session, value: float, at: float) -> None:
+            if value > best["value"]:
+                best.update(value=value, at=at, found=evaluate(session, value, at), doubt=doubts.doubt_of(session))
+
+        if not self._trace(of, path, keys, tolerance, order, groups, visit):
+            return None
+        if best["doubt"]:
+            doubts.warn(best["doubt"])
+        if any(abs(best["at"] - end) <= 1e-9 * abs(keys["to"] - keys["from"]) for end in (keys["from"], keys["to"])):
+            doubts.warn(f"the largest {of} is at an end of the range, {self._resolved(path)} = {best['at']:g}: no peak of the "
+                        "curve; widen the range", Implausible)  # fmt: skip
+        return best["found"]
+
+    def _trace(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None, groups: dict[str, Any],
+               visit: Callable[[Session, float, float], None]) -> bool:  # fmt: skip
+        """Calls `visit` with the session, the response and the varied value at each point of a curve; whether it reaches the end of
+        its range, with a warning if not."""
         refuse_largest(of)
         path = self._resolved(path)
         curve = {"points": 10000, "parameter": path, "peak_of": of, **keys}  # none of which are stored
@@ -130,25 +202,27 @@ class Peaks(Description):
         if order is not None:
             groups["error_estimate"] = {"is_on": False}  # what is not returned is not made
         session = self._begin(request(tolerance, order, **groups))
-        best, best_at, found, doubt, ends, values = -1.0, np.nan, None, "", [], []
+        ends, values = [], []
         session.begin_curve()
         while session.next():
             if session.status not in SOLVED:
                 continue
-            value, at = response_of(session, of), float(session.column(identifier(path)).values)
-            values.append(at)
+            values.append(float(session.column(identifier(path)).values))
             if session.kind == "end":
-                ends.append(at)
-            if value > best:
-                best, best_at = value, at
-                found = evaluate(session, value, at)
-                doubt = doubts.doubt_of(session)
+                ends.append(values[-1])
+            visit(session, response_of(session, of), values[-1])
         if doubts.warn_of_end(session, path, values, keys["to"] - keys["from"]):
-            return None
-        if doubt:
-            doubts.warn(doubt)
+            return False
         doubts.warn_of_return(ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
-        if any(abs(best_at - end) <= 1e-9 * abs(keys["to"] - keys["from"]) for end in (keys["from"], keys["to"])):
-            doubts.warn(f"the largest {of} is at an end of the range, {path} = {best_at:g}: no peak of the curve; widen the range",
-                        Implausible)  # fmt: skip
-        return found
+        return True
+
+
+def _with_slopes(of: str, paths: list[str]) -> Callable[[Session, float, float], PeakGradient]:
+    """A function of a session, a response and its position that adds their derivatives by the values at paths."""
+    none = np.full(len(paths), np.nan)
+
+    def here(session: Session, value: float, at: float) -> PeakGradient:
+        moves = session.column("position_gradient").values if paths else None
+        return PeakGradient(value, at, gradient_of(session, of) if paths else none, none if moves is None else moves.copy())
+
+    return here

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from nhbm.dataset import varies_of
+from nhbm.dataset import check_motion, varies_of
 from nhbm.errors import ModelError, imported
 from nhbm.located import MARKERS, located_kinds
 
@@ -111,8 +111,8 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
     labels = ax.get_legend_handles_labels()[1]
     if labels:
         title = textwrap.fill(heading, _LEGEND_WIDTH) if len(groups) > 1 and not is_curve else None
-        ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=_columns_for(labels), borderaxespad=0.3, title=title,
-                  alignment="left")  # fmt: skip
+        ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=_columns_for(labels), borderaxespad=0.3,
+                  title=title, alignment="left")  # fmt: skip
 
 
 def _columns_for(labels: list[str]) -> int:
@@ -123,6 +123,31 @@ def _columns_for(labels: list[str]) -> int:
         return sum(_HANDLE_WIDTH + max(map(len, labels[k : k + n_rows])) for k in range(0, len(labels), n_rows))
 
     return next((n for n in range(min(5, len(labels)), 1, -1) if width(n) <= _LEGEND_WIDTH), 1)
+
+
+def orbits(data: xr.Dataset, dof: str, other: str) -> Any:
+    """The motions of several points, one degree of freedom over another; returns the figure."""
+    if data.sizes["point"] > _MOST_LINES:
+        raise ModelError(f"a picture has at most {_MOST_LINES} orbits, not {data.sizes['point']}: select some points")
+    plt = imported("matplotlib.pyplot", "plots are drawn with")
+    figure, ax = plt.subplots(figsize=(5.0, 4.4), layout="constrained")
+    names = varies_of(data) or ["point"]
+    for k in range(data.sizes["point"]):
+        point = data.isel(point=k)
+        check_motion(point)
+        frequency = point["frequency"].values
+        length = 2 * np.pi / frequency.min() * (1 if len(frequency) == 1 else 8)
+        fastest = float(abs((point.nhbm._tuples() * point["frequency"]).sum("tone")).max())
+        times = np.linspace(0.0, length, int(np.clip(4 * _SAMPLES * fastest * length / (2 * np.pi), 400, _MOST_SAMPLES)))
+        label = ", ".join(f"{point[name].item():.6g}" for name in names)
+        ax.plot(point.nhbm.time(dof, times), point.nhbm.time(other, times), color=f"C{k}", lw=1.2, label=label)
+    unit, unit_of_other = (data.nhbm.unit_of(one) for one in (dof, other))
+    ax.set(xlabel=f"Displacement {dof} [{unit}]", ylabel=f"Displacement {other} [{unit_of_other}]",
+           aspect="equal" if unit == unit_of_other else "auto")  # fmt: skip
+    ax.grid(color="0.9")
+    ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), title=textwrap.fill(", ".join(
+        _labelled(name, data[name]) for name in names), 20))  # fmt: skip
+    return figure
 
 
 def _scale_of_colors(ax: Any, rows: Any, label: str) -> Any:

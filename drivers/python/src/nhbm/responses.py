@@ -1,7 +1,9 @@
-"""Names of responses, "x1", "x1 (1)", "max x1", and their values for the motion that a session has found last."""
+"""Names of responses, "x1", "x1 (1)", "max x1", and their values for the motion that a session has found last. With an asterisk, as
+in "x* (1)", a response is the largest of all degrees of freedom whose names match."""
 
 from __future__ import annotations
 
+import fnmatch
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -21,6 +23,8 @@ _MOST_PLACES = 100  # that a session remembers
 def response_of(session: Session, of: str) -> float:
     """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a
     harmonic; NaN if its set does not have this harmonic."""
+    if is_pattern(_text_of(of)):
+        return max(response_of(session, one) for one in _each(session, of))
     tuples = session.column("tuples").values
     i_dof, harmonics = _places_of(session, of, tuples)
     pairs = session.column("coefficients").values[i_dof, harmonics].ravel().tolist()
@@ -77,6 +81,8 @@ def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
     except KeyError:
         pass  # those of all coefficients are known
     dof, wanted = parts_of(of)
+    if is_pattern(dof):
+        return gradient_of(session, max(_each(session, of), key=lambda one: response_of(session, one)))
     i_dof, by = _index(session, of, dof), session.column("gradient").values
     if by is None:
         return np.full(len(session.labels("gradient_value")), np.nan)
@@ -88,6 +94,25 @@ def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
         counts = np.equal(tuples, wanted).all(axis=1) | np.equal(tuples, np.negative(wanted)).all(axis=1)
     slopes: np.ndarray[Any, Any] = (by[:, i_dof] * motion)[:, counts].sum(axis=(1, 2)) / (size or np.nan)
     return slopes
+
+
+def is_pattern(dof: str) -> bool:
+    """Whether a name stands for all degrees of freedom that match it."""
+    return "*" in dof
+
+
+def matches(dof: str, labels: Sequence[str]) -> list[str]:
+    """The labels that a pattern stands for; ModelError if there are none."""
+    found = fnmatch.filter(labels, dof.replace("[", "[[]"))
+    if not found:
+        raise ModelError(f"no degree of freedom matches '{dof}'; known: {', '.join(labels)}")
+    return found
+
+
+def _each(session: Session, of: str) -> list[str]:
+    """The responses of a pattern."""
+    dof, _ = parts_of(of)
+    return [of.replace(dof, one, 1) for one in matches(dof, session.labels("dof"))]
 
 
 def _index(session: Session, of: str, dof: str) -> int:
@@ -137,6 +162,8 @@ def refuse_largest(*responses: Any) -> None:
 def words_of(of: str) -> str:
     """A response of a motion in words, as axes have it."""
     dof = largest_of(of)
+    if is_pattern(dof or of):
+        return f"Largest of {of}"
     if dof is not None:
         return f"Largest displacement |{dof}|"
     dof, tuple_ = parts_of(of)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -18,9 +18,13 @@ from nhbm.errors import Implausible, ModelError
 from nhbm.structure import BY_SPEED, Structure
 from nhbm.values import numbers_of
 
+if TYPE_CHECKING:
+    from nhbm.model import Model
+
 VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")
 N = len(DIRECTIONS)
+_SPEEDS = 200  # at which critical speeds of bearings with tables are separated
 _BESIDE = 1e-3  # of a shaft: as far from a node it is not there
 _MATERIALS = {"young": (1e5, 1e13, "N/m2", "2.1e11"), "density": (1.0, 3e4, "kg/m3", "7850")}  # plausible values, unit, of steel
 _LARGEST_DIAMETER = 10.0  # [m], of a shaft, plausible
@@ -35,8 +39,21 @@ class _Shaft:
     first: int  # number of its first node in the rotor
 
 
+@dataclass
+class _Table:
+    """A bearing with coefficients over the speed, rows of k_xx, k_xy, k_yx, k_yy [N/m], and likewise damping [N s/m]."""
+
+    name: str
+    node: int
+    speed: int  # number of the speed of its shaft
+    speeds: np.ndarray  # [rad/s], (n_speeds)
+    stiffness: np.ndarray  # (n_speeds, 4)
+    damping: np.ndarray
+
+
 class Rotor:
-    """Circular shafts of one material on one axis, with disks, bearings and unbalance; `structure` creates the matrices.
+    """Circular shafts of one material on one axis, with disks, bearings and unbalance; `model` makes the model whose speed is that
+    of its unbalance, `structure` the matrices alone.
 
     young: Young's modulus [N/m2]; density [kg/m3]; poisson: Poisson's ratio for the shear of the sections, None for none
     (Bernoulli)."""
@@ -55,6 +72,7 @@ class Rotor:
         self._shafts: list[_Shaft] = []
         self._sets: dict[str, int] = {}
         self._unbalance: dict[str, list[tuple[int, float, float]]] = {}
+        self._tables: list[_Table] = []
         self._parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}  # matrices by name: degrees of freedom, values
 
     def __repr__(self) -> str:
@@ -108,10 +126,21 @@ class Rotor:
         self._add(_by_speed("gyroscopic_by_speed", found.speed), (node,), ACROSS, np.diag([0.0, polar]))
         self._sets[self._next("disk")] = node
 
-    def bearing(self, z: float, stiffness: Any, damping: float = 0.0, *, shaft: str | None = None) -> None:
-        """Supports the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y; set
-        `bearing1`, ..."""
-        _, node = self._node(z, shaft)
+    def bearing(self, z: float, stiffness: Any, damping: Any = 0.0, *, speeds: Any = None, shaft: str | None = None) -> None:
+        """Supports the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y, or for
+        each of `speeds` [rad/s] a number, such a matrix, or k_xx, k_xy, k_yx, k_yy, between which a monotone cubic interpolates
+        (docs/user/input.md, &bearing); set `bearing1`, ..."""
+        found, node = self._node(z, shaft)
+        if speeds is not None:
+            of = f"bearing at {z:g} m: "
+            at = np.array(numbers_of(of + "speeds", speeds))
+            if len(at) < 2 or not (np.diff(at) > 0).all():
+                raise ModelError(f"{of}speeds must be two or more ascending numbers")
+            name = self._next("bearing")
+            tables = (_rows(of + word, values, len(at)) for word, values in (("stiffness", stiffness), ("damping", damping)))
+            self._tables.append(_Table(name, node, found.speed, at, *tables))
+            self._sets[name] = node
+            return
         for name, values in (("stiffness", stiffness), ("damping", damping)):
             if (np.diagonal(_two(values)) < 0).any():
                 text = f"bearing at {z:g} m: {name} {values} is negative: a bearing holds and damps by positive ones"
@@ -136,8 +165,39 @@ class Rotor:
         amount, angle = _number(f"unbalance at {z}: amount", amount), _number(f"unbalance at {z}: angle", angle)
         self._unbalance.setdefault(found.name, []).append((node, amount, angle))
 
+    def model(self, speed: float, ratio: float = 1.0, **groups: Any) -> Model:
+        """The model in which the unbalance of each shaft turns with it: tone 1 is the speed of shafts of speed 1 [rad/s], and tone 2,
+        for shafts of speed 2, `ratio` times that; the speeds of structure and bearings follow the tones, also along curves and sweeps.
+        groups: of `nhbm.Model`, such as ``harmonics={"order": 5}``."""
+        from nhbm.model import Model
+
+        n_speeds = max([shaft.speed for shaft in self._shafts], default=1)
+        tones = [_number("speed", speed), _number("ratio", ratio) * speed][:n_speeds]
+        made = Model(self._matrices(), tones=tones, **groups)
+        made.set("structure", speed=tones)
+        for k in range(n_speeds):
+            made.tie(f"structure.speed[{k}]", f"tones[{k}]")
+        for table in self._tables:
+            dofs = [f"n{table.node + 1}.{direction}" for direction in ("x", "y")]
+            made.bearing(dofs, table.speeds, table.stiffness, table.damping, label=table.name, speed=tones[table.speed - 1])
+            made.tie(f"bearing({table.name})%speed", f"tones[{table.speed - 1}]")
+        for shaft in self._shafts:
+            if shaft.name in self._unbalance:
+                tuple_ = [int(k == shaft.speed - 1) for k in range(n_speeds)]
+                for part in ("cos", "sin"):
+                    vector = f"unbalance_{shaft.name}_{part}"
+                    made.load(vector=vector, tuple_=tuple_, frequency_power=2, **{part: 1.0})
+        return made
+
     def structure(self) -> Structure:
         """The matrices, with speed-dependent terms for the key `speed` of &structure and &tie."""
+        if self._tables:
+            raise ModelError(f"'{self._tables[0].name}' has coefficients over the speed, which are no matrices: "
+                             "rotor.model(speed=...) makes a model with them")  # fmt: skip
+        return self._matrices()
+
+    def _matrices(self) -> Structure:
+        """The matrices without bearings that have tables."""
         n = self.n_nodes
         if n == 0:
             raise ModelError("the rotor has no shaft")
@@ -183,9 +243,8 @@ class Rotor:
 
         speeds: values of speed 1 [rad/s]; ratio: speed 2 over speed 1.
         """
-        structure = self.structure()
-        ratio = _number("ratio", ratio)
-        found = [whirls(at_speeds(structure, (speed, ratio * speed))) for speed in numbers_of("speeds", speeds)]
+        structure, ratio = self._matrices(), _number("ratio", ratio)
+        found = [whirls(self._at_speed(structure, speed, ratio)) for speed in numbers_of("speeds", speeds)]
         return np.array([f for f, _ in found]), np.array([g for _, g in found])
 
     def critical_speeds(self, up_to: float, ratio: float = 1.0, order: float = 1.0) -> np.ndarray:
@@ -200,7 +259,46 @@ class Rotor:
         ratio, order = _number("ratio", ratio), _number("order", order)
         if not _number("up_to", up_to) > 0:
             raise ModelError(f"up_to must be above 0, not {up_to!r}")
-        s = self.structure()
+        structure = self._matrices()
+        if not self._tables:
+            return self._critical(structure, up_to, ratio, order)
+
+        from scipy.optimize import brentq
+
+        # Of bearings with tables: the speeds that are critical ones of the rotor with the bearings at that speed.
+        def excess(speed: float, k: int) -> float:
+            found = self._critical(self._with_bearings(structure, speed, ratio), 2.0 * up_to, ratio, order)
+            return float(found[k] - speed) if k < len(found) else up_to
+
+        grid = np.linspace(up_to / _SPEEDS, up_to, _SPEEDS)
+        most = max(len(self._critical(self._with_bearings(structure, speed, ratio), 2.0 * up_to, ratio, order)) for speed in grid)
+        roots = []
+        for k in range(most):
+            values = [excess(speed, k) for speed in grid]
+            for low, high, a, b in zip(grid, grid[1:], values, values[1:]):
+                if a >= 0 > b or a < 0 <= b:
+                    roots.append(float(brentq(excess, low, high, args=(k,), xtol=1e-10 * up_to)))
+        return np.sort(roots)
+
+    def _with_bearings(self, structure: Structure, speed: float, ratio: float) -> Structure:
+        """The structure with the coefficients that bearings with tables have at a value of speed 1."""
+        n, added = structure.n_dofs, {"stiffness": [structure.stiffness], "damping": [structure.damping]}
+        for table in self._tables:
+            at = speed if table.speed == 1 else ratio * speed
+            rows = N * table.node + np.array([0, 0, 1, 1])
+            columns = N * table.node + np.array([0, 1, 0, 1])
+            for name in added:
+                values = _monotone_cubic(table.speeds, getattr(table, name), at)
+                added[name].append(sp.csr_matrix((values, (rows, columns)), (n, n)))
+        total = {name: sum(m[1:], m[0]) for name, parts in added.items() if (m := [one for one in parts if one is not None])}
+        return replace(structure, **total)
+
+    def _at_speed(self, structure: Structure, speed: float, ratio: float) -> Structure:
+        """The structure at a value of speed 1."""
+        return at_speeds(self._with_bearings(structure, speed, ratio), (speed, ratio * speed))
+
+    def _critical(self, s: Structure, up_to: float, ratio: float, order: float) -> np.ndarray:
+        """The critical speeds of the rotor with constant bearings."""
         k, m = s.stiffness.toarray(), s.mass.toarray()
         if not np.allclose(k, k.T, rtol=1e-9, atol=1e-9 * abs(k).max()):
             raise ModelError(
@@ -339,6 +437,37 @@ def whirls(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     values = scipy.linalg.eigvals(states, scipy.linalg.block_diag(one, structure.mass.toarray()))
     values = values[np.lexsort((values.real, abs(values.imag)))][::2]  # one of each pair
     return abs(values.imag), values.real
+
+
+def _rows(name: str, values: Any, n: int) -> np.ndarray:
+    """Coefficients of a bearing for each of n speeds, (n, 4), from numbers, matrices over x and y, or rows of four."""
+    numbers = np.reshape(numbers_of(name, values), np.shape(values))
+    if numbers.ndim == 0 or numbers.shape == (n,):  # the same in all directions
+        return np.multiply.outer(np.broadcast_to(numbers, n), [1.0, 0.0, 0.0, 1.0])
+    if numbers.shape not in ((n, 4), (n, 2, 2)):
+        raise ModelError(f"{name} needs for each of {n} speeds a number, a matrix of 2 x 2 or four numbers, not {numbers.shape}")
+    return numbers.reshape(n, 4)
+
+
+def _monotone_cubic(nodes: np.ndarray, values: np.ndarray, x: float) -> np.ndarray:
+    """Values at x of the cubics through the columns of a table, constant beyond it: those of the solver (F. N. Fritsch and
+    R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246)."""
+    x = float(np.clip(x, nodes[0], nodes[-1]))
+    widths = np.diff(nodes)
+    secants = np.diff(values, axis=0) / widths[:, None]
+    slopes = np.concatenate([secants[:1], np.zeros_like(values[1:-1]), secants[-1:]])
+    mean = (widths[1:, None] * secants[:-1] + widths[:-1, None] * secants[1:]) / (widths[:-1] + widths[1:])[:, None]
+    slopes[1:-1] = np.where(secants[:-1] * secants[1:] > 0, mean, 0.0)
+    for i, secant in enumerate(secants):
+        size = np.hypot(slopes[i], slopes[i + 1])
+        factor = np.where(secant == 0, 0.0, np.minimum(1.0, 3.0 * abs(secant) / np.where(size > 0, size, 1.0)))
+        slopes[i] *= factor
+        slopes[i + 1] *= factor
+    i = min(int(np.searchsorted(nodes, x, side="right")) - 1, len(widths) - 1)
+    h, t = widths[i], (x - nodes[i]) / widths[i]
+    weights = (1 + 2 * t) * (1 - t) ** 2, t**2 * (3 - 2 * t), h * t * (1 - t) ** 2, -h * t**2 * (1 - t)
+    result: np.ndarray = sum(w * a for w, a in zip(weights, (values[i], values[i + 1], slopes[i], slopes[i + 1])))
+    return result
 
 
 def _matrix(h: Any, deflection: Any, both: Any, slope: Any, far_deflection: Any, far_both: Any, far_slope: Any) -> np.ndarray:

@@ -22,7 +22,7 @@ from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError, NotConverged
 from nhbm.groups import Group, Settings, request
 from nhbm.paths import identifier, path_of
-from nhbm.responses import absence_of, parts_of, refuse_largest, response_of, words_of
+from nhbm.responses import absence_of, is_pattern, matches, parts_of, refuse_largest, response_of, words_of
 from nhbm.rows import Rows
 from nhbm.schema import SOLVED
 from nhbm.values import as_input, plain
@@ -42,8 +42,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
           workers: int = 1, executor: Any = None, comm: Any = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
     """Solves the points of a grid of values, with the motions of `nhbm solve` for the same groups &sweep.
 
-    Points that start from each other form a chain (docs/user/input.md); chains are distributed over `workers`, an `executor`, or the
-    ranks of `comm`.
+    Points that start from each other form a chain (docs/user/input.md); chains are distributed over `workers`, an `executor`, or
+    the ranks of `comm`.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     paired : bool
         The first values of all paths form a point, the second values the next, as for random samples.
     of : str or function, optional
-        Stores numbers instead of motions: a response ("x1 (1)"), or a function of the model that returns a number or a
-        mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``. It gets a model without a last motion,
+        Stores numbers instead of motions: a response ("x1 (1)"; "x* (1)" is the largest of all that match), or a function of the
+        model that returns a number or a mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``. It gets a model without a last motion,
         so that the numbers of a point do not depend on other points; with ``warm=True`` that of the point before.
     {tolerance and order}
     warm : bool, optional
@@ -177,6 +177,7 @@ def _unit_of(session: Any, of: str) -> str:
     units = str(column.attributes().get("dof_units", "")).split() if column.values is not None else []
     labels = session.labels("dof")
     dof = session.dofs_of_sets.get(parts_of(of)[0], parts_of(of)[0])
+    dof = matches(dof, labels)[0] if is_pattern(dof) else dof
     return units[labels.index(dof)] if dof in labels and len(units) == len(labels) else "m"
 
 
@@ -400,10 +401,11 @@ def _script_left_out(text: bytes) -> Iterator[None]:
 
 
 class Progress:
-    """A bar of tqdm, with a warning if it is not installed, or a function that gets the number of points done."""
+    """A bar of tqdm, with a warning if it is not installed, or a function that gets the number of points done, and the misfit of a
+    search that has one."""
 
-    def __init__(self, wanted: Any, what: str, total: int | None = None) -> None:
-        self._wanted, self._what, self._total, self._n = wanted, what, total, 0
+    def __init__(self, wanted: Any, what: str, total: int | None = None, unit: str = "point") -> None:
+        self._wanted, self._what, self._total, self._unit, self._n = wanted, what, total, unit, 0
         self._bar: Any = None
         if not (wanted is None or isinstance(wanted, bool) or callable(wanted)):
             raise ModelError(f"progress must be True, False or a function of the number of points, not {wanted!r}")
@@ -413,17 +415,19 @@ class Progress:
             try:
                 from tqdm.auto import tqdm
 
-                self._bar = tqdm(total=self._total, desc=self._what, unit="point")
+                self._bar = tqdm(total=self._total, desc=self._what, unit=self._unit)
             except ImportError:
                 warnings.warn("progress=True draws a bar of tqdm, which is not installed: pip install tqdm", stacklevel=5)
         return self
 
-    def update(self, n: int = 1) -> None:
+    def update(self, n: int = 1, misfit: float | None = None) -> None:
         self._n += n
         if self._bar is not None:
             self._bar.update(n)
+            if misfit is not None:
+                self._bar.set_postfix_str(f"misfit {misfit:.3g}")
         elif callable(self._wanted):
-            self._wanted(self._n)
+            self._wanted(self._n, *([] if misfit is None else [misfit]))
 
     def __exit__(self, *fault: Any) -> None:
         if self._bar is not None:
