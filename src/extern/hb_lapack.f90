@@ -8,7 +8,7 @@ module hb_lapack
    private
    public :: cgetrf, cgetrs, dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
    public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsygv, sgbtrf, sgbtrs, sgetrf, sgetrs
-   public :: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgemv, zgetrf, zgetrs
+   public :: zgbtrf, zgbtrs, zgemm, zgemv, zgetrf, zgetrs
 
    ! Linear equations, dense
    interface
@@ -92,19 +92,6 @@ module hb_lapack
          integer, intent(out) :: info
       end subroutine cgetrs
 
-      !> Estimates 1/(anorm |A^-1|) from the factors of `zgetrf`; work(2n), rwork(2n).
-      subroutine zgecon(norm, n, a, lda, anorm, rcond, work, rwork, info)
-         import :: wp
-         character, intent(in) :: norm
-         integer, intent(in) :: n, lda
-         complex(wp), intent(in) :: a(lda, *)
-         real(wp), intent(in) :: anorm
-         real(wp), intent(out) :: rcond
-         complex(wp), intent(inout) :: work(*)
-         real(wp), intent(inout) :: rwork(*)
-         integer, intent(out) :: info
-      end subroutine zgecon
-
       !> Cholesky factors of a positive definite matrix; info = i > 0: leading minor i is not positive.
       subroutine dpotrf(uplo, n, a, lda, info)
          import :: wp
@@ -135,20 +122,6 @@ module hb_lapack
          integer, intent(out) :: ipiv(*)
          integer, intent(out) :: info
       end subroutine zgbtrf
-
-      !> Estimates 1/(anorm |A^-1|) from the factors of `zgbtrf`; work(2n), rwork(n).
-      subroutine zgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, rwork, info)
-         import :: wp
-         character, intent(in) :: norm
-         integer, intent(in) :: n, kl, ku, ldab
-         complex(wp), intent(in) :: ab(ldab, *)
-         integer, intent(in) :: ipiv(*)
-         real(wp), intent(in) :: anorm
-         real(wp), intent(out) :: rcond
-         complex(wp), intent(inout) :: work(*)
-         real(wp), intent(inout) :: rwork(*)
-         integer, intent(out) :: info
-      end subroutine zgbcon
 
       !> LU factors of a real band matrix in single precision, stored as for `zgbtrf`.
       subroutine sgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)

@@ -4,10 +4,11 @@
 !> the time.
 module hb_block_factors
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_band_factors, only: factorise_band, solve_band
    use hb_block_pattern, only: block_pattern_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: sp, wp
-   use hb_lapack, only: cgetrf, cgetrs, zgbtrf, zgbtrs, zgetrf, zgetrs
+   use hb_lapack, only: cgetrf, cgetrs, zgetrf, zgetrs
    use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_threads, only: n_threads
    use hb_underflow, only: restore_underflow, underflow_to_zero
@@ -109,8 +110,7 @@ contains
          if (self%pattern%is_banded) then
             factors%matrix(:half_bandwidth, :) = (0.0_wp, 0.0_wp)
             factors%matrix(half_bandwidth + 1:, :) = block
-            call zgbtrf(n, n, half_bandwidth, half_bandwidth, factors%matrix, n_rows, factors%pivots, info)
-            is_singular = info /= 0
+            call factorise_band(factors%matrix, half_bandwidth, half_bandwidth, factors%pivots, is_singular)
          else if (n <= largest_small) then
             factors%matrix = block
             call factorise_small(factors%matrix, factors%pivots, is_singular)
@@ -185,11 +185,10 @@ contains
          return
       end if
       associate (n => self%pattern%n, half_bandwidth => self%pattern%half_bandwidth, factors => self%blocks(h))
+         column(1:n, 1:1) => b
          if (self%pattern%is_banded) then
-            call zgbtrs("N", n, half_bandwidth, half_bandwidth, 1, factors%matrix, size(factors%matrix, 1), factors%pivots, b, n, &
-               info)
+            call solve_band("N", factors%matrix, half_bandwidth, half_bandwidth, factors%pivots, column)
          else if (n <= largest_small) then
-            column(1:n, 1:1) => b
             call solve_small(factors%matrix, factors%pivots, column)
          else
             call zgetrs("N", n, 1, factors%matrix, n, factors%pivots, b, n, info)

@@ -5,23 +5,24 @@
 !> rows.
 !>
 !> Blocks that are diagonal except for a border are factorised as such (hb_arrow_factors), narrow ones as band
-!> matrices (hb_narrow_band, or LAPACK), if necessary in another order of the unknowns, large ones
+!> matrices (hb_band_factors), if necessary in another order of the unknowns, large ones
 !> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
 !> row exchanges. Solutions of the last two at many frequencies are taken from one space (hb_solution_space), where that
 !> has them; factors follow where it does not. Rows and columns are scaled once by the magnitudes on the diagonal, so that the verdict "singular"
 !> does not depend on units.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
+   use hb_band_factors, only: factorise_band, solve_band
    use hb_kinds, only: wp
-   use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
-   use hb_narrow_band, only: factorise_narrow, narrow_order, solve_narrow, widest_narrow
+   use hb_lapack, only: zgetrf, zgetrs
+   use hb_narrow_band, only: narrow_order
    use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_solution_space, only: pays_to_span, solution_space_t
    use hb_structure_block, only: structure_block_t
    use hb_umfpack, only: umfpack_t
    implicit none
    private
-   public :: block_solver_t, new_block_solver
+   public :: block_solver_t, new_block_solver, probe_vector, suspicious_growth
 
    !> Growth of the probe vector, relative to the matrix, above which the condition number is estimated.
    real(wp), parameter :: suspicious_growth = 1.0e8_wp
@@ -32,7 +33,6 @@ module hb_block_solver
    type :: block_solver_t
       integer :: n = 0                                       !! order of the block
       logical :: is_banded = .false., is_sparse = .false.
-      logical, private :: is_narrow = .false.                !! a band of few diagonals
       logical, private :: is_arrow = .false.                 !! at the present frequency
       type(arrow_factors_t), private :: arrow
       complex(wp), allocatable :: rhs(:, :)                  !! (n, n_rhs + 1), right-hand sides, solutions
@@ -104,13 +104,12 @@ contains
       if (2*n_rows > n .and. block%n_entries < n*(n/8) .and. .not. (self%is_sparse .or. self%arrow%is_arrow)) &
          n_rows = sort_by_position(self)
       self%is_banded = 2*n_rows <= n .and. .not. (self%is_sparse .or. self%arrow%is_arrow)
-      self%is_narrow = self%is_banded .and. self%n_lower + self%n_upper <= widest_narrow
       if (.not. self%is_banded) n_rows = max(1, n)
       if (self%is_sparse) then
          n_rows = 0
          call sort_by_column(self)
       end if
-      self%probe = [(cmplx(cos(real(e, wp)), kind=wp), e=1, n)]
+      self%probe = probe_vector(n)
       allocate (self%matrix(n_rows, n), self%pivots(n), self%row_sum(n))
    end subroutine new_block_solver
 
@@ -224,6 +223,15 @@ contains
       call self%space%learn(frequencies, drives, scaled)
    end subroutine block_solver_learn
 
+   !> A vector in no particular direction.
+   pure function probe_vector(n) result(probe)
+      integer, intent(in) :: n
+      complex(wp) :: probe(n)
+      integer :: i
+
+      probe = [(cmplx(cos(real(i, wp)), kind=wp), i=1, n)]
+   end function probe_vector
+
    !> Frees the memory of a sparse block and of the space.
    subroutine block_solver_end(self)
       class(block_solver_t), intent(inout) :: self
@@ -325,12 +333,8 @@ contains
          if (.not. self%is_analysed) self%is_analysed = self%factors%analyse(self%first, self%entries%row(self%by_column))
          is_singular = .not. self%is_analysed
          if (self%is_analysed) is_singular = .not. self%factors%factorise(self%s(self%by_column))
-      else if (self%is_narrow) then
-         call factorise_narrow(self%matrix, self%n_lower, self%n_upper, self%pivots, is_singular)
       else if (self%is_banded) then
-         call zgbtrf(self%n, self%n, self%n_lower, self%n_upper, self%matrix, size(self%matrix, 1), &
-                     self%pivots, info)
-         is_singular = info > 0
+         call factorise_band(self%matrix, self%n_lower, self%n_upper, self%pivots, is_singular)
       else if (self%n <= largest_small) then
          call factorise_small(self%matrix, self%pivots, is_singular)
       else
@@ -429,11 +433,8 @@ contains
          do i = 1, size(b, 2)
             call self%factors%solve(b(:, i), form == "C")
          end do
-      else if (self%is_narrow .and. form == "N") then
-         call solve_narrow(self%matrix, self%n_lower, self%n_upper, self%pivots, b)
       else if (self%is_banded) then
-         call zgbtrs(form, self%n, self%n_lower, self%n_upper, size(b, 2), self%matrix, &
-                     size(self%matrix, 1), self%pivots, b, self%n, info)
+         call solve_band(form, self%matrix, self%n_lower, self%n_upper, self%pivots, b)
       else if (self%n <= largest_small .and. form == "N") then
          call solve_small(self%matrix, self%pivots, b)
       else

@@ -13,12 +13,14 @@
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
+   use hb_band_factors, only: factorise_band, solve_band
    use hb_block_pattern, only: block_pattern_t
+   use hb_block_solver, only: probe_vector, suspicious_growth
    use hb_condensation, only: condensation_t, new_condensation
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgetrf, zgetrs
+   use hb_lapack, only: zgetrf, zgetrs
    use hb_shared_stiffness, only: shared_stiffness_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -395,9 +397,9 @@ contains
       complex(wp), intent(out) :: c(:, :)                             !! [m], (n_law, n_harmonics)
       logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
       complex(wp), allocatable :: a(:, :)                             ! in LAPACK's layout, a band with room for exchanges
-      complex(wp) :: scale(self%n_law), columns(self%n_law, chunk_of_columns), work(2*self%n_law)
-      real(wp) :: norm, reciprocal_condition, rounding, rwork(2*self%n_law)
-      integer :: above, first, h, i, info, k, n, pivots(self%n_law)
+      complex(wp) :: b(self%n_law, 2), columns(self%n_law, chunk_of_columns), scale(self%n_law)
+      real(wp) :: norm, reciprocal_condition, rounding
+      integer :: above, first, h, i, k, n, pivots(self%n_law)
 
       n = self%n_law
       if (n == 1) then
@@ -424,30 +426,72 @@ contains
             end do
          end do
          norm = max(1.0_wp, maxval(sum(abs(a), dim=1)))
-         reciprocal_condition = 0.0_wp
-         associate (half_bandwidth => self%pattern%half_bandwidth)
-            if (self%pattern%is_banded) then
-               call zgbtrf(n, n, half_bandwidth, half_bandwidth, a, size(a, 1), pivots, info)
-               if (info == 0) call zgbcon("1", n, half_bandwidth, half_bandwidth, a, size(a, 1), pivots, norm, &
-                  reciprocal_condition, work, &
-                                          rwork, info)
-            else
-               call zgetrf(n, n, a, n, pivots, info)
-               if (info == 0) call zgecon("1", n, a, n, norm, reciprocal_condition, work, rwork, info)
-            end if
-         end associate
-         is_singular(h) = reciprocal_condition < rounding
+         call factorise_block(self%pattern, a, pivots, is_singular(h))
          if (is_singular(h)) cycle
-         c(:, h) = scale*self%load(:, h)
-         if (self%pattern%is_banded) then
-            call zgbtrs("N", n, self%pattern%half_bandwidth, self%pattern%half_bandwidth, 1, a, size(a, 1), pivots, c(:, h), n, &
-               info)
-         else
-            call zgetrs("N", n, 1, a, n, pivots, c(:, h), n, info)
-         end if
-         c(:, h) = scale*c(:, h)
+         b(:, 1) = scale*self%load(:, h)
+         call solve_and_probe(self%pattern, a, pivots, norm, b, reciprocal_condition)
+         is_singular(h) = reciprocal_condition < rounding
+         if (.not. is_singular(h)) c(:, h) = scale*b(:, 1)
       end do
    end subroutine dynamic_stiffness_linear_amplitudes
+
+   !> Overwrites a block with its factors; `is_singular` if a pivot is zero.
+   subroutine factorise_block(pattern, a, pivots, is_singular)
+      type(block_pattern_t), intent(in) :: pattern
+      complex(wp), intent(inout), contiguous :: a(:, :)
+      integer, intent(out) :: pivots(:)
+      logical, intent(out) :: is_singular
+      integer :: info
+
+      if (pattern%is_banded) then
+         call factorise_band(a, pattern%half_bandwidth, pattern%half_bandwidth, pivots, is_singular)
+      else
+         call zgetrf(pattern%n, pattern%n, a, pattern%n, pivots, info)
+         is_singular = info /= 0
+      end if
+   end subroutine factorise_block
+
+   !> Solves for the first column, and measures the distance from a singular matrix as `block_solver_solve` does, by the growth of
+   !> the second: the estimators of LAPACK take a time that is quadratic in the length of a chain.
+   subroutine solve_and_probe(pattern, a, pivots, norm, b, reciprocal_condition)
+      type(block_pattern_t), intent(in) :: pattern
+      complex(wp), intent(in), contiguous :: a(:, :)                  !! factors
+      integer, intent(in) :: pivots(:)
+      real(wp), intent(in) :: norm                                    !! of the matrix
+      complex(wp), intent(inout) :: b(:, :)                           !! (n, 2), the second column is overwritten
+      real(wp), intent(out) :: reciprocal_condition
+      real(wp) :: growth
+      integer :: i
+
+      b(:, 2) = probe_vector(pattern%n)
+      growth = 1.0_wp/norm2(abs(b(:, 2)))
+      call substitute_block(pattern, a, pivots, "N", b)
+      growth = growth*norm2(abs(b(:, 2)))
+      if (norm*growth > suspicious_growth) then
+         do i = 1, 2
+            b(:, 2) = b(:, 2)/cmplx(norm2(abs(b(:, 2))), kind=wp)
+            call substitute_block(pattern, a, pivots, merge("C", "N", i == 1), b(:, 2:))
+         end do
+         growth = norm2(abs(b(:, 2)))
+      end if
+      reciprocal_condition = 1.0_wp/max(1.0_wp, norm*growth)
+   end subroutine solve_and_probe
+
+   !> Overwrites b with the solution of A X = b (`form` "N") or A**H X = b (`form` "C"), from the factors of A.
+   subroutine substitute_block(pattern, a, pivots, form, b)
+      type(block_pattern_t), intent(in) :: pattern
+      complex(wp), intent(in), contiguous :: a(:, :)
+      integer, intent(in) :: pivots(:)
+      character, intent(in) :: form
+      complex(wp), intent(inout), contiguous :: b(:, :)
+      integer :: info
+
+      if (pattern%is_banded) then
+         call solve_band(form, a, pattern%half_bandwidth, pattern%half_bandwidth, pivots, b)
+      else
+         call zgetrs(form, pattern%n, size(b, 2), a, pattern%n, pivots, b, pattern%n, info)
+      end if
+   end subroutine substitute_block
 
    !> Linear motion of one degree of freedom by a division: LAPACK would take longer than the whole iteration of a
    !> small model.
@@ -476,18 +520,21 @@ contains
       real(wp), intent(in) :: frequencies(:)
       type(amplitudes_t), intent(in) :: loads
       type(error_t), allocatable, intent(out) :: error
+      logical :: is_taken(structure%n_dofs)
       integer :: i
 
+      is_taken = .false.
       do i = 1, size(law_dofs)
          if (law_dofs(i) < 1 .or. law_dofs(i) > structure%n_dofs) then
             call fail(error, "dynamic stiffness: a law acts on degree of freedom "//to_text(law_dofs(i))// &
                       ", the structure has 1 to "//to_text(structure%n_dofs))
             return
-         else if (any(law_dofs(:i - 1) == law_dofs(i))) then
+         else if (is_taken(law_dofs(i))) then
             call fail(error, "dynamic stiffness: degree of freedom "//trim(structure%labels(law_dofs(i)))// &
                       " occurs twice among those of the laws")
             return
          end if
+         is_taken(law_dofs(i)) = .true.
       end do
       if (.not. all(ieee_is_finite(frequencies))) then
          call fail(error, "dynamic stiffness: a frequency is not a finite number")
