@@ -6,7 +6,7 @@
 !> the degrees of freedom. Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
    use hb_condensation, only: condensed_half_bandwidth
-   use hb_coordinates, only: coordinates_t, dofs_as_coordinates, new_coordinates, softness
+   use hb_coordinates, only: coordinate_part_t, coordinates_t, dofs_as_coordinates, new_coordinates, position_in, softness
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
@@ -15,15 +15,21 @@ module hb_law_coordinates
    private
    public :: dofs_of_unknowns, laws_at, new_law_coordinates
 
-   !> Columns found so far.
+   integer, parameter :: max_columns = 500                            !! of a part; the work grows with their third power
+
+   !> Columns of a part found so far.
    type :: span_t
       integer :: n = 0
-      integer :: n_before = 0                                         ! of complete parts: orthogonal to all that follows
-      real(wp), allocatable :: weight(:)                              ! of each degree of freedom in products
-      real(wp), allocatable :: shape(:, :), orthonormal(:, :)         ! (n_dofs, n_dofs), the latter of weight*shape
+      real(wp), allocatable :: weight(:)                              ! of each degree of freedom of the part in products
+      real(wp), allocatable :: shape(:, :), orthonormal(:, :)         ! (members, room), the latter of weight*shape
    contains
       procedure :: add => span_add
    end type span_t
+
+   !> Numbers in several groups: those of group i are numbers(first(i):first(i + 1) - 1), in their order.
+   type :: grouped_t
+      integer, allocatable :: first(:), numbers(:)
+   end type grouped_t
 
 contains
 
@@ -66,64 +72,109 @@ contains
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: wanted(:)                                !! degrees of freedom that are coordinates in any case
-      type(span_t) :: span
+      type(coordinate_part_t), allocatable :: parts(:)
       integer, allocatable :: dofs(:)
       integer :: i
 
       dofs = dofs_of_unknowns(laws, wanted)
       if (any([(size(laws(i)%law%shape, 1) > size(laws(i)%law%shape, 2), i=1, size(laws))])) then
-         call find_span(span, structure, laws, dofs, wanted)
-         if (span%n < size(dofs)) then
-            call new_coordinates(self, structure, dofs, span%shape(:, :span%n))
+         call find_parts(parts, structure, laws, dofs, wanted)
+         if (sum([(size(parts(i)%shape, 2), i=1, size(parts))]) < size(dofs)) then
+            call new_coordinates(self, structure, dofs, parts)
             if (is_worth_it(self, structure)) return
          end if
       end if
       self = dofs_as_coordinates(dofs)
    end subroutine new_law_coordinates
 
-   !> Columns of all parts, one part after the other.
-   subroutine find_span(span, structure, laws, dofs, wanted)
-      type(span_t), intent(out) :: span
+   !> The parts of the coordinates: degrees of freedom of one law are in the same part.
+   subroutine find_parts(parts, structure, laws, dofs, wanted)
+      type(coordinate_part_t), allocatable, intent(out) :: parts(:)
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: dofs(:), wanted(:)
-      integer :: i, k, part, part_of(size(dofs)), part_of_law(size(laws)), pass
-      logical :: is_retained, is_literal
+      integer, intent(in) :: dofs(:), wanted(:)                       !! ascending
+      type(grouped_t) :: laws_of, members_of, wanted_of
+      integer :: i, k, n_parts, part_of(size(dofs))
+      real(wp) :: weight(size(dofs))
 
-      allocate (span%shape(size(dofs), size(dofs)), span%orthonormal(size(dofs), size(dofs)))
-      span%weight = sqrt(softness(structure, dofs))
-      part_of = parts_of(laws, dofs)
-      part_of_law = [(part_of(findloc(dofs, laws(i)%law%dofs(1), dim=1)), i=1, size(laws))]
-      do part = 1, size(dofs)
-         if (all(part_of /= part)) cycle
-         span%n_before = span%n
-         is_retained = .true.
-         do pass = 1, 2                                                ! rigid laws, then others
-            do i = 1, size(laws)
-               associate (law => laws(i)%law)
-                  if (part_of_law(i) /= part .or. (law%is_multiplier .neqv. pass == 1)) cycle
-                  do k = 1, size(law%shape, 2)
-                     call span%add(spread_over(dofs, law%dofs, law%shape(:, k)), is_literal)
-                     if (pass == 1) is_retained = is_retained .and. is_literal
-                  end do
-               end associate
-            end do
-            do i = 1, merge(size(wanted), 0, pass == 1)
-               associate (at => findloc(dofs, wanted(i), dim=1))
-                  if (part_of(at) /= part) cycle
-                  if (is_column(span, at)) cycle
-                  call span%add(spread_over(dofs, wanted(i:i), [1.0_wp]), is_literal)
-                  is_retained = is_retained .and. is_literal
-               end associate
-            end do
+      weight = sqrt(softness(structure, dofs))
+      call number_parts(laws, dofs, part_of, n_parts)
+      members_of = grouped(part_of, n_parts)
+      laws_of = grouped([(part_of(position_in(dofs, laws(i)%law%dofs(1))), i=1, size(laws))], n_parts)
+      wanted_of = grouped([(part_of(position_in(dofs, wanted(i))), i=1, size(wanted))], n_parts)
+      allocate (parts(n_parts))
+      do k = 1, n_parts
+         parts(k)%members = members_of%numbers(members_of%first(k):members_of%first(k + 1) - 1)
+         call find_shape(parts(k)%shape, laws, laws_of%numbers(laws_of%first(k):laws_of%first(k + 1) - 1), &
+                         dofs(parts(k)%members), wanted(wanted_of%numbers(wanted_of%first(k):wanted_of%first(k + 1) - 1)), &
+                         weight(parts(k)%members))
+      end do
+   end subroutine find_parts
+
+   !> Sorts the numbers 1, 2, 3, ... by their groups.
+   pure function grouped(group_of, n_groups) result(self)
+      integer, intent(in) :: group_of(:)
+      integer, intent(in) :: n_groups
+      type(grouped_t) :: self
+      integer :: i, next(n_groups + 1)
+
+      next = 0
+      do i = 1, size(group_of)
+         next(group_of(i) + 1) = next(group_of(i) + 1) + 1
+      end do
+      next(1) = 1
+      do i = 1, n_groups
+         next(i + 1) = next(i) + next(i + 1)
+      end do
+      allocate (self%first, source=next)
+      allocate (self%numbers(size(group_of)))
+      do i = 1, size(group_of)
+         self%numbers(next(group_of(i))) = i
+         next(group_of(i)) = next(group_of(i)) + 1
+      end do
+   end function grouped
+
+   !> Finds the columns of a part.
+   subroutine find_shape(shape, laws, own, dofs, wanted, weight)
+      real(wp), allocatable, intent(out) :: shape(:, :)               !! (size(dofs), any)
+      type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: own(:)                                   !! numbers of the laws of the part
+      integer, intent(in) :: dofs(:), wanted(:)                       !! of the part, ascending
+      real(wp), intent(in) :: weight(:)                               !! (size(dofs))
+      type(span_t) :: span
+      integer :: at, i, k, most, pass
+      logical :: is_literal, is_retained
+
+      most = min(size(dofs), size(wanted) + sum([(size(laws(own(i))%law%shape, 2), i=1, size(own))]))
+      is_retained = most <= max_columns
+      allocate (span%shape(size(dofs), most), span%orthonormal(size(dofs), most))
+      span%weight = weight
+      do pass = 1, merge(2, 0, is_retained)                           ! rigid laws, then others
+         do i = 1, size(own)
+            associate (law => laws(own(i))%law)
+               if (law%is_multiplier .neqv. pass == 1) cycle
+               do k = 1, size(law%shape, 2)
+                  call span%add(spread_over(dofs, law%dofs, law%shape(:, k)), is_literal)
+                  if (pass == 1) is_retained = is_retained .and. is_literal
+               end do
+            end associate
          end do
-         if (is_retained .and. span%n - span%n_before < count(part_of == part)) cycle
-         span%n = span%n_before                                            ! nothing gained: the degrees of freedom themselves
-         do k = 1, size(dofs)
-            if (part_of(k) == part) call span%add(spread_over(dofs, dofs(k:k), [1.0_wp]), is_literal)
+         do i = 1, merge(size(wanted), 0, pass == 1)
+            at = position_in(dofs, wanted(i))
+            if (is_column(span, at)) cycle
+            call span%add(spread_over(dofs, wanted(i:i), [1.0_wp]), is_literal)
+            is_retained = is_retained .and. is_literal
          end do
       end do
-   end subroutine find_span
+      if (is_retained .and. span%n < size(dofs)) then
+         shape = span%shape(:, :span%n)
+         return
+      end if
+      allocate (shape(size(dofs), size(dofs)), source=0.0_wp)         ! nothing gained: the degrees of freedom themselves
+      do k = 1, size(dofs)
+         shape(k, k) = 1.0_wp
+      end do
+   end subroutine find_shape
 
    !> Whether a coordinate is the degree of freedom at this position.
    pure logical function is_column(span, at)
@@ -134,22 +185,41 @@ contains
       is_column = any([(span%shape(at, k) == 1.0_wp .and. count(span%shape(:, k) /= 0.0_wp) == 1, k=1, span%n)])
    end function is_column
 
-   !> Numbers of the parts of degrees of freedom; those of one law are in the same part.
-   pure function parts_of(laws, dofs) result(part_of)
+   !> Numbers the parts of degrees of freedom in the order of their first ones.
+   pure subroutine number_parts(laws, dofs, part_of, n_parts)
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: dofs(:)
-      integer :: part_of(size(dofs))
-      integer :: first, i, k, other
+      integer, intent(in) :: dofs(:)                                  !! ascending
+      integer, intent(out) :: part_of(:)                              !! (size(dofs))
+      integer, intent(out) :: n_parts
+      integer :: a, b, first(size(dofs)), i, k                        ! each points to an earlier one of its part, the first to itself
 
-      part_of = [(k, k=1, size(dofs))]
+      first = [(k, k=1, size(dofs))]
       do i = 1, size(laws)
-         first = part_of(findloc(dofs, laws(i)%law%dofs(1), dim=1))
+         a = first_of(position_in(dofs, laws(i)%law%dofs(1)))
          do k = 2, size(laws(i)%law%dofs)
-            other = part_of(findloc(dofs, laws(i)%law%dofs(k), dim=1))
-            where (part_of == other) part_of = first
+            b = first_of(position_in(dofs, laws(i)%law%dofs(k)))
+            first(max(a, b)) = min(a, b)
+            a = min(a, b)
          end do
       end do
-   end function parts_of
+      n_parts = 0
+      do k = 1, size(dofs)
+         if (first(k) == k) n_parts = n_parts + 1
+         if (first(k) == k) part_of(k) = n_parts
+         if (first(k) < k) part_of(k) = part_of(first(k))
+      end do
+
+   contains
+
+      pure integer function first_of(member)
+         integer, intent(in) :: member
+
+         first_of = member
+         do while (first(first_of) /= first_of)
+            first_of = first(first_of)
+         end do
+      end function first_of
+   end subroutine number_parts
 
    !> Adds a column if it is independent of the previous ones: unchanged, or only its independent component if that is
    !> small.
@@ -161,9 +231,9 @@ contains
       integer :: pass
 
       is_literal = .false.
-      if (self%n == size(column)) return
+      if (self%n == size(self%shape, 2)) return
       orthogonal = self%weight*column
-      associate (part => self%orthonormal(:, self%n_before + 1:self%n))
+      associate (part => self%orthonormal(:, :self%n))
          do pass = 1, 2
             orthogonal = orthogonal - matmul(part, matmul(orthogonal, part))
          end do
@@ -178,7 +248,7 @@ contains
       self%shape(:, self%n) = merge(column, orthogonal/(share*self%weight), is_literal)
    end subroutine span_add
 
-   !> Weights of a linear functional over all degrees of freedom of laws.
+   !> Weights of a linear functional over all degrees of freedom of a part.
    pure function spread_over(dofs, own, weights) result(wide)
       integer, intent(in) :: dofs(:), own(:)
       real(wp), intent(in) :: weights(:)                              !! (size(own))
@@ -187,7 +257,7 @@ contains
 
       wide = 0.0_wp
       do k = 1, size(own)
-         wide(findloc(dofs, own(k), dim=1)) = weights(k)
+         wide(position_in(dofs, own(k))) = weights(k)
       end do
    end function spread_over
 

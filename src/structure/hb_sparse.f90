@@ -87,11 +87,12 @@ contains
       if (are_equal) are_equal = all(self%value == other%value)
    end function sparse_equal
 
-   !> Square matrix from entries in any order; entries at the same position are added.
-   function sparse_from_entries(n, row, column, value) result(self)
-      integer, intent(in) :: n
+   !> Matrix from entries in any order, by default a square one; entries at the same position are added.
+   function sparse_from_entries(n, row, column, value, n_columns) result(self)
+      integer, intent(in) :: n                                        !! rows
       integer, intent(in) :: row(:), column(:)                        !! from 1
       real(wp), intent(in) :: value(:)
+      integer, intent(in), optional :: n_columns
       type(sparse_t) :: self
       type(sparse_t) :: raw
       integer, allocatable :: next(:)
@@ -100,6 +101,7 @@ contains
       allocate (next(n + 1))
       raw%n_rows = n
       raw%n_columns = n
+      if (present(n_columns)) raw%n_columns = n_columns
       allocate (raw%first(n + 1), raw%column(size(row)), raw%value(size(row)))
       next = 0
       do e = 1, size(row)

@@ -240,8 +240,7 @@ contains
       associate (equations => self%equations)
          call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), self%frequencies, &
                                      system%tones%omega)
-         self%rest = rounding*equations%response(self%coordinates%dofs)
-         if (.not. self%coordinates%are_dofs) self%rest = matmul(self%rest, abs(self%coordinates%shape))
+         self%rest = rounding*sums_of_terms(self%coordinates, equations%response(self%coordinates%dofs))
          if (present(start)) then
             state = start
          else
@@ -258,6 +257,21 @@ contains
       self%n_first = periods_of_first(system, discretisation, options)
       if (present(start)) self%n_first = max(self%n_first, other_window)
    end subroutine begin_windows
+
+   !> Sums of the terms of each coordinate, whatever their signs.
+   pure function sums_of_terms(coordinates, sizes) result(sums)
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(in) :: sizes(:)                                !! of the degrees of freedom, (size(coordinates%dofs))
+      real(wp) :: sums(coordinates%n)
+      integer, allocatable :: at(:)
+      real(wp), allocatable :: weights(:)
+      integer :: k
+
+      do k = 1, coordinates%n
+         call coordinates%find_functional(k, at, weights)
+         sums(k) = sum(abs(weights)*sizes(at))
+      end do
+   end function sums_of_terms
 
    !> Whether a window of the present duration has too many samples.
    pure logical function is_too_long(self, options)
