@@ -5,7 +5,7 @@ module hb_name_table
    use hb_text, only: max_name
    implicit none
    private
-   public :: name_table_t
+   public :: find_first_equal, name_table_t
 
    type :: name_table_t
       integer :: n = 0                                      !! number of names
@@ -53,9 +53,33 @@ contains
       self%slots(slot_of(self, name)) = self%n
    end subroutine name_table_add
 
-   !> Slot of a name, or the free slot for it; at least half of the slots are free.
+   !> For each text the position of the first one that is equal: its own, if it is that one.
+   pure subroutine find_first_equal(texts, first)
+      character(*), intent(in) :: texts(:)
+      integer, intent(out) :: first(:)                      !! (size(texts))
+      integer :: i, slots(2*size(texts) + 1)
+
+      slots = 0
+      do i = 1, size(texts)
+         associate (found => slots(free_slot(slots, texts, texts(i))))
+            if (found == 0) found = i
+            first(i) = found
+         end associate
+      end do
+   end subroutine find_first_equal
+
+   !> Slot of a name, or the free slot for it.
    pure integer function slot_of(self, name) result(slot)
       class(name_table_t), intent(in) :: self
+      character(*), intent(in) :: name
+
+      slot = free_slot(self%slots, self%names, name)
+   end function slot_of
+
+   !> Slot of the position of a name, or the free slot for it; at least half of the slots are free.
+   pure integer function free_slot(slots, names, name) result(slot)
+      integer, intent(in) :: slots(:)                       !! positions in `names`, 0 if free
+      character(*), intent(in) :: names(:)
       character(*), intent(in) :: name
       integer(int64) :: hash
       integer :: i
@@ -64,12 +88,12 @@ contains
       do i = 1, len_trim(name)
          hash = iand(ieor(hash, int(ichar(name(i:i)), int64))*16777619_int64, 4294967295_int64)
       end do
-      slot = int(mod(ieor(hash, ishft(hash, -16)), size(self%slots, kind=int64))) + 1
+      slot = int(mod(ieor(hash, ishft(hash, -16)), size(slots, kind=int64))) + 1
       do
-         if (self%slots(slot) == 0) return
-         if (self%names(self%slots(slot)) == name) return
+         if (slots(slot) == 0) return
+         if (names(slots(slot)) == name) return
          slot = slot + 1
-         if (slot > size(self%slots)) slot = 1
+         if (slot > size(slots)) slot = 1
       end do
-   end function slot_of
+   end function free_slot
 end module hb_name_table

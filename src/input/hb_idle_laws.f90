@@ -1,5 +1,6 @@
 !> Laws that exert no force on any of some motions, such as a stop that is never touched: often a length in the wrong unit.
 module hb_idle_laws
+   use hb_coordinates, only: position_in
    use hb_discretisation, only: discretisation_t
    use hb_floquet, only: free_motions
    use hb_kinds, only: two_pi, wp
@@ -18,8 +19,8 @@ module hb_idle_laws
 
    character(*), parameter :: units(2) = [character(5) :: "rad/s", "Hz"]
    integer, parameter :: n_digits = 3                                 ! of a frequency
-   integer, parameter :: n_samples = 512
-   integer, parameter :: largest_examined = 1000                      ! degrees of freedom, for free bodies
+   integer, parameter :: n_samples(2) = [32, 512]                     ! few show that most laws exert a force
+   integer, parameter :: largest_examined = 1000                      ! degrees of freedom, for free bodies and natural frequencies
    real(wp), parameter :: margin = 0.05_wp                            ! a motion larger or smaller by this share has no force
                                                                       ! either: a body at rest on a wall is on one side of it only
                                                                       ! then
@@ -47,9 +48,8 @@ contains
       type(motion_result_t), intent(in) :: motion
       real(wp), allocatable :: phases(:, :), q(:, :), v(:, :)
       real(wp) :: largest
-      integer, allocatable :: dofs(:)
-      logical :: is_idle
-      integer :: i
+      integer, allocatable :: columns(:), dofs(:)
+      integer :: i, k
 
       if (.not. is_solved(motion%status)) return
       if (allocated(self%is_idle)) then
@@ -61,21 +61,46 @@ contains
          allocate (self%largest(size(system%laws)), source=0.0_wp)
       end if
       self%n_motions = self%n_motions + 1
-      if (.not. any(self%is_idle)) return
-      call sample_motion(discretisation, motion, n_samples, phases, q, v)
-      if (.not. allocated(q)) then
-         self%is_idle = .false.
-         return
-      end if
       dofs = system%dofs_of_unknowns()
-      do i = 1, size(system%laws)
-         if (has_stored_force(discretisation, motion, dofs, system%laws(i)%law)) self%is_idle(i) = .false.
-         if (motion%status == outcome%integrated .and. system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts
-         if (.not. self%is_idle(i)) cycle
-         call find_force(system%laws(i)%law, dofs, q, v, is_idle, largest)
-         self%is_idle(i) = is_idle
-         self%largest(i) = max(self%largest(i), largest)
+      if (motion%status == outcome%integrated) then
+         do i = 1, size(system%laws)
+            if (has_stored_force(discretisation, motion, dofs, system%laws(i)%law)) self%is_idle(i) = .false.
+            if (system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts
+         end do
+      end if
+      do k = 1, size(n_samples)
+         if (.not. any(self%is_idle)) return
+         columns = columns_of(pack([(i, i=1, size(system%laws))], self%is_idle))
+         call sample_motion(discretisation, motion, n_samples(k), phases, q, v, columns)
+         if (.not. allocated(q)) then
+            self%is_idle = .false.
+            return
+         end if
+         do i = 1, size(system%laws)
+            if (.not. self%is_idle(i)) cycle
+            call find_force(system%laws(i)%law, dofs(columns), q, v, self%is_idle(i), largest)
+            if (k == size(n_samples)) self%largest(i) = max(self%largest(i), largest)
+         end do
       end do
+
+   contains
+
+      !> Positions of the degrees of freedom of some laws among those of the unknowns, ascending.
+      function columns_of(numbers) result(columns)
+         integer, intent(in) :: numbers(:)
+         integer, allocatable :: columns(:)
+         logical :: is_needed(system%structure%n_dofs)
+         integer :: k
+
+         is_needed = .false.
+         do k = 1, size(numbers)
+            associate (law => system%laws(numbers(k))%law)
+               is_needed(law%dofs) = .true.
+               if (allocated(law%positions)) is_needed(reshape(law%positions, [size(law%positions)])) = .true.
+            end associate
+         end do
+         columns = pack([(k, k=1, size(dofs))], is_needed(dofs))
+      end function columns_of
    end subroutine idle_laws_examine
 
    !> Adds what is known from other motions.
@@ -144,6 +169,7 @@ contains
       integer :: k, tone
       logical :: lacks_gyroscopic
 
+      if (system%structure%n_dofs > largest_examined) return
       call find_natural_frequencies(system%structure, natural, lacks_gyroscopic)
       natural = pack(natural, natural > 0.0_wp)
       associate (tones => system%tones)
@@ -271,7 +297,7 @@ contains
       has_force = .false.
       largest = 0.0_wp
       do place = 1, size(places, 2)
-         at = [(findloc(dofs, places(k, place), dim=1), k=1, size(places, 1))]
+         at = [(position_in(dofs, places(k, place)), k=1, size(places, 1))]
          if (any(at == 0)) is_idle = .false.
          if (.not. is_idle) return
          z = matmul(q(:, at), law%shape)

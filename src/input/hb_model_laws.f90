@@ -5,6 +5,7 @@ module hb_model_laws
    use hb_law, only: hold_t, law_box_t
    use hb_law_reader, only: read_law
    use hb_model, only: model_t
+   use hb_name_table, only: find_first_equal
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_system, only: shared_walls
@@ -24,7 +25,7 @@ contains
       type(law_box_t), allocatable :: boxes(:)                        ! by group
       integer :: first, i, last
 
-      allocate (boxes(document%count("law")), self%system%law_groups(0))
+      allocate (boxes(document%count("law")))
       do i = 1, size(boxes)
          group => document%group("law", i)
          call read_law(boxes(i), group, self%system%structure, i)
@@ -32,37 +33,56 @@ contains
             call group%report_first(error)
             return
          end if
-         call check_label(boxes(:i - 1), boxes(i)%law%label, group)
-         self%system%law_groups = [self%system%law_groups, spread(i, 1, n_positions(boxes(i)))]
          if (boxes(i)%law%n_phases > self%system%tones%n_tones) then
             call group%problem(trim(merge("tuple", "tone ", allocated(boxes(i)%law%modulation))), "there "// &
                trim(merge("is ", "are", self%system%tones%n_tones == 1))//" only "//number_of(self%system%tones%n_tones, "tone"))
          end if
       end do
-      allocate (self%system%laws(size(self%system%law_groups)))
+      call check_labels(boxes, document)
+      associate (n_laws => sum([(n_positions(boxes(i)), i=1, size(boxes))]))
+         allocate (self%system%laws(n_laws), self%system%law_groups(n_laws))
+      end associate
       last = 0
       do i = 1, size(boxes)
          group => document%group("law", i)
          first = last + 1
          last = last + n_positions(boxes(i))
+         self%system%law_groups(first:last) = i
          call add_laws(boxes(i), self%system%structure, self%system%laws(first:last))
          call check_rigid_laws(self%system%laws(:first - 1), self%system%laws(first:last), group, &
                                self%options%purpose%may_only_integrate)
       end do
    end subroutine read_laws
 
-   !> Rejects a label that a previous group has: paths and messages would not name one law.
-   subroutine check_label(before, label, group)
-      type(law_box_t), intent(in) :: before(:)
-      character(*), intent(in) :: label
-      type(properties_t), intent(inout) :: group
+   !> Rejects labels that previous groups have: paths and messages would not name one law.
+   subroutine check_labels(boxes, document)
+      type(law_box_t), intent(in) :: boxes(:)                         !! by group
+      type(document_t), intent(inout), target :: document
+      character(longest_label(boxes)) :: labels(size(boxes))
+      type(properties_t), pointer :: group
+      integer :: first(size(boxes)), i
+
+      do i = 1, size(boxes)
+         labels(i) = boxes(i)%law%label
+      end do
+      call find_first_equal(labels, first)
+      do i = 1, size(boxes)
+         if (first(i) == i) cycle
+         group => document%group("law", i)
+         call group%problem("label", quote(shown(trim(labels(i))))//" is the label of &law("//to_text(first(i))// &
+                            "), too; labels name one each")
+      end do
+   end subroutine check_labels
+
+   pure integer function longest_label(boxes) result(longest)
+      type(law_box_t), intent(in) :: boxes(:)
       integer :: i
 
-      do i = 1, size(before)
-         if (before(i)%law%label == label) call group%problem("label", quote(shown(label))//" is the label of &law("// &
-            to_text(i)//"), too; labels name one each")
+      longest = 0
+      do i = 1, size(boxes)
+         longest = max(longest, len(boxes(i)%law%label))
       end do
-   end subroutine check_label
+   end function longest_label
 
    !> Number of laws for which one group stands.
    pure integer function n_positions(box)

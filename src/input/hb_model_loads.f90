@@ -212,10 +212,11 @@ contains
       integer, intent(in) :: n_tones
       integer, allocatable :: tuples(:, :)
       type(properties_t), pointer :: group
-      integer, allocatable :: entries(:), tuple(:)
-      integer :: i, k
+      integer, allocatable :: tuple(:)
+      integer :: i, k, n
 
-      allocate (entries(0))
+      allocate (tuples(n_tones, sum([(document%count(trim(groups_with_tuples(k))), k=1, size(groups_with_tuples))])))
+      n = 0
       do k = 1, size(groups_with_tuples)
          do i = 1, document%count(trim(groups_with_tuples(k)))
             group => document%group(trim(groups_with_tuples(k)), i)
@@ -223,9 +224,11 @@ contains
             if (allocated(tuple)) deallocate (tuple)
             call group%get("tuple", tuple)
             if (.not. allocated(tuple)) cycle
-            if (size(tuple) == n_tones) entries = [entries, tuple]
+            if (size(tuple) /= n_tones) cycle
+            n = n + 1
+            tuples(:, n) = tuple
          end do
       end do
-      tuples = reshape(entries, [n_tones, size(entries)/n_tones])
+      tuples = tuples(:, :n)
    end function loaded_tuples
 end module hb_model_loads

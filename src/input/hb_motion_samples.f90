@@ -14,13 +14,14 @@ contains
 
    !> Finds phases, displacements and velocities at the degrees of freedom of the unknowns (system_t); not allocated if the
    !> result has no motion.
-   subroutine sample_motion(discretisation, motion, n, phases, q, v)
+   subroutine sample_motion(discretisation, motion, n, phases, q, v, columns)
       type(discretisation_t), intent(in) :: discretisation
       type(motion_result_t), intent(in) :: motion
       integer, intent(in) :: n                                        !! number of samples
       real(wp), allocatable, intent(out) :: phases(:, :)              !! [rad], (n_tones, n_samples)
-      real(wp), allocatable, intent(out) :: q(:, :), v(:, :)          !! [m], [m/s], (n_samples, n_law_dofs)
-      integer, allocatable :: tuples(:, :)
+      real(wp), allocatable, intent(out) :: q(:, :), v(:, :)          !! [m], [m/s], (n_samples, n_law_dofs or size(columns))
+      integer, intent(in), optional :: columns(:)                     !! only these of the degrees of freedom
+      integer, allocatable :: retained(:), tuples(:, :)
       type(motion_series_t) :: series
       real(wp) :: base
       integer :: k, s
@@ -37,9 +38,11 @@ contains
          end do
       end do
       associate (c => motion%corrected_coefficients)
-         call new_motion_series(series, tuples, motion%frequency, transpose(cmplx(c(1, :, :), -c(2, :, :), wp)))
-         allocate (q(n, size(c, 3)), v(n, size(c, 3)))
+         retained = [(k, k=1, size(c, 3))]
+         if (present(columns)) retained = columns
+         call new_motion_series(series, tuples, motion%frequency, transpose(cmplx(c(1, :, retained), -c(2, :, retained), wp)))
       end associate
+      allocate (q(n, size(retained)), v(n, size(retained)))
       call series%at(phases, q, v)
    end subroutine sample_motion
 

@@ -56,21 +56,29 @@ contains
       class(amplitudes_t), intent(inout) :: self
       integer, intent(in) :: h
       complex(wp), intent(in) :: values(:)                            !! (n_dofs)
-      complex(wp), allocatable :: wider(:, :)
       integer :: k
 
-      k = findloc(self%harmonics, h, dim=1)
-      if (k == 0) then
-         k = count(self%harmonics < h) + 1
-         allocate (wider(self%n_dofs, size(self%harmonics) + 1))
-         wider(:, :k - 1) = self%values(:, :k - 1)
-         wider(:, k) = (0.0_wp, 0.0_wp)
-         wider(:, k + 1:) = self%values(:, k:)
-         call move_alloc(wider, self%values)
-         self%harmonics = [self%harmonics(:k - 1), h, self%harmonics(k:)]
-      end if
+      call find_or_add(self, h, k)
       self%values(:, k) = self%values(:, k) + values
    end subroutine amplitudes_add
+
+   !> Finds the column of harmonic `h`, and adds one of zeros if there is none.
+   pure subroutine find_or_add(self, h, k)
+      class(amplitudes_t), intent(inout) :: self
+      integer, intent(in) :: h
+      integer, intent(out) :: k
+      complex(wp), allocatable :: wider(:, :)
+
+      k = findloc(self%harmonics, h, dim=1)
+      if (k > 0) return
+      k = count(self%harmonics < h) + 1
+      allocate (wider(self%n_dofs, size(self%harmonics) + 1))
+      wider(:, :k - 1) = self%values(:, :k - 1)
+      wider(:, k) = (0.0_wp, 0.0_wp)
+      wider(:, k + 1:) = self%values(:, k:)
+      call move_alloc(wider, self%values)
+      self%harmonics = [self%harmonics(:k - 1), h, self%harmonics(k:)]
+   end subroutine find_or_add
 
    !> Mean power [W] of these loads in a motion: sum over harmonics of Re(P* i w c)/2.
    pure real(wp) function amplitudes_power_into(self, c, frequencies) result(power)
@@ -99,8 +107,8 @@ contains
       end do
    end subroutine amplitudes_add_scaled
 
-   !> Adds cos cos(j.tau) + sin sin(j.tau) at some degrees of freedom. If the set contains the negative of the tuple,
-   !> the sine changes its sign. Fails for a tuple outside the set.
+   !> Adds cos cos(j.tau) + sin sin(j.tau) at some degrees of freedom, in a time that does not depend on the number of the others. If
+   !> the set contains the negative of the tuple, the sine changes its sign. Fails for a tuple outside the set.
    pure subroutine amplitudes_add_tuple(self, harmonics, tuple, dofs, cosine, sine, error)
       class(amplitudes_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -108,9 +116,8 @@ contains
       integer, intent(in) :: dofs(:)                                  !! each 1 to n_dofs
       real(wp), intent(in) :: cosine(:), sine(:)                      !! of loads [N], of a motion [m], (size(dofs))
       type(error_t), allocatable, intent(out) :: error
-      complex(wp) :: values(self%n_dofs)
       real(wp) :: turned
-      integer :: h, i
+      integer :: h, i, k
 
       h = harmonics%index_of(tuple)
       if (h == 0) then
@@ -119,11 +126,10 @@ contains
       end if
       turned = real(canonical_sign(tuple), wp)
       if (all(tuple == 0)) turned = 0.0_wp
-      values = (0.0_wp, 0.0_wp)
+      call find_or_add(self, h, k)
       do i = 1, size(dofs)
-         values(dofs(i)) = values(dofs(i)) + cmplx(cosine(i), -turned*sine(i), wp)
+         self%values(dofs(i), k) = self%values(dofs(i), k) + cmplx(cosine(i), -turned*sine(i), wp)
       end do
-      call self%add(h, values)
    end subroutine amplitudes_add_tuple
 
    !> Amplitudes of one set in another, for the tuples that both contain.

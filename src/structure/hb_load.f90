@@ -11,7 +11,7 @@ module hb_load
    use hb_problems, only: problems_t
    use hb_sine_course, only: sine_course_t
    use hb_structure, only: structure_t
-   use hb_structure_load, only: add_amplitudes, structure_load_t, timed_structure_load_t
+   use hb_structure_load, only: structure_load_t, timed_structure_load_t
    use hb_text, only: to_text
    implicit none
    private
@@ -184,21 +184,36 @@ contains
       real(wp), intent(in) :: frequencies(:)
       type(amplitudes_t), intent(inout) :: loads
       type(amplitudes_t), intent(inout), optional :: slopes
-      type(amplitudes_t) :: amplitudes
-      type(error_t), allocatable :: error
       complex(wp) :: c
-      integer :: h
+      integer :: h, power
 
-      call new_amplitudes(amplitudes, structure%n_dofs, set%n_harmonics)
+      h = set%index_of(self%tuple)
+      if (h == 0) return
       c = self%amplitude%turned(is_constant=all(self%tuple == 0))
-      call amplitudes%add_tuple(set, self%tuple, self%dofs, self%weights*real(c, wp), -self%weights*aimag(c), error)
-      if (allocated(error)) return
-      if (self%depends_on_structure()) then
-         do h = 1, size(amplitudes%values, 2)
-            amplitudes%values(:, h) = merge(-1, 1, self%is_acceleration)*structure%mass_times(amplitudes%values(:, h))
-         end do
-      end if
-      call add_amplitudes(amplitudes, self%power + merge(2, 0, self%is_displacement), frequencies, loads, slopes)
+      power = self%power + merge(2, 0, self%is_displacement)
+      call add_times(loads, merge(1.0_wp, abs(frequencies(h))**power, power == 0))
+      if (present(slopes) .and. power > 0) &
+         call add_times(slopes, power*abs(frequencies(h))**(power - 1)*sign(1.0_wp, frequencies(h)))
+
+   contains
+
+      subroutine add_times(sum_of_loads, factor)
+         type(amplitudes_t), intent(inout) :: sum_of_loads
+         real(wp), intent(in) :: factor
+         type(amplitudes_t) :: alone
+         type(error_t), allocatable :: error
+         real(wp) :: cosine(size(self%dofs)), sine(size(self%dofs))
+
+         cosine = self%weights*real(c, wp)
+         sine = -self%weights*aimag(c)
+         if (.not. self%depends_on_structure()) then
+            call sum_of_loads%add_tuple(set, self%tuple, self%dofs, factor*cosine, factor*sine, error)
+            return
+         end if
+         call new_amplitudes(alone, structure%n_dofs, set%n_harmonics)
+         call alone%add_tuple(set, self%tuple, self%dofs, cosine, sine, error)
+         call sum_of_loads%add(h, factor*merge(-1, 1, self%is_acceleration)*structure%mass_times(alone%of(h)))
+      end subroutine add_times
    end subroutine load_add_to
 
    !> The force is linear in its amplitude.

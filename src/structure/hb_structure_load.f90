@@ -12,8 +12,7 @@ module hb_structure_load
    use hb_text, only: max_name
    implicit none
    private
-   public :: add_amplitudes, find_timed_loads, is_only_in_time, load_box_t, structure_load_t, time_key_of, &
-      timed_structure_load_t
+   public :: find_timed_loads, is_only_in_time, load_box_t, structure_load_t, time_key_of, timed_structure_load_t
 
    type, extends(numbered_t), abstract :: structure_load_t
       integer, allocatable :: tuple(:)                                !! j, (n_tones); zeros if it has no key for it
@@ -40,7 +39,7 @@ module hb_structure_load
    end type timed_structure_load_t
 
    abstract interface
-      !> Adds the load, with its present numbers, to the harmonics of all loads (`add_amplitudes`). It leaves out what the set of
+      !> Adds the load, with its present numbers, to the harmonics of all loads. It leaves out what the set of
       !> harmonics does not have.
       subroutine add_load(self, structure, set, frequencies, loads, slopes)
          import :: amplitudes_t, harmonics_t, structure_load_t, structure_t, wp
@@ -71,23 +70,6 @@ module hb_structure_load
    end type load_box_t
 
 contains
-
-   !> Adds amplitudes times a power of the magnitude of the frequency to those of all loads.
-   subroutine add_amplitudes(amplitudes, power, frequencies, loads, slopes)
-      type(amplitudes_t), intent(in) :: amplitudes
-      integer, intent(in) :: power
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      type(amplitudes_t), intent(inout) :: loads
-      type(amplitudes_t), intent(inout), optional :: slopes           !! by j.omega
-
-      if (power == 0) then
-         call loads%add_scaled(amplitudes, spread(1.0_wp, 1, size(frequencies)))
-         return
-      end if
-      call loads%add_scaled(amplitudes, abs(frequencies)**power)
-      if (present(slopes)) &
-         call slopes%add_scaled(amplitudes, power*abs(frequencies)**(power - 1)*sign(1.0_wp, frequencies))
-   end subroutine add_amplitudes
 
    !> The loads that have a course over time.
    subroutine find_timed_loads(loads, structure, omega, timed)

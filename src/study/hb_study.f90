@@ -34,7 +34,7 @@ module hb_study
 
    !> An input without errors, ready to run.
    type :: study_t
-      type(document_t) :: document                                    !! the input after overrides
+      type(document_t) :: document                                    !! the input after overrides, as `model` was read from it
       type(sweep_plan_t) :: plan
       type(model_t) :: model                                          !! of the first point
       integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
@@ -63,7 +63,6 @@ contains
       logical, intent(in), optional :: may_only_integrate             !! see `purpose_t`; default: false
       character(*), intent(in), optional :: files                     !! of the run whose result file contains the input: no other
                                                                       !! library is loaded
-      type(document_t), target :: first
       type(curve_request_t), allocatable :: request
       type(tones_t) :: tones
 
@@ -75,31 +74,29 @@ contains
       if (allocated(error)) return
       call read_sweep_plan(self%plan, self%document, error)
       if (allocated(error)) return
-      first = self%document
       if (allocated(self%plan%curve)) then
-         call read_tones(tones, first, error)
+         call read_tones(tones, self%document, error)
          if (allocated(error)) return
          call self%plan%curve%tie_tones(self%document, tones%omega, error)
          if (allocated(error)) return
-         first = self%document
       end if
-      call self%plan%apply(1, first)
+      call self%plan%apply(1, self%document)
       self%callbacks = run_callbacks(self%plan%n_expected(), allocated(self%plan%curve))
       self%purpose%is_followed = allocated(self%plan%curve)
       if (present(may_only_integrate)) self%purpose%may_only_integrate = may_only_integrate
-      call read_model(self%model, first, error, self%available_memory, self%callbacks, self%purpose)
-      if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
-      if (.not. allocated(error)) call refuse_hidden(self%plan, first, overrides, error)
+      call read_model(self%model, self%document, error, self%available_memory, self%callbacks, self%purpose)
+      if (.not. allocated(error)) call self%plan%refuse_tied(self%document, error)
+      if (.not. allocated(error)) call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
-      call self%plan%note_units(first)
+      call self%plan%note_units(self%document)
       if (allocated(self%plan%curve)) then
          allocate (request)
-         call request_curve(self%plan%curve, self%model, first, request, error)
+         call request_curve(self%plan%curve, self%model, self%document, request, error)
          if (allocated(error)) return
       end if
       if (is_chained(self%plan, self%model)) call begin_chains()
       if (allocated(error)) return
-      call write_complete_text(first, self%input_complete)
+      call write_complete_text(self%document, self%input_complete)
       call find_tuples(self, error)
 
    contains
@@ -107,10 +104,8 @@ contains
       !> Each point starts from its neighbour: the model is read again with this setting.
       subroutine begin_chains()
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
-         first = self%document
-         call self%plan%apply(1, first)
          if (.not. allocated(error)) &
-            call read_model(self%model, first, error, self%available_memory, self%callbacks, self%purpose)
+            call read_model(self%model, self%document, error, self%available_memory, self%callbacks, self%purpose)
       end subroutine begin_chains
    end subroutine new_study
 

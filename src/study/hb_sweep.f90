@@ -164,6 +164,7 @@ contains
 
       run%source%rank = rank_of(comm)
       run%source%document = self%document
+      run%source%model = self%model
       run%source%plan = self%plan
       run%source%available_memory = self%available_memory
       run%source%callbacks = self%callbacks

@@ -10,6 +10,7 @@ module hb_swept_point
    use hb_level, only: level_t
    use hb_model_reader, only: update_model
    use hb_motion_result, only: motion_result_t
+   use hb_name_table, only: find_first_equal
    use hb_neighbour, only: neighbour_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome
@@ -112,15 +113,23 @@ contains
       if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
       call result%spread_harmonics(harmonics, layout%tuples)
    end subroutine spread_result
+
    !> Labels of the laws; if two laws have the same label, the number of the law is added.
    function unique_labels(system) result(labels)
       type(system_t), intent(in) :: system
       character(64) :: labels(size(system%laws))
-      integer :: i
+      integer :: first(size(labels)), i, n, numbered(size(labels))
 
       do i = 1, size(labels)
          labels(i) = system%laws(i)%law%label
-         if (any(labels(:i - 1) == labels(i))) labels(i) = trim(labels(i))//" "//to_text(i)
+      end do
+      call find_first_equal(labels, first)
+      n = 0
+      do i = 1, size(labels)
+         if (first(i) == i .and. .not. any(labels(numbered(:n)) == labels(i))) cycle
+         labels(i) = trim(labels(i))//" "//to_text(i)
+         n = n + 1
+         numbered(n) = i
       end do
    end function unique_labels
 end module hb_swept_point
