@@ -213,13 +213,15 @@ contains
       angle = 2.0_wp*atan2(norm2(a/norm2(a) - b/norm2(b)), norm2(a/norm2(a) + b/norm2(b)))
    end function angle_between
 
-   !> The point of the curve in the plane at a distance from the last point, along the direction there.
+   !> The point of the curve in the plane at a distance from the last point, along the direction there. A corrector that ends at
+   !> rounding errors has found it as well: those of single points exceed their usual level.
    subroutine curve_point_at(self, step, x, is_on_curve, guess)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: step
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_on_curve
       real(wp), intent(in), optional :: guess(:)                      !! of the point; default: on the line along the direction
+      real(wp), parameter :: max_rounding = 8.0_wp                    ! of a single point, in units of its usual level
       type(report_t) :: report
       type(solver_config_t) :: limited
       real(wp), allocatable :: y(:)
@@ -241,6 +243,8 @@ contains
       call self%report%add(report)
       self%last_iterations = report%iterations
       is_on_curve = report%status == outcome%converged
+      if (any(report%status == [outcome%stalled, outcome%out_of_budget])) &
+         is_on_curve = report%residual <= max_rounding*self%problem%rounding_level(x)
       if (any(report%status == [outcome%timed_out, outcome%interrupted])) self%status = report%status
       self%report%is_out_of_work = self%report%work >= self%corrector%max_work
       if (self%report%is_out_of_work) self%status = outcome%out_of_budget
@@ -339,8 +343,8 @@ contains
 
    contains
 
-      !> Point of the curve at `step`, or where the corrector fails there, at another position in the bracket: next to a kink, or
-      !> where rounding errors are as large as its tolerance, it may succeed at one of two neighbouring positions alone.
+      !> Point of the curve at `step`, or where the corrector fails there, at another position in the bracket: next to a kink it may
+      !> succeed at one of two neighbouring positions alone.
       subroutine find_point(begins_between, is_there)
          logical, intent(in) :: begins_between                        !! where the residual is small is near enough
          logical, intent(out) :: is_there                             !! `step` is its position
@@ -464,14 +468,14 @@ contains
    !> Its direction is found from the tangent of the next piece, in the sense that preserves the sign of the determinant.
    !> Several distances beyond the kink are tried: straight ahead there may be other pieces, which the curve never enters
    !> and whose tangent leads back along the curve. Therefore a point is computed in that direction, where the sign must
-   !> be the same again.
+   !> be the same again: next to this point and, if that leads back along the same piece, next to the kink itself.
    subroutine curve_turn_at_kink(self, is_possible)
       class(curve_t), intent(inout) :: self
       logical, intent(out) :: is_possible
       real(wp), parameter :: shares(4) = [1.0_wp, 10.0_wp, 0.1_wp, 100.0_wp]   ! of `kink_step`
-      real(wp), dimension(size(self%x)) :: direction, next, x
+      real(wp), dimension(size(self%x)) :: direction, guess, next, there, x
       real(wp) :: sign_before, sign_beyond
-      integer :: i
+      integer :: i, k
       logical :: is_on_curve, is_singular
 
       is_possible = .false.
@@ -483,19 +487,49 @@ contains
          call corrected_tangent(self, self%x + self%step*direction, next, sign_beyond, is_singular)
          if (is_singular .or. .not. sign_before*sign_beyond < 0.0_wp) cycle
          self%last%direction = -next
-         call self%point_at(self%step, x, is_on_curve)
+         guess = self%x - self%step*next
+         do k = 1, 2
+            call self%point_at(self%step, x, is_on_curve, guess)
+            if (self%status /= outcome%pending) exit
+            if (is_on_curve) then
+               self%direction = -next
+               call corrected_tangent(self, x, there, sign_beyond, is_singular)
+               is_possible = .not. is_singular .and. sign_before*sign_beyond > 0.0_wp
+            end if
+            if (is_possible) then
+               call face_both_sides(self, direction, there, x)
+               return
+            end if
+            self%direction = direction
+            if (k == 1) call start_from_kink(self, sign_before, -next, guess)
+         end do
          if (self%status /= outcome%pending) exit
-         if (.not. is_on_curve) cycle
-         self%direction = -next
-         call corrected_tangent(self, x, next, sign_beyond, is_singular)
-         is_possible = .not. is_singular .and. sign_before*sign_beyond > 0.0_wp
-         if (is_possible) then
-            call face_both_sides(self, direction, next, x)
-            return
-         end if
       end do
       self%direction = direction
    end subroutine curve_turn_at_kink
+
+   !> The first guess of a point on the piece beyond a kink that is up to a step ahead: from the kink, where the determinant
+   !> straight ahead changes its sign, in the direction of that piece, in the plane of this step.
+   subroutine start_from_kink(self, sign_before, beyond, guess)
+      type(curve_t), intent(inout) :: self
+      real(wp), intent(in) :: sign_before                             !! at its point
+      real(wp), intent(in) :: beyond(:)                               !! direction
+      real(wp), intent(out) :: guess(:)
+      integer, parameter :: n_halvings = 20
+      real(wp) :: ends(2), middle, sign_there, tangent(size(guess))
+      integer :: i
+      logical :: is_singular
+
+      ends = [0.0_wp, self%step]
+      do i = 1, n_halvings
+         middle = 0.5_wp*sum(ends)
+         call corrected_tangent(self, self%x + middle*self%direction, tangent, sign_there, is_singular)
+         ends(merge(1, 2, .not. is_singular .and. sign_before*sign_there > 0.0_wp)) = middle
+      end do
+      associate (ahead => ends(2)*dot_product(self%direction/self%units, beyond/self%units))
+         guess = self%x + ends(2)*self%direction + (self%step - ahead)*beyond
+      end associate
+   end subroutine start_from_kink
 
    !> Takes the direction half-way between both sides of a kink: its planes meet the curve before the kink, at it and beyond it,
    !> so that the step contains the kink and events there are located. The direction is that of the next piece if no such plane

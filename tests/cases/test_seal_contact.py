@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 from in_process import nhbm
 
 CLEARANCE, UNBALANCE = 60e-6, 4e-4  # m, kg m
-NODES = (4, 13, 16)  # 16, 52 and 64 degrees of freedom: rounding errors grow with the fourth power of the number of elements
+# Numbers of nodes, of 4 degrees of freedom each, and orders: rounding errors grow with the fourth power of the number of elements.
+SCENES = ((4, 1), (22, 1), *(pytest.param(*scene, marks=pytest.mark.long) for scene in ((13, 1), (16, 1), (19, 3), (28, 1))))
 
 
 def rotor(n_nodes):
@@ -42,8 +43,8 @@ def radii(structure):
     return radius
 
 
-@pytest.mark.parametrize("n_nodes", NODES)
-def test_first_contact_is_located_for_any_mesh(n_nodes):
+@pytest.mark.parametrize(("n_nodes", "order"), SCENES)
+def test_first_contact_is_located_for_any_mesh(n_nodes, order):
     structure = rotor(n_nodes)
     radius = radii(structure)
     model = nhbm.Model(structure, tones=[200.0])
@@ -55,7 +56,7 @@ def test_first_contact_is_located_for_any_mesh(n_nodes):
     for start, stop, kinds in ((150.0, 200.0, ["grazing"]), (240.0, 150.0, ["fold", "grazing"])):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", nhbm.NotConverged)  # where the contact ends the second curve turns back
-            curve = model.curve("tones[0]", start, stop, order=1)
+            curve = model.curve("tones[0]", start, stop, order=order)
         events = curve.nhbm.events("disk2.x (1)")
         assert sorted(events.kind) == sorted(["start", *kinds, "end"])
         exact = brentq(lambda speed: radius(speed) - CLEARANCE, *((150.0, 200.0) if start < stop else (200.0, 240.0)))

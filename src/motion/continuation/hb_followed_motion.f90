@@ -298,7 +298,7 @@ contains
       call self%border(direction)
       call self%curve%problem%hold(plane_t(direction/units**2, dot_product(x, direction/units**2)))
       corrector = self%problem%model%options%solver
-      corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(x(:self%problem%n_unknowns)), &
+      corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%balance_t%rounding_level(x(:self%problem%n_unknowns)), &
                                 10.0_wp*self%roughness)
       corrector%max_iterations = 2*max_corrections
       do
@@ -401,7 +401,7 @@ contains
          curve%largest = max(faint, curve%largest, norm2(curve%x(:n)/self%weights))
          curve%units = [self%weights*curve%largest, self%problem%parameter_scales(self%problem%which)]
          curve%corrector%tolerance = max(self%problem%model%options%solver%tolerance, &
-                                         2.0_wp*self%problem%rounding_level(curve%x(:n)), &
+                                         2.0_wp*self%problem%balance_t%rounding_level(curve%x(:n)), &
                                          10.0_wp*self%tolerance_factor*self%roughness)
       end associate
    end subroutine followed_motion_update_units

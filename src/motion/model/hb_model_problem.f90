@@ -61,6 +61,7 @@ module hb_model_problem
       procedure :: rebuild_balance => model_problem_rebuild_balance
       procedure :: destroy => model_problem_destroy
       procedure :: roughness => model_problem_roughness
+      procedure :: rounding_level => model_problem_rounding_level
    end type model_problem_t
 
 contains
@@ -232,22 +233,49 @@ contains
       class(model_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
       real(wp), parameter :: nearby = 16.0_wp*epsilon(1.0_wp)         ! relative
-      real(wp), dimension(size(x)) :: here, there
-      real(wp) :: omega(size(self%omega)), value
-      integer :: k
+      real(wp) :: sides(size(x), -1:1)
       logical :: is_possible
 
       change = 0.0_wp
-      if (self%model%system%structure%n_dofs <= self%n_dofs) return   ! nothing is condensed
-      if (.not. (self%movement%tones .or. any(self%model%system%tones%is_unknown))) return
+      call find_sides(self, x, nearby, sides, is_possible)
+      if (is_possible) change = max(self%norm(sides(:, -1) - sides(:, 0)), self%norm(sides(:, 1) - sides(:, 0)))
+   end function model_problem_roughness
+
+   !> As that of a balance, with the roughness at x: the level that the corrector of a curve can reach. The entries of stiff
+   !> structures do not change with the last digits of a frequency, so that this is also compared farther away, by second
+   !> differences, which are zero for a smooth residual.
+   real(wp) function model_problem_rounding_level(self, x) result(level)
+      class(model_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), parameter :: away = 16384.0_wp*epsilon(1.0_wp)        ! relative
+      real(wp) :: sides(size(x), -1:1)
+      logical :: is_possible
+
+      level = max(self%balance_t%rounding_level(x), self%roughness(x))
+      call find_sides(self, x, away, sides, is_possible)
+      if (is_possible) level = max(level, 0.5_wp*self%norm(sides(:, -1) - 2.0_wp*sides(:, 0) + sides(:, 1)))
+   end function model_problem_rounding_level
+
+   !> The residual at the base frequencies, and at a relative distance on either side, if coordinates are condensed.
+   subroutine find_sides(self, x, distance, sides, is_possible)
+      class(model_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(in) :: distance
+      real(wp), intent(out), contiguous :: sides(:, -1:)
+      logical, intent(out) :: is_possible                             !! false: nothing is condensed, or there are no such frequencies
+      real(wp) :: omega(size(self%omega)), value
+      integer :: k
+
+      is_possible = self%model%system%structure%n_dofs > self%n_dofs .and. &
+                    (self%movement%tones .or. any(self%model%system%tones%is_unknown))
+      if (.not. is_possible) return
       omega = self%omega
       value = self%value
-      call self%residual(x, here)
+      call self%residual(x, sides(:, 0))
       do k = -1, 1, 2
-         call move_by_factor(1.0_wp + k*nearby)
+         call move_by_factor(1.0_wp + k*distance)
          if (.not. is_possible) exit
-         call self%residual(x, there)
-         change = max(change, self%norm(there - here))
+         call self%residual(x, sides(:, k))
       end do
       call move_by_factor(1.0_wp)
 
@@ -256,14 +284,16 @@ contains
       subroutine move_by_factor(factor)
          real(wp), intent(in) :: factor
          integer :: i
+         logical :: is_there
 
          if (self%movement%tones .and. (self%movement%structure .or. self%movement%laws)) then
-            call move_to(self, factor*value, is_possible)
+            call move_to(self, factor*value, is_there)
          else
-            call self%balance_t%set_parameters([(i, i=1, size(omega))], factor*omega, is_possible)
+            call self%balance_t%set_parameters([(i, i=1, size(omega))], factor*omega, is_there)
          end if
+         is_possible = is_possible .and. is_there
       end subroutine move_by_factor
-   end function model_problem_roughness
+   end subroutine find_sides
 
    !> Sets model and balance to a value.
    subroutine move_to(self, value, is_possible)
