@@ -169,6 +169,10 @@ contains
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
          ", point "//to_text(first_gap - 1)//": stability changes here, but no bifurcation was located"]
+      n = count(reasons == reason%unlocated)
+      if (n > 0) lines = [character(max_line) :: lines, "events before "//number_of(n, "point")//" were not located, first "// &
+         "point "//to_text(findloc(reasons, reason%unlocated, dim=1) - 1)//" (see 'message'): "// &
+         "a smaller &curve max_step may locate them"]
       n = count(reasons == reason%points)
       if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
          to_text(plan%n_fastest())//" points"//cut_text(findloc(reasons, reason%points, dim=1))]

@@ -4,7 +4,7 @@ module hb_motion_doubt
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
-   use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text
+   use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text, reason
    use hb_remedies, only: remedy_of
    use hb_text, only: rounded, rounded_beside
    implicit none
@@ -20,6 +20,8 @@ contains
       character(:), allocatable, intent(out) :: text
 
       text = ""
+      if (motion%reason == reason%unlocated .and. allocated(motion%message)) &
+         text = motion%message//"; a smaller &curve max_step may locate them"
       if (any(motion%status == [outcome%pending, outcome%converged, outcome%unused, outcome%interrupted])) return
       text = outcome_text(motion%status)
       if (.not. is_solved(motion%status)) then

@@ -50,10 +50,12 @@ module hb_outcome
       integer :: grazing = 9                             !! a curve ends at a grazing impact, beyond which no motion was found
       integer :: departure = 10                        !! of a time integration from the motion: a larger set does not help
       integer :: steep_friction = 11                   !! friction that is smoothed over a tiny speed: more work does not help
+      integer :: unlocated = 12                        !! of a converged point: a curve has passed an event before it, not located
    end type reason_t
    type(reason_t), parameter :: reason = reason_t()
-   character(*), parameter :: reason_names(0:11) = [character(17) :: "none", "max_iterations", "max_fallback_work", "time_limit", &
-      "overflow", "growth", "lost_curve", "error", "points", "grazing", "departure", "steep_friction"]
+   character(*), parameter :: reason_names(0:12) = [character(17) :: "none", "max_iterations", "max_fallback_work", "time_limit", &
+      "overflow", "growth", "lost_curve", "error", "points", "grazing", "departure", "steep_friction", &
+      "unlocated"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
    character(*), parameter :: outcome_names(0:21) = [character(19) :: &

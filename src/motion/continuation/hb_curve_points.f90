@@ -27,10 +27,11 @@ module hb_curve_points
       type(motion_result_t), allocatable :: result                    !! its results, if already computed
       integer :: response = 0                                         !! number in the request of the response that is located there
       logical :: is_crossing = .false.                                !! an end at which the branch meets another curve
-      logical :: is_return = .false.                                  !! an end that closes the branch: the other motions are the same
+      logical :: is_return = .false.                                  !! an end that closes the branch
       logical :: is_last = .false.                                    !! the branch ends there, although it is no end
       integer :: bifurcation = 0                                      !! of hb_stability, if it was found from multipliers
       integer :: extreme = 0, switch = 0                              !! that is zero there, of `extremes_of_switches`, if it grazes
+      character(200) :: unlocated = ""                                !! events before it on the step that were not located
       real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the function that vanishes
    end type waiting_t
 

@@ -524,6 +524,10 @@ contains
          end if
          call count_work(self%curve%report, before, result)
          if (point%is_last .and. is_solved(result%status)) result%reason = reason%grazing
+         if (point%unlocated /= "" .and. is_solved(result%status) .and. .not. allocated(result%message)) then
+            result%message = "events passed before this point: "//trim(point%unlocated)
+            result%reason = reason%unlocated
+         end if
          is_end = point%is_last .or. point%kind == curve_kind%end
          if (is_end .and. self%course%is_retraced .and. .not. allocated(result%message)) result%message = returns_to_fold
          self%n_returned = self%n_returned + 1

@@ -9,6 +9,7 @@ module hb_event_search
    use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_thresholds, only: next_to_none, sharp
+   use hb_unlocated_events, only: describe_unlocated
    implicit none
    private
    public :: find_pair, find_zeros, is_at_origin, rounding_of, search_t, sort_by_position, whole_step
@@ -52,12 +53,14 @@ contains
    !> Ends a search: its points with the end of the step, up to an end of the branch, and its work.
    subroutine search_finish(self, motion, found)
       class(search_t), intent(inout) :: self
-      class(observed_motion_t), intent(inout) :: motion
+      class(observed_motion_t), intent(inout), target :: motion
       type(waiting_t), allocatable, intent(out) :: found(:)
       type(waiting_t) :: point
 
       point = waiting_t(curve_kind%regular, self%curve%last%step, self%curve%x)
       point%stability = self%at_end%stability                         ! gfortran 12 loses it in the constructor
+      if (.not. is_at_origin(self)) &
+         call describe_unlocated(self%at_start, self%at_end, motion%request%responses, self%found, point%unlocated)
       self%found = [self%found, point]
       call sort_by_position(self%found)
       call move_alloc(self%found, found)
