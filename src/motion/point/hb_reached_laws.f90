@@ -12,7 +12,7 @@ module hb_reached_laws
    real(wp), parameter :: few_percent = 0.05_wp                       !! of a motion: a law that is so near may be reached
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one of a tone: a peak between them is higher
                                                                       ! by 2 %, which is within the margin
-   integer, parameter :: max_samples = 100000                         ! of the torus; beyond, the corners of a box around it
+   integer, parameter :: max_samples = 100000                         ! of the torus; with more a box around it decides
    integer, parameter :: per_part = 4096                              ! samples at one time
 
 contains
@@ -37,29 +37,30 @@ contains
       real(wp), intent(in) :: margin
       class(law_t), allocatable :: law
       complex(wp), allocatable :: amplitudes(:, :)
-      real(wp), allocatable :: z(:, :), rates(:, :)
-      integer :: counts(size(motion%tuples, 1)), first, last, n
+      integer :: counts(size(motion%tuples, 1)), first, n
 
       reaches = .true.
       if (.not. (given%is_multiplier .and. has_reach(given)) .or. given%needs_velocity .or. allocated(given%positions)) return
-      counts = samples_of_harmonic*max(1, maxval(abs(motion%tuples), dim=2))
       allocate (law, source=given)
       call law%prepare(1.0_wp)                                        ! the sign of a force does not depend on it
       amplitudes = matmul(transpose(cmplx(law%shape, 0.0_wp, wp)), motion%amplitudes(law%dofs, :))
-      if (product(real(counts, wp)) > max_samples) then
-         z = corners_of(motion%tuples, amplitudes)
-         allocate (rates(size(z, 1), 0))
-         reaches = .not. exerts_no_force(law, z, rates, [1.0_wp/(1.0_wp + margin), 1.0_wp, 1.0_wp + margin])
-         return
-      end if
+      reaches = touches(corners_of(motion%tuples, amplitudes))
+      counts = samples_of_harmonic*max(1, maxval(abs(motion%tuples), dim=2))
+      if (.not. reaches .or. product(real(counts, wp)) > max_samples) return
       n = product(counts)
-      allocate (rates(min(n, per_part), 0))
       do first = 1, n, per_part
-         last = min(n, first + per_part - 1)
-         z = motion_at(motion%tuples, amplitudes, counts, first, last)
-         if (.not. exerts_no_force(law, z, rates(:size(z, 1), :), [1.0_wp/(1.0_wp + margin), 1.0_wp, 1.0_wp + margin])) return
+         if (touches(motion_at(motion%tuples, amplitudes, counts, first, min(n, first + per_part - 1)))) return
       end do
       reaches = .false.
+
+   contains
+
+      logical function touches(z)
+         real(wp), intent(in) :: z(:, :)                              !! (places, coordinates)
+         real(wp) :: no_rates(size(z, 1), 0)
+
+         touches = .not. exerts_no_force(law, z, no_rates, [1.0_wp/(1.0_wp + margin), 1.0_wp, 1.0_wp + margin])
+      end function touches
    end function reaches
 
    !> Corners of the box that no phase leaves, (corners, coordinates): what walls admit is convex.
@@ -85,18 +86,20 @@ contains
       integer, intent(in) :: counts(:)                                !! points along each tone
       integer, intent(in) :: first, last
       real(wp) :: z(last - first + 1, size(amplitudes, 1))
-      real(wp) :: phases(size(counts))
+      complex(wp) :: turns(0:maxval(counts) - 1, size(counts)), waves(size(tuples, 2))
       integer :: i, k, rest
 
+      do k = 1, size(counts)
+         turns(:counts(k) - 1, k) = [(exp(cmplx(0.0_wp, two_pi*i/counts(k), wp)), i=0, counts(k) - 1)]
+      end do
       do i = first, last
          rest = i - 1
+         waves = 1.0_wp
          do k = 1, size(counts)
-            phases(k) = two_pi*modulo(rest, counts(k))/counts(k)
+            waves = waves*turns(modulo(modulo(rest, counts(k))*tuples(k, :), counts(k)), k)
             rest = rest/counts(k)
          end do
-         associate (angles => matmul(phases, real(tuples, wp)))
-            z(i - first + 1, :) = real(matmul(amplitudes, cmplx(cos(angles), sin(angles), wp)))
-         end associate
+         z(i - first + 1, :) = real(matmul(amplitudes, waves))
       end do
    end function motion_at
 end module hb_reached_laws
