@@ -120,6 +120,7 @@ def test_a_curve_jumps_also_after_an_interruption(tmp_path):
     assert_same_bits(short, whole)
 
 
+@pytest.mark.long
 def test_a_curve_with_many_folds_is_advised_to_jump(tmp_path):
     """A light mass between a stop and a spring: superharmonic folds take the points of a curve, and the printed command covers the
     range; two folds alone need more points."""
@@ -200,8 +201,11 @@ def test_a_curve_says_that_it_begins_at_the_other_end(tmp_path):
 
 @pytest.mark.parametrize(
     ("model", "kind", "order", "ends"),
-    [(DOUBLINGS, DOUBLING, 15, (0.52, 2.54)), (BRANCHES, BRANCH, 7, (0.61, 1.6)), (TORI, TORUS, 15, (0.47, 4.1))],
-    ids=["doublings", "branches", "tori"],
+    [
+        pytest.param(DOUBLINGS, DOUBLING, 15, (0.52, 2.54), id="doublings"),
+        pytest.param(BRANCHES, BRANCH, 7, (0.61, 1.6), id="branches"),
+        pytest.param(TORI, TORUS, 15, (0.47, 4.1), id="tori", marks=pytest.mark.long),
+    ],
 )
 def test_events_depend_neither_on_steps_nor_direction(tmp_path, model, kind, order, ends):
     text = f"{model}&tones frequency = 1.0 /\n&harmonics order = {order} /\n"
@@ -378,7 +382,7 @@ LONGER = {
 }
 
 
-@pytest.mark.parametrize("name", LONGER)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] if name == "tolerance" else []) for name in LONGER])
 def test_a_cut_curve_is_continued_with_more_points(name, tmp_path):
     """To the bits of a run that had them from the start; curves that have ended stay as they are."""
     (tmp_path / "case.nml").write_text(LONGER[name])

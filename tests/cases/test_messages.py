@@ -73,7 +73,7 @@ def test_why_says_what_was_tried_and_what_to_do(tmp_path):
     lost = int(np.flatnonzero(status == 3)[-1])
     of_one = " ".join(run("why", "case.h5", "--point", str(lost), cwd=tmp_path).stdout.split())
     assert of_one.startswith(f"Point {lost} (law(stop)%stiffness = 100000 N/m): ") and "out of budget" in of_one
-    assert "Tried: from the first guess (residual " in of_one and "out_of_budget" in of_one
+    assert "Attempts: " in of_one and re.search(r"direct out_of_budget at [0-9.]", of_one), of_one
     assert "What to do: Raise the work limit" in of_one and "try: nhbm solve case.nml" in of_one
     assert status[0] == 1 and "Nearest solved point: 0 (" in of_one
     found = run("why", "case.h5", "--point", "0", cwd=tmp_path).stdout
