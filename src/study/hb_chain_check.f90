@@ -68,6 +68,7 @@ contains
       type(level_t) :: both
       type(swept_stretch_t) :: stretch
       type(tracking_t) :: tracking
+      character(:), allocatable :: location
       real(wp), allocatable :: last(:), motion(:), slope(:)
       real(wp) :: length
       logical :: is_comparable, is_joined
@@ -102,7 +103,8 @@ contains
             end if
             call find_branch(stretch, last, motion, tracking)
             self%work_left = stretch%work_left
-            call describe(tracking, source%plan%describe_between(self%last_point, point, tracking%share), result)
+            call source%plan%describe_between(self%last_point, point, tracking%share, location)
+            call describe(tracking, location, result)
          end if
          if (allocated(self%slope)) deallocate (self%slope)
          if (.not. result%leaves_branch) then

@@ -538,11 +538,11 @@ contains
    end function sweep_plan_describe
 
    !> Text such as `law(1)%gap = 0.00153 m` for the values between two points of one line.
-   function sweep_plan_describe_between(self, first, last, share) result(text)
+   subroutine sweep_plan_describe_between(self, first, last, share, text)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: first, last                              !! points
       real(wp), intent(in) :: share                                   !! fraction of the distance from the first to the last, 0 to 1
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       character(16) :: value
       integer :: i
 
@@ -553,5 +553,5 @@ contains
          write (value, "(g0.6)") value_between(self, i, first, last, share)
          text = text//with_unit(self%parameters(i)%path//" = "//trim(value), self%parameters(i)%units)
       end do
-   end function sweep_plan_describe_between
+   end subroutine sweep_plan_describe_between
 end module hb_sweep_plan

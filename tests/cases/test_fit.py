@@ -381,7 +381,7 @@ def test_trial_values_are_not_warned_of(monkeypatch):
     (lambda: nhbm.fit(stopped(), DATA, ["law(stp)%gap"], "x1 (1)"), "no group &law has the label 'stp'; did you mean 'stop'"),
     (lambda: nhbm.fit(linear(), {**DATA, "sweep": "left"}, LINEAR, "x1 (1)"), "'up' and 'down', not 'left'"),
     (lambda: nhbm.fit(linear(), {"frequency": [1.0], "amplitude": [1.0]}, LINEAR, "x1 (1)"), "1 measured number cannot determine"),
-    (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", bounds={"spring.gap": (0, 1)}), "is no parameter of the fit"),
+    (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", bounds={"spring.gap": (0, 1)}), "is not a parameter of the fit"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", bounds={LINEAR[0]: (1, 0)}), "the lower one first"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x7 (1)", order=1), "no degree of freedom 'x7'"),
     (lambda: nhbm.fit(linear(), {**DATA, "amplitude": -abs(Z)}, LINEAR, "x1 (1)"), "must have finite positive numbers"),

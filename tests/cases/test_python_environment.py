@@ -21,10 +21,12 @@ def without_packages(script: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
-SCRIPTS = ("error_estimates", "compare", "curves", "hard", "points", "jumps", "large", "time_domain", "performance")
+CAMPAIGNS = ("campaigns/curves", "campaigns/points", "campaigns/jumps", "campaigns/time_domain")
+MEASUREMENTS = ("measurements/error_estimates", "measurements/hard", "measurements/large", "measurements/performance")
+SCRIPTS = ("compare", *CAMPAIGNS, *MEASUREMENTS)
 
 
-@pytest.mark.parametrize("name", ["accuracy", *(pytest.param(name, marks=pytest.mark.long) for name in SCRIPTS)])
+@pytest.mark.parametrize("name", ["measurements/accuracy", *(pytest.param(name, marks=pytest.mark.long) for name in SCRIPTS)])
 def test_script_finds_an_environment(name):
     done = without_packages(TESTS / name, "--help")
     assert done.returncode == 0, done.stderr
