@@ -360,6 +360,7 @@ PULL_IN = """
 """
 
 
+@pytest.mark.long
 def test_errors_of_a_huge_multiplier_are_no_bifurcations(tmp_path):
     """Next to pull-in the largest multiplier is 1e8, and errors of the matrix move others across the unit circle."""
     curve = "&curve parameter='tones%frequency', from=18.78855565779982, to=59.49709291636609, points=200 /\n"
@@ -371,6 +372,7 @@ def test_errors_of_a_huge_multiplier_are_no_bifurcations(tmp_path):
     assert np.all(n_unstable[real[:, 0] < -1e8] == 1)
 
 
+@pytest.mark.long
 def test_a_fold_is_followed_from_beside_huge_multipliers(tmp_path):
     """The search for bifurcations among such errors ended neither here nor within 30 s."""
     curve = "&curve parameter='load(1)%cos', from=213.04514463579238, to=300.0, follow='fold', over='tones%frequency',\n"

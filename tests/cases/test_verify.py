@@ -71,6 +71,7 @@ STIFF_CHAIN = (
 )
 
 
+@pytest.mark.long
 def test_verify_resolves_the_fastest_mode_of_a_large_structure(tmp_path):
     """Steps of a hysteresis follow the fastest mode, 2e4 rad/s, of 510 masses."""
     assert verified(solve(STIFF_CHAIN, tmp_path), "--periods", "3")["integration_verdict"] == [AGREES]
