@@ -49,7 +49,7 @@ SLIDERS = {
 }
 
 
-@pytest.mark.parametrize("slider", SLIDERS)
+@pytest.mark.parametrize("slider", [pytest.param(k, marks=[pytest.mark.long] if k == "jenkins_2d" else []) for k in SLIDERS])
 def test_sliders_beside_rigid_friction_are_verified(slider, tmp_path):
     """CVODE has no such sliders and Runge-Kutta methods no rigid laws: central differences have both."""
     text = (

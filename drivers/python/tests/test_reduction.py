@@ -31,7 +31,7 @@ def test_all_modes_leave_nothing_out(chain, method):
         np.testing.assert_allclose(flexibility(reduced, reduced.labels[:3], w), exact, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("left_out", [0, 5, 20])
+@pytest.mark.parametrize("left_out", [*(pytest.param(n, marks=pytest.mark.long) for n in (0, 5)), 20])
 def test_nearly_all_modes_of_a_free_interface_keep_their_digits(block, left_out):
     """What they leave of the flexibility is rounding in some directions, and small in others. At rest and at a resonance."""
     names = [block.labels[dof] for dof in block.dofs_of("right.z")]
