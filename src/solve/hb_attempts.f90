@@ -121,7 +121,9 @@ module hb_attempts
       attempt_rule_t("without_neighbour", stage=stage%point), &
       attempt_rule_t("refinement_integrated", kind=fallback%integration, share=quarter, share_of=work_limit%fallbacks, &
                      stage=stage%point), &
-      attempt_rule_t("lines_from_motion", technique=technique%integration, stage=stage%point, on_failure="end"), &
+      attempt_rule_t("lines_from_motion", technique=technique%integration, stage=stage%point, on_success="next", &
+                     on_failure="end"), &
+      attempt_rule_t("refinement_of_lines", kind=fallback%integration, stage=stage%point, on_failure="end"), &
       attempt_rule_t("finer_for_stability", share=4.0_wp, share_of=work_limit%work_so_far, stage=stage%point, on_failure="end"), &
       !
       attempt_rule_t("start", stage=stage%curve), &
@@ -365,7 +367,7 @@ contains
       case ("lines")
          permit = self%may_integrate .and. .not. self%has_motion .and. &
                   (is_integrated(self%status) .or. (is_lost(self%status) .and. self%integrates_last))
-      case ("refinement")
+      case ("refinement", "refinement_of_lines")
          permit = self%has_motion
       case ("without_neighbour")
          permit = may_repeat .and. self%has_neighbour

@@ -341,15 +341,26 @@ def test_verify_agrees_with_blades_that_run_along_the_casing(tmp_path, frame):
     assert found["integration_verdict"] == [AGREES] and found["integration_first_difference"][0] < 1e-3, found
 
 
+def test_the_motion_that_an_unstable_balance_leads_to_is_the_answer(tmp_path):
+    """The series of the balance, 0.1 beside an unstable motion, reaches no tolerance; every start ends in the other motion."""
+    text = "&structure type='matrices', n_dofs=1, mass=1.47e-3, damping=2.4e-3, stiffness=7.08 /\n&tones frequency=42.3 /\n"
+    text += "&load dof='x1', tuple=1, cos=0.44 /\n&law type='cubic_spring', dof='x1', stiffness=3240 /\n"
+    text += "&law type='hertz', dof='x1', stiffness=30310, exponent=1.5, gap=0.00727 /\n"
+    result = solve(text, tmp_path)
+    status, stable = read(result, "status", "is_stable")
+    assert list(status) == [18] and list(stable) == [1]  # integrated
+    assert verified(result)["integration_verdict"] == [AGREES]
+
+
 def test_verify_agrees_where_the_basin_is_smaller_than_the_error(tmp_path):
     """Eight contacts in a period, multipliers -.7265 +- .6317i by exact shooting; disturbances of 3e-3, the error of the series,
-    diverge (`tests/campaigns/workflows --seed 961430816 --first 9`)."""
+    diverge (`tests/campaigns/workflows --seed 961430816 --first 9`). The neighbour is unstable: integration would replace it."""
     text = "&structure type='modal_beam', length=1.0, bending_stiffness=0.010265982254684338, mass_per_length=1.0, n_modes=1,\n"
     text += "damping_mass=0.005246432155835139 /\n&tones frequency=0.43447070654402514 /\n"
     text += "&law type='elastic_stop', dofs='q1', weights=0.9982940737339058, stiffness=4.8, gap=0.5571072182761566 /\n"
     text += "&load dof='q1', tuple=1, cos=0.43562811602173934 /\n"
     text += "&sweep parameter='law(1)%stiffness', from=145.8166746351207, to=0.1458166746351207, n=24, spacing='log' /\n"
-    result = solve(text, tmp_path, status=None)
+    result = solve(text, tmp_path, "--set", "solver%fallback_by_integration=.false.", status=None)
     stable, multipliers = read(result, "is_stable", "multiplier_real")
     assert stable[1] == 1 and multipliers[1] == pytest.approx([-0.7265306, -0.7265306], abs=1e-6)
     done = run("verify", result, "--points", "1", cwd=tmp_path)

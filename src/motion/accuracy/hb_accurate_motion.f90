@@ -9,7 +9,7 @@ module hb_accurate_motion
    use hb_error, only: error_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_kinds, only: wp
-   use hb_level, only: degree_of, level_t
+   use hb_level, only: degree_of, distance, estimate_of, level_t
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
@@ -18,8 +18,9 @@ module hb_accurate_motion
    use hb_refined_motion, only: has_ended, refined_motion_t
    use hb_solver_types, only: attempt_t
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
-   use hb_system, only: system_t
+   use hb_system, only: measure_of, system_t
    use hb_threads, only: use_threads
+   use hb_thresholds, only: safety
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none
@@ -136,7 +137,10 @@ contains
          case ("lines")
             call integrate_after(motion%system, motion%discretisation, motion%options, motion%result, attempt%has_succeeded)
          case ("lines_from_motion")
-            call integrate_from_balance(motion%system, motion%discretisation, motion%options, motion%result, motion%top)
+            call integrate_from_balance(motion%system, motion%discretisation, motion%options, motion%result, motion%top, &
+                                        attempt%has_succeeded)
+         case ("refinement_of_lines")
+            call refine_lines(self, rule)
          case ("refinement")
             call motion%refine_to_tolerance()
             attempt%has_succeeded = motion%result%status == outcome%converged
@@ -250,6 +254,34 @@ contains
       call solve_alone(self, options, is_adopted)
       if (is_adopted) self%motion%result%fallback = rule%kind
    end subroutine solve_from_integration
+
+   !> Refines the motion that time integration has led to by the balance: a motion to the tolerance is adopted if it is the same one.
+   recursive subroutine refine_lines(self, rule)
+      class(point_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(options_t), target :: options
+      type(point_attempts_t), allocatable :: finer
+
+      allocate (finer)
+      associate (motion => self%motion)
+         options = motion%options
+         options%may_integrate = .false.
+         finer%motion%solver = motion%solver
+         finer%motion%start = motion%top
+         finer%is_finer = .true.
+         call solve_by_levels(finer, motion%system, motion%discretisation, options)
+         motion%solver%effort_t = finer%motion%solver%effort_t
+         if (allocated(finer%motion%error) .or. finer%motion%result%status /= outcome%converged) return
+         if (distance(motion%top, finer%motion%top, measure_of(motion%system), .false.) > &
+             safety*(estimate_of(motion%result) + finer%motion%estimate)) return
+         finer%motion%result%message = motion%result%message
+         finer%motion%result%integration_work = motion%result%integration_work
+         motion%result = finer%motion%result
+         motion%result%fallback = rule%kind
+         motion%top = finer%motion%top
+         motion%estimate = finer%motion%estimate
+      end associate
+   end subroutine refine_lines
 
    !> Solves the point with other options and without its neighbour; adopts the motion if it has the smaller error.
    recursive subroutine solve_alone(self, options, is_adopted)

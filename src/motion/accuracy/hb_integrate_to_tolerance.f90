@@ -16,12 +16,15 @@ module hb_integrate_to_tolerance
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_harmonics, set_to_level
    use hb_modes, only: slowest_decay
    use hb_motion, only: start_from
+   use hb_motion_description, only: request_stability
    use hb_motion_in_basis, only: status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_integrated, outcome, reason
    use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
    use hb_refinement, only: refinable_t, refine
+   use hb_stability, only: few_periods, harmonic_motion_t, stability_config_t, stability_method, stability_t, &
+      stability_verdict => verdict
    use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense, structure_t
    use hb_system, only: coordinates_of, measure_of, system_t
@@ -127,15 +130,16 @@ contains
    end subroutine integrate_to_tolerance
 
    !> Integrates from the motion at which the sequence of orders ended above the tolerance, and accepts the result if
-   !> it is the same motion to the tolerance, or at least closer to it. Otherwise the result is unchanged, with a
-   !> message on the outcome of the time integration. If walls with a given restitution are struck, the integrated
-   !> motion is always accepted.
-   subroutine integrate_from_balance(system, discretisation, options, result, top)
+   !> it is closer to the tolerance, or within it another one to which a motion that is not stable leads.
+   !> Otherwise the result is unchanged, with a message on the outcome of the time integration. If walls with a given
+   !> restitution are struck, the integrated motion is always accepted.
+   subroutine integrate_from_balance(system, discretisation, options, result, top, is_other)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(motion_result_t), intent(inout) :: result                  !! of the sequence of orders, `truncated` or `impact`
-      type(level_t), intent(in) :: top                                !! its last level
+      type(level_t), intent(inout) :: top                             !! its last level; of the other motion if that is accepted
+      logical, intent(out) :: is_other                                !! another motion is accepted
       type(motion_result_t) :: integrated
       type(level_t) :: found
       type(discretisation_t) :: from
@@ -143,6 +147,7 @@ contains
       real(wp) :: apart, estimate, estimate_before
       logical :: is_struck, is_there
 
+      is_other = .false.
       if (.not. (options%solver%fallback .and. options%solver%fallback_by_integration .and. can_integrate(system, options))) &
          return
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
@@ -163,22 +168,54 @@ contains
       if (.not. is_struck) then                                       ! then it is the same motion
          estimate = estimate_of(integrated)
          apart = distance(top, found, measure_of(system), .false.)
-         if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
-            result%message = "time integration from this motion leads to another one, relative distance "//rounded(apart)
+         is_other = estimate_before < reliable .and. apart > safety*(estimate + estimate_before)
+         if (is_other) then                                           ! a stable one may have a basin smaller than its error
+            if (estimate > options%accuracy%tolerance .or. is_stable(system, from, options, steady%work)) then
+               result%message = "time integration from this motion leads to another one, relative distance "//rounded(apart)
+               is_other = .false.
+               return
+            end if
+         else if (estimate >= estimate_before) then
             return
          end if
-         if (estimate >= estimate_before) return
       end if
       call adopt_status(options, steady, integrated)
       integrated%effort_t = result%effort_t
       integrated%level_difference = apart
       if (is_struck) then
          integrated%message = integrated%message//"; with impacts on a wall"
+      else if (is_other) then
+         integrated%message = integrated%message//"; reached from another motion of the balance, which is not stable, with "// &
+                              "estimated error "//rounded(estimate_before)//", relative distance "//rounded(apart)
+         top = found
       else
          integrated%message = integrated%message//"; started from a balance with estimated error "//rounded(estimate_before)
       end if
       result = integrated
    end subroutine integrate_from_balance
+
+   !> Whether disturbances of the motion that a discretisation has as its start are known to decay: of one tone those of the
+   !> periodic motion next to it.
+   logical function is_stable(system, discretisation, options, max_work)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
+      real(wp), intent(in) :: max_work                                !! in about a nanosecond
+      type(stability_config_t) :: config
+      type(stability_t) :: stability
+
+      config = options%stability
+      config%method = stability_method%auto
+      config%patience = 1.0_wp
+      config%min_periods = few_periods
+      config%is_integrated = .true.
+      associate (start => discretisation%start)
+         call request_stability(system, discretisation, options, config, &
+                                harmonic_motion_t(discretisation%harmonics%tuples(:, start%harmonics), system%tones, &
+                                                  start%values), max_work, stability)
+      end associate
+      is_stable = stability%verdict == stability_verdict%stable
+   end function is_stable
 
    !> Describes why time integration from a balance has found no motion with a series, and discards that of the balance if it does
    !> not persist, or is none by its estimate.
