@@ -149,6 +149,7 @@ def test_cost_looks_at_the_larger_half():
     assert cost_exponent(n, seconds).exponent == pytest.approx(3.0)
 
 
+@pytest.mark.long
 def test_commands_draw_and_print_rates(order_sequence, table, capsys):
     for command, *options in (("work-precision", "--reference", table), ("convergence", "--reference", table), ("cost",)):
         assert main([command, str(order_sequence), *map(str, options), "--dpi", "80"]) == 0

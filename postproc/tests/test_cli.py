@@ -103,7 +103,7 @@ def test_info_reports_unknown_frequencies_with_their_digits(sweep, capsys):
         ["spectrum"],
         ["spectrum", "--form", "bars"],
         ["spectrum", "--over", "frequency"],
-        ["correction"],
+        pytest.param(["correction"], marks=pytest.mark.long),
         ["correction", "--view", "map"],
         ["time", "--level", "-1e-3"],
     ],
@@ -116,6 +116,7 @@ def test_picture_is_named_after_the_file(tmp_path, capsys, words):
     assert picture.stat().st_size > 5000
 
 
+@pytest.mark.long
 def test_response_writes_a_pdf(sweep, tmp_path, capsys):
     status, _, _ = run(capsys, "response", sweep, "--tuple", "1,0", "-o", tmp_path / "r.pdf")
     assert status == 0 and (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
@@ -337,6 +338,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(sweep, tmp_path, mo
     assert path.read_bytes() == b"old" and sorted(os.listdir(tmp_path)) == ["old.png", "sweep.h5"]
 
 
+@pytest.mark.long
 def test_titles_and_names_do_not_command_the_terminal(sweep, tmp_path):
     path = tmp_path / "a\x1b[2Jb.h5"
     shutil.copy(sweep, path)

@@ -211,6 +211,7 @@ def test_blades_pass_along_a_casing(tmp_path, frame):
     np.testing.assert_allclose(history(contact, Motion(results, 0), times).gap, gap, atol=1e-12)
 
 
+@pytest.mark.long
 def test_contacts_without_nodes_have_pictures_and_no_fields(tmp_path, capsys):
     pytest.importorskip("meshio")
     amplitudes = {"n1.z": 0.3, "n2.z": -0.5, "n3.z": 0.4, "n4.z": -0.2}

@@ -162,7 +162,7 @@ def test_record_of_many_forms(tmp_path, text):
     np.testing.assert_array_equal(record.x, [1.0, 3.0])
 
 
-@pytest.mark.parametrize("ending, start", [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+@pytest.mark.parametrize("ending, start", [("png", b"\x89PNG"), pytest.param("pdf", b"%PDF", marks=pytest.mark.long), ("svg", b"<?xml")])
 def test_ending_chooses_the_format(tmp_path, ending, start):
     """The same bytes each time."""
     with Results(single(tmp_path / "a.h5", 1)) as results:
@@ -252,6 +252,7 @@ def test_rotor_waves_in_the_stationary_frame(tmp_path, frame):
         assert mean_radius(results, 1, CASING) == pytest.approx(1.5)
 
 
+@pytest.mark.long
 def test_views_of_a_rotor_have_names_of_their_own(tmp_path, capsys):
     path = rotor_file(tmp_path / "a.h5", "rotating")
     for view in ("speeds", "snapshots", "wave"):

@@ -73,7 +73,7 @@ def benchmarks(script, monkeypatch):
 
 @pytest.mark.parametrize("before, seconds, limit, status, expected, text", [
     (0.1, 0.1, 10, 1, 0, "0 of 2 are slower by more than 10, 0 have another result"),
-    (0.02, 0.3, 2, 1, 1, "1 of 2 are slower by more than 2, 0 have another result"),
+    pytest.param(0.02, 0.3, 2, 1, 1, "1 of 2 are slower by more than 2, 0 have another result", marks=pytest.mark.long),
     (0.1, 0.1, 10, 2, 1, "3 converged became 2 converged, 1 truncated"),
 ])  # fmt: skip
 def test_what_is_slower_or_another_is_said(benchmarks, tmp_path, before, seconds, limit, status, expected, text):

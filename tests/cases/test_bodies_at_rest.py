@@ -23,7 +23,7 @@ RESTING = """
         (0.0, 0.0, 0.5, 1.0, 0.0),  # a free body on a support
     ],
 )
-@pytest.mark.parametrize("unit", [1.0, 1e-5])
+@pytest.mark.parametrize("unit", [pytest.param(1.0, marks=pytest.mark.long), 1e-5])
 def test_a_body_that_is_pressed_against_a_wall_rests_there(stiffness, damping, amplitude, force, gap, unit, tmp_path):
     text = RESTING.format(mass=1.0, stiffness=stiffness, damping=damping, frequency=1.0, amplitude=amplitude * unit,
                           force=force * unit, gap=gap * unit, restitution=0.5)

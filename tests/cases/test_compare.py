@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from program import program
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,6 +61,7 @@ def test_steps_of_curves_may_differ_and_located_points_may_not():
     assert "at 1.2 and 1.21" in compare.run_differences(old, moved, False)[0]
 
 
+@pytest.mark.long
 def test_a_record_is_written_and_its_differences_are_printed(tmp_path):
     source = ROOT / "inputs" / "paper" / "table2.nml"
     record = tmp_path / "work.txt"

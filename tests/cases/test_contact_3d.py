@@ -144,6 +144,7 @@ def amplitudes(result):
     return {dof: [float(abs(result.nhbm.amplitude(dof, tone))) for tone in TONES] for dof in result["dof"].values}
 
 
+@pytest.mark.long
 def test_two_contacts_under_two_tones_by_default():
     """Its sliders are moved rarely, and forget slowly from round to round of the torus."""
     default = two_contacts().solve()

@@ -158,6 +158,7 @@ SIX_MODES = """
 """
 
 
+@pytest.mark.long
 def test_rows_that_a_curve_may_use_leave_stability_as_it_is(tmp_path):
     """The time for stability is shared by the points that curves usually have, not by all that are permitted."""
     with h5py.File(solve(SIX_MODES, tmp_path)) as file:
@@ -382,7 +383,7 @@ LONGER = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] if name == "tolerance" else []) for name in LONGER])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] if name in ("tolerance", "family") else []) for name in LONGER])
 def test_a_cut_curve_is_continued_with_more_points(name, tmp_path):
     """To the bits of a run that had them from the start; curves that have ended stay as they are."""
     (tmp_path / "case.nml").write_text(LONGER[name])

@@ -150,6 +150,7 @@ def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
     assert_same_bits(path, broken)
 
 
+@pytest.mark.long
 def test_curves_by_tolerance_have_the_same_bits_on_two_ranks_and_resumed(by_tolerance, tmp_path):
     text = STOP + "&sweep parameter = 'law%gap', values = 1.0, 1.2 /\n"
     names = (*SOLUTION, "tuples", "grid", "n_harmonics")
@@ -272,6 +273,7 @@ def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_
         assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
 
 
+@pytest.mark.long
 def test_points_that_time_integration_leaves_are_truncated(tmp_path):
     """A slow tone carries the motion through stops: near a fold the series of the steady motion converges so slowly that error
     estimates do not see it. A point whose estimate is near the tolerance is compared with an integration that starts on it."""

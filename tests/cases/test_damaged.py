@@ -247,6 +247,7 @@ def test_python_tools_end_within_a_second(make, begun, tmp_path):
     assert campaign(path, range(200), seed=5) == {}
 
 
+@pytest.mark.long
 def test_model_in_which_hdf5_finds_no_end_is_named_with_the_entry(tmp_path):
     path = tmp_path / "case.h5"
     assert nhbm_model(["beam", "-o", str(path)]) == 0

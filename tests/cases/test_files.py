@@ -239,7 +239,7 @@ def under_limit(megabytes, words, cwd):
 
 
 @on_linux
-@pytest.mark.parametrize(("megabytes", "threads"), [(200, 1), (220, 2), (260, 2)])
+@pytest.mark.parametrize(("megabytes", "threads"), [(200, 1), pytest.param(220, 2, marks=pytest.mark.long), (260, 2)])
 def test_too_little_address_space_is_reported(megabytes, threads, folder):
     """OpenBLAS requests its memory repeatedly, without an end; so do its threads, for which it waits when the process ends."""
     with_threads = ["/usr/bin/env", f"OPENBLAS_NUM_THREADS={threads}", f"NHBM_BLAS_THREADS={threads}"]

@@ -344,6 +344,7 @@ def test_the_command_fits(tmp_path):
 DATA = {"frequency": OMEGA, "amplitude": abs(Z)}
 
 
+@pytest.mark.long
 def test_frequencies_in_the_other_unit_are_doubted():
     """Hertz under 'frequency', which the fit would follow far away, and radians under 'hertz'; not superharmonic resonances."""
     hertz = OMEGA / (2 * np.pi)

@@ -619,6 +619,7 @@ def two_tone_flights(w, loads, damping, gap, e, duration, step=0.02):
     return np.concatenate(record)
 
 
+@pytest.mark.long
 def test_impacts_under_two_tones_are_integrated(tmp_path):
     """Incommensurate tones, several impacts in a beat: within the default budget, with the mean and the root mean square of
     flights, and without the remark that no motion reaches the wall."""

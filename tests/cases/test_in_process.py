@@ -204,6 +204,7 @@ class _Heap(ctypes.Structure):
     _fields_ = [(name, ctypes.c_size_t) for name in "a b c d e f g in_use h i".split()]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="the C library does not count what is in use")
 def test_curves_leave_nothing_behind():
     """Each point left its unknowns, later each curve the loads of its set and grids of its products."""
@@ -354,6 +355,7 @@ print("points", model.sweep({{"tones[0]": np.linspace(2.0, 3.0, 4)}}, workers=2)
 OWN_LAW = "@nhbm.law\ndef force(q, v):\n    return q**3\n"
 
 
+@pytest.mark.long
 def test_a_script_needs_no_guard_for_its_processes(tmp_path):
     """Otherwise each process would run the script again, up to the sweep for which it is created."""
     path = tmp_path / "script.py"

@@ -194,6 +194,7 @@ def test_van_der_pol_has_its_period(tmp_path, strength, period):
     assert 2 * np.pi / read(record, "peak_frequency")[0, 0] == pytest.approx(period, rel=1e-10)
 
 
+@pytest.mark.long
 def test_elastic_stop_under_two_tones(tmp_path):
     record = integration(INPUTS / "gallery" / "elastic_stop_two_tones.nml", tmp_path, "--point", 0)
     spread = read(record, "spread").max()
@@ -236,7 +237,7 @@ def test_jenkins_under_two_tones(tmp_path):
     assert np.hypot(*coefficient(record, 3, 0)) == pytest.approx(0.0045035, abs=1e-7)
 
 
-@pytest.mark.parametrize(("point", "amplitude"), [(0, 2.62610487572), (1, 0.721110255093)])
+@pytest.mark.parametrize(("point", "amplitude"), [pytest.param(0, 2.62610487572, marks=pytest.mark.long), (1, 0.721110255093)])
 def test_den_hartog_motion_without_stops(tmp_path, point, amplitude):
     """Rigid friction: the direction changes at an event, and without other damping the transient decays slowly."""
     record = integration(INPUTS / "gallery" / "den_hartog.nml", tmp_path, "--point", point)

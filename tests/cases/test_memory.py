@@ -55,6 +55,7 @@ TWO_TONES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n_tones", [1, 2])
 def test_memory_of_a_chain_grows_with_its_length(n_tones, tmp_path):
     """10,000 masses need less than 100 MB, including their error estimate, beside the program and its libraries; dense matrices

@@ -90,6 +90,7 @@ def test_commands_name_files_that_look_like_options_by_their_folder(tmp_path):
     assert run("why", "./-o.h5", cwd=tmp_path).status != BAD_INPUT
 
 
+@pytest.mark.long
 def test_friction_that_is_a_step_leads_to_other_laws(tmp_path):
     """More work does not help; a thousand times the speed of smoothing, or rigid friction, does."""
     law = "&law type = 'coulomb_tanh', label = 'pad', dof = 'x1', limit = 0.2, velocity = {} /\n"
@@ -290,7 +291,7 @@ def test_a_long_point_shows_its_work_on_a_terminal(text, within, tmp_path):
     assert re.search(line, shown), shown
 
 
-@pytest.mark.parametrize("is_by_tolerance", [False, True], ids=["given", "tolerance"])
+@pytest.mark.parametrize("is_by_tolerance", [False, pytest.param(True, marks=pytest.mark.long)], ids=["given", "tolerance"])
 def test_recipe_reads_files(is_by_tolerance, tmp_path):
     """The code of docs/howto/xarray.md, with a file of the kind described there and with that of a minimal input."""
     pytest.importorskip("xarray")

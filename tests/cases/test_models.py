@@ -298,12 +298,8 @@ def make_model(name, folder):
     assert done.returncode == 0, done.stderr
 
 
-def gallery_case(file):
-    """All but one take many seconds."""
-    return pytest.param(file.stem, marks=[] if file.stem == "rotor_rub" else [pytest.mark.long])
-
-
-@pytest.mark.parametrize("name", [gallery_case(file) for file in sorted(INPUTS.glob("*.nml"))])
+@pytest.mark.long  # what they do is tested in parts by this file and test_rotor_stator.py
+@pytest.mark.parametrize("name", [file.stem for file in sorted(INPUTS.glob("*.nml"))])
 def test_gallery(name, tmp_path):
     """From the script to pictures, with the numbers of the input."""
     pytest.importorskip("skfem")

@@ -150,6 +150,7 @@ def test_pictures_of_a_motion(curve, tmp_path):
     assert motion.nhbm.orbit("x1", "x2").axes[0].get_xlabel().startswith("Displacement x1")
 
 
+@pytest.mark.long
 def test_pictures_show_with_and_without_a_semicolon(curve, monkeypatch):
     """Backends of notebooks show the figures of pyplot at the end of a cell; the value of a cell was shown alone, so that `orbit();`
     showed nothing."""

@@ -24,6 +24,7 @@ def said(text, folder, verb="solve", ranks=None):
     return done.stdout
 
 
+@pytest.mark.long
 def test_a_stop_that_no_motion_reaches(tmp_path):
     for more in ("", SWEEP, "&curve parameter = 'tones%frequency', from = 0.5, to = 0.9 /\n"):
         assert IDLE in said(MODEL.format(gap=50.0) + more, tmp_path)

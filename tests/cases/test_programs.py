@@ -82,6 +82,7 @@ def test_the_header_declares_what_the_library_exports():
     assert declared - misused == {"nhbm_get_api_version", "nhbm_get_commit", "nhbm_get_version", "nhbm_get_version_number"}
 
 
+@pytest.mark.long
 def test_memory_that_is_exhausted_is_reported(tmp_path):
     source = ROOT / "tests" / "support" / "no_memory.c"
     subprocess.run([shutil.which("cc"), *INCLUDES, source, LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}", "-o", "no_memory"],

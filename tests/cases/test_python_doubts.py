@@ -189,6 +189,7 @@ def test_a_model_without_mass_is_solved_in_silence(capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.long
 def test_a_law_that_is_wrongly_declared_odd_is_named():
     """Its motion has no even harmonics, whatever the tolerance; also where its derivatives are right."""
     model = duffing(spring=True)

@@ -194,7 +194,7 @@ def friction(q, p, states):
     return p[0] * (q - states)
 
 
-@pytest.mark.parametrize("tones", [1, 2])
+@pytest.mark.parametrize("tones", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_laws_with_memory_are_the_one_of_the_catalogue(tones, tmp_path):
     """A slider in Python, in C and of the catalogue: the same motion to 1e-10; multipliers, from time integration without the
     events of the catalogue's law, within their estimates."""

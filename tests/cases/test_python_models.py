@@ -500,6 +500,7 @@ def test_a_curve_that_ends_at_a_graze_is_reported():
     assert float(curve["tones_frequency"][-1]) == pytest.approx(GRAZE, abs=1e-6)
 
 
+@pytest.mark.long
 def test_sweeps_are_spread_over_processes():
     model = duffing(spring=cubic)
     model.law(nhbm.law(cubic, odd=True), "x1", label="spring")

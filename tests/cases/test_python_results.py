@@ -99,7 +99,7 @@ def test_a_model_without_laws_is_saved_for_the_command(tmp_path):
 
 @pytest.mark.parametrize(("settings", "status"), [
     ({"error_estimate": {"is_on": False}}, "converged"),
-    ({"solver": {"primary_method": "integration"}}, "integrated"),
+    pytest.param({"solver": {"primary_method": "integration"}}, "integrated", marks=pytest.mark.long),
     ({"solver": {"max_iterations": 0, "homotopy_iterations": 0, "fallback_by_integration": False}}, "out_of_budget"),
 ])  # fmt: skip
 def test_a_motion_without_error_estimate_is_a_result_like_others(settings, status, tmp_path):
@@ -169,7 +169,7 @@ AS_COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "sweep")) for name in AS_COMMANDS])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in ("sweep", "curve"))) for name in AS_COMMANDS])
 def test_a_saved_result_is_that_of_the_command(name, tmp_path):
     """The same datasets with the same attributes, and the same numbers."""
     text, solve = AS_COMMANDS[name]
@@ -194,9 +194,10 @@ def test_a_saved_result_is_that_of_the_command(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", [
-    *("curve", "sweep", "limit cycle", "torus", "backbone", "without estimates", "without stability", "stability unknown"),
-    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "long sweep", "shared sweep")),
-    *(pytest.param(name, marks=pytest.mark.long) for name in ("limit cycles", "integrated")),
+    *("curve", "torus", "without estimates"),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("motion", "sweep", "long sweep", "shared sweep", "limit cycle")),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("limit cycles", "integrated", "backbone")),
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("without stability", "stability unknown")),
 ])  # fmt: skip
 def test_the_command_reads_what_was_saved(name, tmp_path):
     results()[name].nhbm.save(tmp_path / "saved.h5")
@@ -209,6 +210,7 @@ def test_the_command_reads_what_was_saved(name, tmp_path):
     assert (tmp_path / "saved.html").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_a_stopped_curve_is_resumed_to_its_end(tmp_path):
     """Bit by bit as if it had not been stopped."""
     stopped = duffing().curve(*RANGE, **COARSE, on_point=lambda point: float(point["tones_frequency"]) > 1.0)
@@ -258,6 +260,7 @@ def with_a_set():
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_sets_name_degrees_of_freedom_of_files(tmp_path):
     """As in memory: of results that were saved, and of those of the command with the model file that they name, where it is."""
     structure = with_a_set()
@@ -414,7 +417,7 @@ def test_units_are_those_of_the_degrees_of_freedom(tmp_path):
     xr.testing.assert_identical(nhbm.open_dataset(tmp_path / "beam.h5").load(), motion)
 
 
-@pytest.mark.parametrize("points", ["curve", "sweep", "file"])
+@pytest.mark.parametrize("points", [pytest.param("curve", marks=pytest.mark.long), pytest.param("sweep", marks=pytest.mark.long), "file"])
 def test_any_motion_is_verified(points, tmp_path):
     """Not the last one alone: a point of a curve, a sweep or a file, with the numbers of the last motion of `solve`."""
     model = duffing()

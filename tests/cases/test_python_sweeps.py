@@ -66,7 +66,10 @@ def assert_same(found, stored):
         np.testing.assert_array_equal(found.nhbm.details[name], stored.nhbm.details[name], err_msg=name)
 
 
-@pytest.mark.parametrize("name", SWEEPS)
+LONG = ("alone", "two values", "restitution", "chains")  # others are alike
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in SWEEPS])
 def test_sweeps_have_the_motions_of_the_command(name, tmp_path):
     text, values, options, keys = SWEEPS[name]
     (tmp_path / "sweep.nml").write_text(text + keys + sweep_groups(values, options.get("paired", False)))
@@ -79,7 +82,7 @@ def test_sweeps_have_the_motions_of_the_command(name, tmp_path):
     assert sorted(found.nhbm.input.splitlines()) == sorted(stored.nhbm.input.splitlines())
 
 
-@pytest.mark.parametrize("options", [{"workers": 2}, {"threads": 2}])
+@pytest.mark.parametrize("options", [pytest.param({"workers": 2}, marks=pytest.mark.long), {"threads": 2}])
 def test_chains_have_the_same_motions_in_any_process(options):
     from concurrent.futures import ThreadPoolExecutor
 

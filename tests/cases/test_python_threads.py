@@ -120,6 +120,7 @@ def test_threads_with_one_session_are_refused():
     assert session.column("status").values == 1
 
 
+@pytest.mark.long
 def test_a_law_cannot_call_its_own_model():
     found = []
 

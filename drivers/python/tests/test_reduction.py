@@ -179,6 +179,7 @@ def test_blocks_change_nothing(block, method, monkeypatch):
         np.testing.assert_allclose(b, a, rtol=1e-7, atol=1e-9 * abs(a).max())
 
 
+@pytest.mark.long
 def test_memory_is_that_of_the_shapes():
     """And of small matrices: nothing of their size has a second copy. It was six of them."""
     pytest.importorskip("skfem")

@@ -203,6 +203,7 @@ def with_tables(stiffness, damping=0.0, speeds=(0.0, 1000.0), n_elements=4):
     return rotor
 
 
+@pytest.mark.long
 def test_constant_tables_are_constant_bearings():
     tables, constant = with_tables(2e6, 200.0), with_tables(2e6, 200.0, speeds=None)
     for one, other in zip(tables.campbell([0.0, 300.0, 2000.0]), constant.campbell([0.0, 300.0, 2000.0])):
