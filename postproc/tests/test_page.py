@@ -1,8 +1,10 @@
 """The page of a result file: what it holds, how large it is, and in a browser what its controls do."""
 
 import base64
+import csv
 import json
 import re
+from xml.etree import ElementTree
 
 import browser
 import h5py
@@ -299,6 +301,62 @@ def test_controls_have_their_effect(tmp_path, chromium):
     assert chromium.run("new Promise(done => { const p = state.phase; setTimeout(() => done(state.phase === p), 150); })")
     drawn = "[...document.getElementById('shape').getContext('2d').getImageData(0, 0, 300, 200).data].some(v => v > 0)"
     assert chromium.run(drawn)
+    assert not chromium.errors
+
+
+def write_grid(path):
+    """Three gaps by six frequencies."""
+    tuples = box(1, 3)
+    return write_results(
+        path,
+        tuples,
+        np.tile(np.linspace(1.0, 2.0, 6), 3)[:, None],
+        random_coefficients(7, 18, 1, tuples),
+        parameters={
+            "law_1_gap": ("law(1)%gap", "m", np.repeat([0.1, 0.2, 0.3], 6)),
+            "tones_frequency": ("tones%frequency", "rad/s", np.tile(np.linspace(1.0, 2.0, 6), 3)),
+        },
+    )
+
+
+@in_browser
+def test_a_slider_chooses_the_curve(tmp_path, chromium):
+    """The motion follows to the nearest point of the next curve; the others are drawn pale; -1 shows all."""
+    data = opened(chromium, write_grid(tmp_path / "grid.h5"))
+    assert len(data["curves"]) == 3 and chromium.run("getComputedStyle($('slider-controls')).display") == "flex"
+    slide = "(e => {{ e.value = {}; e.dispatchEvent(new Event('input')); }})($('curve'))".format
+    colours = "[...new Set([...document.querySelectorAll('#response .curve')].map(e => e.getAttribute('stroke')))].length"
+    x = chromium.run("select(D.curves[0].points[2]), D.curves[0].x[2]")
+    for k, curve in enumerate(data["curves"]):
+        chromium.run(slide(k + 1))
+        assert curve["x"][curve["points"].index(chromium.run("state.point"))] == x
+        assert chromium.run("$('curve-label').textContent") == curve["label"]
+        assert chromium.run(colours) == 2
+    chromium.run(slide(0))
+    assert chromium.run(colours) == 3
+    assert not chromium.errors
+
+
+@in_browser
+def test_charts_are_saved(tmp_path, chromium):
+    """The picture is a drawing of its own, with its legend; the table has the numbers of the chart."""
+    data = opened(chromium, write_grid(tmp_path / "grid.h5"))
+    chromium.run("window.saved = {}, window.download = (name, content) => { saved[name] = content; }, 0")
+    for kind in ("SVG", "PNG", "CSV"):
+        chromium.run(f"document.querySelector('#response [aria-label=\"save response as {kind}\"]').click()")
+    chromium.wait("Object.keys(saved).length === 3")
+    assert sorted(chromium.run("Object.keys(saved)")) == [f"grid_response.{kind}" for kind in ("csv", "png", "svg")]
+    drawing = ElementTree.fromstring(chromium.run("saved['grid_response.svg'].text()"))
+    words = [element.text for element in drawing.iter() if element.text]
+    assert all(curve["label"] in words for curve in data["curves"])
+    assert chromium.run("createImageBitmap(saved['grid_response.png']).then(b => b.width)") >= 1000
+    head, *rows = csv.reader(chromium.run("saved['grid_response.csv'].text()").splitlines())
+    assert len(rows) == sum(len(curve["points"]) for curve in data["curves"]) and head[1] == "point"
+    sizes = {data["points"][i]["number"]: data["dofs"][0]["size"][i] for curve in data["curves"] for i in curve["points"]}
+    assert all(float(row[3]) == sizes[int(row[1])] for row in rows)
+    for box_of in ("spectrum", "time", "orbit"):
+        head, *rows = chromium.run(f"$('{box_of}').table()")
+        assert len(rows) > 1 and all(len(row) == len(head) for row in rows)
     assert not chromium.errors
 
 
