@@ -1,6 +1,7 @@
 """What axes are called, units, line styles, and the options that all pictures share."""
 
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -193,7 +194,40 @@ def test_forces_that_are_zero_have_no_scale():
 
 
 def test_details_of_a_heading_break_at_commas():
-    line = "Two-tone beam against a rigid wall, point 3, order of the harmonics = 12, samples of a period = 64"
-    assert look.rows_of(line, 96) == [line.rpartition(" samples")[0], "samples of a period = 64"]
+    line = "Two-tone beam against a rigid wall, point 3, order of the harmonics = 12, samples per period = 64"
+    assert look.rows_of(line, 96) == [line.rpartition(" samples")[0], "samples per period = 64"]
     assert look.rows_of(line, 100) == [line]
     assert look.rows_of("a " * 20, 20) == ["a a a a a a a a a a", "a a a a a a a a a a"]
+
+
+def test_a_style_file_sets_fonts_and_sizes(tmp_path, capsys, monkeypatch):
+    """Settings of matplotlib from a file, also on paper; those of the user for other pictures have no effect."""
+    path = response(tmp_path / "a.h5")
+    style = tmp_path / "journal.mplstyle"
+    style.write_text("font.family: serif\nfont.serif: DejaVu Serif\nfont.size: 11\naxes.labelsize: 13\nsvg.fonttype: none\n")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "matplotlibrc").write_text("axes.labelsize: 30\n")
+    sizes = {}
+    for name, styles in {"plain": [], "own": ["--style", str(style)], "paper": ["--style", "paper", "--style", str(style)]}.items():
+        assert main(["response", str(path), "-o", f"{name}.svg", *styles]) == 0
+        text = (tmp_path / f"{name}.svg").read_text()
+        sizes[name] = "13px" in text, "DejaVu Serif" in text, "30px" in text
+    assert sizes == {"plain": (False, False, False), "own": (True, True, False), "paper": (True, True, False)}
+    capsys.readouterr()
+    style.write_text("font.size: 11\naxes.labelsiez: 13\n")
+    assert main(["response", str(path), "-o", "a.svg", "--style", str(style)]) == 2
+    assert "axes.labelsiez" in capsys.readouterr().err
+    assert main(["response", str(path), "-o", "a.svg", "--style", "papre"]) == 2
+    assert "neither screen, paper nor" in capsys.readouterr().err
+
+
+def test_pictures_for_latex(tmp_path, capsys):
+    """With the texts as LaTeX sets them; where it is not installed that is said."""
+    path = response(tmp_path / "a.h5")
+    status = main(["response", str(path), "-o", str(tmp_path / "a.pgf")])
+    if shutil.which("pdflatex") is None:
+        assert status == 2 and "needs pdflatex" in capsys.readouterr().err and not (tmp_path / "a.pgf").exists()
+        return
+    assert status == 0
+    text = (tmp_path / "a.pgf").read_text()
+    assert r"\begin{pgfpicture}" in text and "Excitation frequency" in text

@@ -240,7 +240,7 @@ def test_unconverged_points_are_drawn_only_on_request(sweep, capsys):
         (["spectrum", "FILE", "--point", "x"], "invalid whole number value: 'x'"),
         (["spectrum", "FILE", "--form", "bars", "--over", "frequency"], "needs 2 tones and tuples as axes"),
         (["spectrum", "FILE", "--output", "a.gif"], "must end in .png"),
-        (["time", "FILE", "--output", "a.xlsx"], "must end in .png, .pdf, .svg, or in .csv for the numbers"),
+        (["time", "FILE", "--output", "a.xlsx"], "must end in .png, .pdf, .svg, .pgf, or in .csv for the numbers"),
         (["spectrum", "FILE", "--output", "none/a.png"], "cannot write 'none/a.png'"),
         (["spectrum", "FILE", "--decades", "-3"], "-3 is not between 0 and 1000"),
         (["value", "FILE"], "--tuple"),

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 PAPER_WIDTH = {1: 90.0, 2: 180.0}  # [mm] of a column, and of a page of two
 
 
 @dataclass(frozen=True)
 class Appearance:
-    """`title` replaces that of the picture; `width` [mm]; `is_paper`: no heading, small type."""
+    """`title` replaces that of the picture; `width` [mm]; `is_paper`: no heading, small type; `settings` of matplotlib."""
 
     title: str | None = None
     width: float | None = None
     is_paper: bool = False
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_scaled(self) -> bool:
@@ -38,9 +40,11 @@ def chosen() -> Appearance:
 
 
 @contextmanager
-def appearance(title: str | None = None, width: float | None = None, is_paper: bool = False) -> Iterator[None]:
+def appearance(
+    title: str | None = None, width: float | None = None, is_paper: bool = False, settings: Mapping[str, Any] | None = None
+) -> Iterator[None]:
     """Context in which pictures are drawn and saved with this appearance."""
-    token = _chosen.set(Appearance(title, width, is_paper))
+    token = _chosen.set(Appearance(title, width, is_paper, settings or {}))
     try:
         yield
     finally:

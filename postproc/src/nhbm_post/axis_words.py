@@ -20,7 +20,7 @@ _WORDS = {
     "normal_mode%amplitude": ("amplitude of the normal mode", "a"),
     "normal_mode%energy": ("energy of the normal mode", "E"),
     "harmonics%order": ("order of the harmonics", "N"),
-    "sampling%samples": ("samples of a period", ""),
+    "sampling%samples": ("samples per period", ""),
     "accuracy%tolerance": ("tolerance", ""),
     "gap": ("gap", "g"),
     "stiffness": ("stiffness", "k"),

@@ -24,7 +24,8 @@ A point of a sweep is chosen by --point NUMBER or by --at PARAMETER=VALUE (path 
 the input, such as law(1)%gap, or its name in the file; values to six digits; repeat it for several
 parameters). Without either it is the first converged point. Without --dof it is the first degree of
 freedom on which a law acts. Pictures go next to the file and are named after it: beam.h5 gives
-beam_spectrum.png; --output chooses another name, and its ending the format (.png, .pdf or .svg).
+beam_spectrum.png; --output chooses another name, and its ending the format (.png, .pdf, .svg or
+.pgf).
 """
 
 
@@ -38,7 +39,12 @@ def main(argv: list[str] | None = None) -> int:
         looks = vars(arguments)
         if looks.get("output") and is_input(looks["output"], arguments):
             raise UsageError(f"'{looks['output']}' is an input of this command; give another --output")
-        with appearance(looks.get("title"), looks.get("width"), looks.get("style") == "paper"):
+        styles = looks.get("style") or []
+        settings: dict = {}
+        for name in styles:
+            if name not in ("screen", "paper"):
+                settings.update(_settings_of(name))
+        with appearance(looks.get("title"), looks.get("width"), "paper" in styles, settings):
             arguments.run(arguments)
         sys.stdout.flush()
     except NhbmPostError as error:
@@ -47,6 +53,15 @@ def main(argv: list[str] | None = None) -> int:
     except Exception as error:
         return _end_of_failed(error, arguments)
     return 0
+
+
+def _settings_of(name: str) -> dict:
+    """Settings of a style file."""
+    from .draw.style import settings_of
+
+    if not Path(name).is_file():
+        raise UsageError(f"--style {name}: neither screen, paper nor a style file of matplotlib")
+    return settings_of(Path(name))
 
 
 def _end_of_failed(error: Exception, arguments: argparse.Namespace) -> int:

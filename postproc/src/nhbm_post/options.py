@@ -131,7 +131,7 @@ def add_model(sub):
 
 
 def add_output(sub):
-    sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="picture to write: .png, .pdf or .svg")
+    sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="picture to write: .png, .pdf, .svg, or .pgf for LaTeX")
     sub.add_argument(
         "--dpi", type=count(20, 2400), default=200, metavar="N", help="dots per inch of a .png (default 200)"
     )
@@ -141,10 +141,12 @@ def add_output(sub):
         help="words at an axis, such as 'x=Excitation frequency f [Hz]': of x, y, z (or the colours); may be repeated",
     )  # fmt: skip
     sub.add_argument("--width", type=positive, metavar="MM", help="width in millimetres; type keeps its size")
-    sub.add_argument(
-        "--style", choices=("screen", "paper"), default="screen",
-        help="paper: by default a .pdf of 90 mm, without heading, which is printed for the caption",
+    style = sub.add_argument(
+        "--style", action="append", default=[], metavar="NAME",
+        help="paper: by default a .pdf of 90 mm, without heading, which is printed for the caption; screen, the default; or a style "
+        "file of matplotlib, such as matplotlibrc, with fonts and sizes; may be repeated",
     )  # fmt: skip
+    style.examples = ("screen", "paper")  # type: ignore[attr-defined]  # for the completion of shells
 
 
 def count(least, most=None):

@@ -532,7 +532,7 @@ def _save(fig, arguments, *parts: str) -> None:
     from . import draw
 
     name = "_".join([arguments.file.stem, arguments.command, *parts])
-    is_paper = arguments.style == "paper"
+    is_paper = "paper" in arguments.style
     output = arguments.output or arguments.file.with_name(f"{name}.{'pdf' if is_paper else 'png'}")
     draw.relabel(fig, dict(arguments.labels))
     if is_paper:

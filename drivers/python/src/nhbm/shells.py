@@ -57,8 +57,9 @@ def completion(command: argparse.ArgumentParser, shell: str) -> str:
     for name, verb in verbs.items():
         for action in _arguments(verb):
             patterns = "|".join(f"'{name} {before}'" for before in action.option_strings or [name])
-            if action.choices:
-                lines.append(f"   {patterns}) words='{' '.join(map(str, action.choices))}' ;;")
+            words = action.choices or getattr(action, "examples", ())  # some of the values that it takes
+            if words:
+                lines.append(f"   {patterns}) words='{' '.join(map(str, words))}' ;;")
     lines += ["   *) [[ $word == -* ]] && case ${COMP_WORDS[1]} in"]
     for name, verb in verbs.items():
         options = [option for action in _arguments(verb) for option in action.option_strings]

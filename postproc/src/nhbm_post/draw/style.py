@@ -1,5 +1,9 @@
 """Common appearance of all pictures: colours for colour-blind readers, units, headings, saving."""
 
+import io
+import logging
+import shutil
+import tempfile
 import textwrap
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,7 +39,7 @@ _LEGEND_ROW = 0.19  # [inch]
 # Legend of a few entries outside the data, above the axes on the right.
 ABOVE = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncol": 2, "borderaxespad": 0.2}
 
-ENDINGS = (".png", ".pdf", ".svg")
+ENDINGS = (".png", ".pdf", ".svg", ".pgf")
 
 _RC = {
     "font.family": "sans-serif",
@@ -65,6 +69,8 @@ _RC = {
     "lines.linewidth": 1.3,
     "hatch.linewidth": 0.5,
     "pdf.fonttype": 42,
+    "pgf.texsystem": "pdflatex",
+    "pgf.rcfonts": False,  # the fonts of the document
     "svg.fonttype": "none",
     "svg.hashsalt": "nhbm",  # names of parts; otherwise random, so that the same picture would differ between runs
 }
@@ -85,13 +91,31 @@ _WITH_PREFIX = ("m", "N", "rad", "s", "Pa", "m/s", "N m", "N*m", "N/m", "rad/s",
 
 @contextmanager
 def look():
-    """Draws and saves with the common style, whatever the settings of the user."""
+    """Draws and saves with the common style and the chosen settings, not with those that the user has for other pictures."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_RC)
         if chosen().is_paper:
             matplotlib.rcParams.update(_RC_PAPER)
+        matplotlib.rcParams.update(chosen().settings)
         yield
+
+
+def settings_of(path: Path) -> dict:
+    """The settings in a style file of matplotlib (matplotlibrc, .mplstyle)."""
+    notes = io.StringIO()
+    handler = logging.StreamHandler(notes)  # matplotlib reports lines that it does not understand, and goes on
+    logger = logging.getLogger("matplotlib")
+    logger.addHandler(handler)
+    try:
+        settings = matplotlib.rc_params_from_file(path, use_default_template=False)
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"style file '{path}' cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    finally:
+        logger.removeHandler(handler)
+    if notes.getvalue():
+        raise UsageError(f"style file '{path}': {notes.getvalue().strip().splitlines()[0]}")
+    return {key: value for key, value in settings.items() if not key.startswith(("backend", "interactive", "toolbar"))}
 
 
 def figure(width: float, height: float, is_arranged: bool = True) -> Figure:
@@ -327,6 +351,9 @@ def save(fig: Figure, path, dpi: int = 200, has_numbers: bool = False) -> Path:
             text.set_fontsize(fig.nhbm_later * text.get_fontsize())
         fig.set_size_inches(fig.nhbm_later * fig.get_size_inches())
         fig.nhbm_later = 1.0
+    if path.suffix.lower() == ".pgf":
+        _save_pgf(fig, path, dpi)
+        return path
     # No date inside: the same data give the same file.
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     try:
@@ -335,3 +362,22 @@ def save(fig: Figure, path, dpi: int = 200, has_numbers: bool = False) -> Path:
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
     return path
+
+
+def _save_pgf(fig: Figure, path: Path, dpi: int) -> None:
+    """Writes a figure for LaTeX, whose fonts it takes; parts that are images become files beside it, NAME-img0.png."""
+    with look(), tempfile.TemporaryDirectory() as folder:
+        system = matplotlib.rcParams["pgf.texsystem"]
+        if shutil.which(system) is None:
+            raise UsageError(f"'{path}' needs {system}, which measures the texts and is not on the path; "
+                             "pgf.texsystem in a style file names another, such as lualatex")  # fmt: skip
+        try:
+            fig.savefig(Path(folder) / path.name, dpi=dpi, backend="pgf")
+        except RuntimeError as error:
+            raise UsageError(f"'{path}': {system} fails: {str(error).strip().splitlines()[0]}") from None
+        try:
+            for part in sorted(Path(folder).iterdir(), reverse=True):  # images before the figure that names them
+                with atomic_write(path.with_name(part.name)) as name:
+                    shutil.copyfile(part, name)
+        except OSError as error:
+            raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
