@@ -7,7 +7,8 @@ import numpy as np
 
 STATUS_WORDS = (
     "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating "
-    "collapsed no_motion crashed diverged locked timed_out impact unused integrated subharmonic broadband multiple_attractors"
+    "collapsed no_motion crashed diverged locked timed_out impact unused integrated subharmonic broadband multiple_attractors "
+    "law_undefined"
 )
 CONVENTION = (
     "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ]; "

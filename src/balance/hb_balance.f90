@@ -75,6 +75,7 @@ module hb_balance
       procedure :: compliance_of_law => balance_compliance_of_law
       procedure :: rounding_level => balance_rounding_level
       procedure :: is_unsuitable => balance_is_unsuitable
+      procedure :: has_left_domain => balance_has_left_domain
       procedure :: set_scales => balance_set_scales
       procedure :: factorise_mean_tangent => balance_factorise_mean_tangent
       procedure :: solve_mean_tangent => balance_solve_mean_tangent
@@ -680,6 +681,13 @@ contains
       call self%law_set%find_unsuitable()
       is_unsuitable = self%law_set%is_given_up
    end function balance_is_unsuitable
+
+   !> Whether laws were undefined at motions that were tried, as beyond pull-in.
+   pure logical function balance_has_left_domain(self) result(has_left_domain)
+      class(balance_t), intent(in) :: self
+
+      has_left_domain = allocated(self%law_set%error_text)
+   end function balance_has_left_domain
 
    !> Why a law cannot continue; empty if all laws can, and before the balance is created.
    pure function balance_fault_of_laws(self) result(text)

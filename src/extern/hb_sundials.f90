@@ -167,25 +167,29 @@ contains
    end subroutine cvode_restart
 
    !> Integrates to `t_end`, or to an event before it.
-   subroutine cvode_advance(self, t_end, t, is_event, found, error)
+   subroutine cvode_advance(self, t_end, t, is_event, found, error, origin)
       class(cvode_t), intent(inout) :: self
-      real(wp), intent(in) :: t_end
+      real(wp), intent(in) :: t_end                                   !! [s] from the origin, as `t`
       real(wp), intent(out) :: t                                      !! where `values` hold
       logical, intent(out) :: is_event
       integer, intent(out) :: found(:)                                !! of each event: 0 no, 1 rising, -1 falling
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: origin                        !! [s], for messages; 0 if not given
       integer(c_int) :: flag, found_c(size(found))
+      real(wp) :: time
 
       found_c = 0
       t = 0.0_wp
       flag = hb_cvode_advance(self%integrator, t_end, t, found_c)
       found = found_c
       is_event = flag > 0
+      time = t
+      if (present(origin)) time = origin + t
       if (flag < 0 .and. self%handle%is_stuck) then
-         call fail(error, "cvode at t = "//to_text(t)//" s: the steps become as small as rounding; the force becomes infinite "// &
-                   "there (pull-in, contact with a singularity?)")
+         call fail(error, "cvode at t = "//to_text(time)//" s: the steps become as small as rounding; the force "// &
+                   "becomes infinite there (pull-in, contact with a singularity?)")
       else if (flag < 0) then
-         call fail(error, "cvode at t = "//to_text(t)//": "//self%handle%message)
+         call fail(error, "cvode at t = "//to_text(time)//" s: "//self%handle%message)
       end if
    end subroutine cvode_advance
 

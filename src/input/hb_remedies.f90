@@ -5,7 +5,7 @@ module hb_remedies
    private
    public :: remedy_of
 
-   character(*), parameter :: texts(0:21) = [character(232) :: &
+   character(*), parameter :: texts(0:22) = [character(232) :: &
       "Resume the run to solve it.", &
       "Verification checks it by time integration. If an order was given, a tolerance (&accuracy) would choose it.", &
       "Check units and loads first. Then continue from a solved point: a sweep with "// &
@@ -38,7 +38,9 @@ module hb_remedies
          "it.", &
       "The motion is chaotic, or has a further tone: time integration with &integration n_peaks finds its "// &
          "frequencies.", &
-      "The stored motion is the first one that repeats with the tones. Start near another one with &start."]
+      "The stored motion is the first one that repeats with the tones. Start near another one with &start.", &
+      "Beyond pull-in, or another limit of the law, there may be no motion: a curve (&curve) over the load or voltage ends its "// &
+         "stable motions at a fold. Before it, continue from smaller loads."]
 
    integer, parameter :: max_text = 400
    character(*), parameter :: of_order(outcome%truncated:outcome%aliased) = [character(160) :: &

@@ -58,6 +58,7 @@ module hb_bordered
       procedure :: solve_linear => bordered_solve_linear
       procedure :: rounding_level => bordered_rounding_level
       procedure :: is_unsuitable => bordered_is_unsuitable
+      procedure :: has_left_domain => bordered_has_left_domain
       procedure :: deform => bordered_deform
       procedure :: unknowns => bordered_unknowns
       procedure :: move_to => bordered_move_to
@@ -344,6 +345,12 @@ contains
       is_unsuitable = .false.
       if (is_possible) is_unsuitable = self%base%is_unsuitable(x(:self%n_base))
    end function bordered_is_unsuitable
+
+   pure logical function bordered_has_left_domain(self) result(has_left_domain)
+      class(bordered_problem_t), intent(in) :: self
+
+      has_left_domain = self%base%has_left_domain()
+   end function bordered_has_left_domain
 
    subroutine bordered_deform(self, kind, amount)
       class(bordered_problem_t), intent(inout) :: self

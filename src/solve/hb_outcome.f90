@@ -31,6 +31,7 @@ module hb_outcome
       integer :: subharmonic = 19                      !! time integration ends in a motion that takes several periods
       integer :: broadband = 20                        !! time integration ends in a motion without order
       integer :: multiple_attractors = 21                          !! time integration ends in several motions, by where it starts
+      integer :: law_undefined = 22                    !! not solved, and laws were undefined at motions that were tried
       integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
@@ -58,12 +59,13 @@ module hb_outcome
       "unlocated"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
-   character(*), parameter :: outcome_names(0:21) = [character(19) :: &
+   character(*), parameter :: outcome_names(0:22) = [character(19) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
       "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
-      "timed_out", "impact", "unused", "integrated", "subharmonic", "broadband", "multiple_attractors"]
+      "timed_out", "impact", "unused", "integrated", "subharmonic", "broadband", "multiple_attractors", &
+      "law_undefined"]
 
-   character(*), parameter :: texts(0:21) = [character(64) :: &
+   character(*), parameter :: texts(0:22) = [character(64) :: &
       "not solved yet", &
       "converged", &
       "stalled: no step reduces the residual", &
@@ -85,7 +87,8 @@ module hb_outcome
       "integrated: found by time integration instead of the balance", &
       "subharmonic: the motion repeats after several periods only", &
       "broadband: time integration finds no motion with these tones", &
-      "multiple attractors: time integration finds several motions"]
+      "multiple attractors: time integration finds several motions", &
+      "law undefined: a law has no force at motions that were tried"]
 
 contains
 
@@ -121,7 +124,8 @@ contains
    elemental logical function is_lost(status)
       integer, intent(in) :: status
 
-      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%failed])
+      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%failed, &
+                              outcome%law_undefined])
    end function is_lost
 
    !> Whether a motion was found by time integration.

@@ -59,6 +59,7 @@ module hb_problem
       procedure :: coarse_guess => problem_coarse_guess
       procedure :: has_sound_scales => problem_has_sound_scales
       procedure :: is_unsuitable => problem_is_unsuitable
+      procedure :: has_left_domain => problem_has_left_domain
       procedure :: norm => problem_norm
       procedure :: work_of => problem_work_of
    end type problem_t
@@ -274,6 +275,14 @@ contains
 
       is_unsuitable = .false.
    end function problem_is_unsuitable
+
+   !> Whether the equations were undefined at some x that was tried: there may be no solution. The default assumes that they
+   !> never are.
+   pure logical function problem_has_left_domain(self) result(has_left_domain)
+      class(problem_t), intent(in) :: self
+
+      has_left_domain = .false.
+   end function problem_has_left_domain
 
    !> Euclidean norm of r/r_scale; NaN or infinity if any entry is.
    pure real(wp) function problem_norm(self, r)

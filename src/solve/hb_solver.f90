@@ -25,6 +25,7 @@ module hb_solver
    real(wp), parameter :: curve_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
    integer, parameter :: max_corrections = 8
 
+   real(wp), parameter :: share_outside_domain = 0.05_wp              ! of the budget, where there may be no solution
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
    real(wp), parameter :: largest_level = 2.4_wp                      ! ratio of one problem to the next larger one
 
@@ -119,7 +120,8 @@ contains
       if (rule%has_budget()) then
          step%fallback = rule%kind
       else
-         self%budget = budget_t(max(self%config%max_fallback_work, self%config%fallback_share*self%report%work))
+         self%budget = budget_t(max(self%config%max_fallback_work, self%config%fallback_share*self%report%work)* &
+                                merge(share_outside_domain, 1.0_wp, self%problem%has_left_domain()))
       end if
       if (step%status == outcome%converged .or. is_first_direct(rule)) then
          call self%report%adopt_outcome(step)

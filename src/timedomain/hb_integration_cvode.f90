@@ -226,7 +226,7 @@ contains
       if (allocated(self%flight)) then
          call self%flight%advance(t_end, self%cvode%values, t, is_event, found, error)
       else
-         call self%cvode%advance(t_end, t, is_event, found, error)
+         call self%cvode%advance(t_end, t, is_event, found, error, self%base)
       end if
    end subroutine advance
 
@@ -277,10 +277,7 @@ contains
             cycle
          end if
          if (.not. allocated(error) .and. n_events > 1 .and. work_is_over()) call fail(error, "cvode was ended before its time")
-         if (allocated(error)) then
-            error%message = error%message//", counted from "//to_text(self%base)//" s"
-            return
-         end if
+         if (allocated(error)) return
          self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
          if (is_event) then
             call pass_event()

@@ -28,6 +28,7 @@ TEXTS = {
     "subharmonic": "subharmonic: the motion repeats after several periods only",
     "broadband": "broadband: time integration finds no motion with these tones",
     "multiple_attractors": "multiple attractors: time integration finds several motions",
+    "law_undefined": "law undefined: a law has no force at motions that were tried",
 }
 NAMES = dict(enumerate(TEXTS))
 

@@ -119,7 +119,12 @@ contains
       if (.not. is_done) then
          if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
          if (steady%is_out_of_work) result%reason = reason%max_fallback_work
-         if (allocated(steady%message) .and. allocated(result%message)) result%message = steady%message//"; "//result%message
+         if (.not. (allocated(steady%message) .and. allocated(result%message))) return
+         if (result%status == outcome%law_undefined) then              ! why, before where the integration ended
+            result%message = result%message//"; "//steady%message
+         else
+            result%message = steady%message//"; "//result%message
+         end if
          return
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp

@@ -258,8 +258,13 @@ contains
             return
          else if (steady%status == outcome%pending) then
             if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
-            if (allocated(result%message)) steady%message = steady%message//"; "//result%message
-            result%message = steady%message
+            if (.not. allocated(result%message)) then
+               result%message = steady%message
+            else if (result%status == outcome%law_undefined) then      ! why, before where the integration ended
+               result%message = result%message//"; "//steady%message
+            else
+               result%message = steady%message//"; "//result%message
+            end if
             if (steady%is_out_of_work) result%reason = reason%max_fallback_work
             if (self%conditions%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
          else

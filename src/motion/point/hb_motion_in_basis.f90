@@ -23,7 +23,7 @@ module hb_motion_in_basis
    use hb_motion_description, only: add_stability_of, describe_motion, solution_t, store_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
-   use hb_outcome, only: outcome, reason
+   use hb_outcome, only: is_lost, outcome, reason
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_stability, only: harmonic_motion_t
@@ -356,6 +356,7 @@ contains
          call fail(error, balance%law_set%error_text)
       else if (report%status /= outcome%converged .and. allocated(balance%law_set%error_text)) then
          result%message = balance%law_set%error_text
+         if (is_lost(report%status)) result%status = outcome%law_undefined
       else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
          call find_circumstances(system, options, balance, u, circumstances)
