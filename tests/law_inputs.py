@@ -68,7 +68,7 @@ def text_of(law, changes: dict, draw: random.Random) -> str:
         groups.append(f"&load dof = 'x1', tuple = 0, 1, sin = {draw.uniform(0.1, 0.4)!r} /")
     values = scaled(keys, draw)
     if "tuple" in values and n_tones == 2:
-        values["tuple"] = [*values["tuple"], 0]
+        values["tuple"] = [k for j in values["tuple"] for k in (j, 0)]  # each has one entry
     given = ", ".join(f"{key} = {shown(value)}" for key, value in values.items()).replace("{last}", f"x{n}")
     groups.append(f"&law type = '{law.name}', {law.place}, {given} /")
     groups.append(f"&solver method = '{draw.choice(['newton', 'krylov', 'broyden', 'auto'])}', max_fallback_work = 0.03 /")

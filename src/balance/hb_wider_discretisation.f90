@@ -70,7 +70,7 @@ contains
       integer, parameter :: min_order = 4                          ! sum of entries not excited directly by loads and steep laws
       real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
       real(wp) :: least
-      integer :: d, h, i
+      integer :: d, first, h, i
 
       least = large*maxval(carried)                                   ! once: there may be a hundred thousand
       associate (set => balance%harmonics, stiffness => balance%stiffness, laws => balance%law_set%laws)
@@ -83,8 +83,11 @@ contains
          end do
          do i = 1, size(laws)
             if (.not. allocated(laws(i)%law%modulation)) cycle
-            associate (shift => [laws(i)%law%modulation, spread(0, 1, size(slow) - size(laws(i)%law%modulation))])
-               tuples = reshape([tuples, shifted(set%tuples, shift)], [size(slow), size(tuples, 2) + 2*set%n_harmonics])
+            associate (n => laws(i)%law%n_phases, modulation => laws(i)%law%modulation)
+               do first = 1, size(modulation), n
+                  tuples = reshape([tuples, shifted(set%tuples, [modulation(first:first + n - 1), spread(0, 1, size(slow) - n)])], &
+                                   [size(slow), size(tuples, 2) + 2*set%n_harmonics])
+               end do
             end associate
          end do
       end associate

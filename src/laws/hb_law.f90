@@ -77,7 +77,8 @@ module hb_law
       integer :: n_states = 0                                         !! internal states per sample, for a law with memory
       logical :: is_users_own = .false.                               !! defined by the user; may be undefined far from the motion
       integer :: n_phases = 0                                         !! number of tones whose phases it needs
-      integer, allocatable :: modulation(:)                           !! tuple by which it shifts those of a motion, if known
+      integer, allocatable :: modulation(:)                           !! tuples by which it shifts those of a motion, if known,
+                                                                      !! each with `n_phases` entries, one after another
       logical :: needs_frequencies = .false.                          !! its force depends explicitly on the base frequencies
       real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, such as its gap; 0: none
       integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, such as the distance to a stop

@@ -113,8 +113,8 @@ if TYPE_CHECKING:
         gap: Required[float]
         voltage: float
         tuple: Integers
-        voltage_cos: float
-        voltage_sin: float
+        voltage_cos: Reals
+        voltage_sin: Reals
 
     class HertzLaw(AnyLawKeys, total=False):
         """Keys of `&law type = 'hertz'`."""
