@@ -112,10 +112,11 @@ contains
    end function progress_is_due
 
    !> Writes the progress of the run.
-   subroutine progress_show(self, done, failed, within)
+   subroutine progress_show(self, done, failed, within, share)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed                             !! points, over all ranks
       character(*), intent(in), optional :: within                    !! what the rank does within a point
+      real(wp), intent(in), optional :: share                         !! of that point which is done; 0 if not given
 
       if (.not. self%is_shown) return
       self%shown_at = wall_clock()
@@ -123,7 +124,7 @@ contains
       self%shown_done = done
       self%shown_failed = failed
       self%ends_log = .not. (self%on_terminal .or. present(within))
-      call write_line(self, done, failed, self%shown_at, within)
+      call write_line(self, done, failed, self%shown_at, within, share)
    end subroutine progress_show
 
    !> Writes the outcome of one point, at level debug, on the rank that solved it.
@@ -155,23 +156,26 @@ contains
       if (self%is_shown) write (error_unit, "(a)") printable(text)
    end subroutine progress_say
 
-   subroutine write_line(self, done, failed, now, within)
+   subroutine write_line(self, done, failed, now, within, share)
       class(progress_t), intent(in) :: self
       integer, intent(in) :: done, failed
       real(wp), intent(in) :: now
       character(*), intent(in), optional :: within                    !! of a point
+      real(wp), intent(in), optional :: share
       character(:), allocatable :: line
-      real(wp) :: seconds
+      real(wp) :: reached, seconds
       integer :: filled
 
       seconds = max(now - self%started_at, epsilon(1.0_wp))
+      reached = done
+      if (present(share)) reached = done + share
       line = to_text(done)
       if (self%n_points > 0) line = line//"/"//to_text(self%n_points)
       line = line//" "//self%what
       if (failed > 0) line = line//", "//to_text(failed)//" not converged"
       line = line//", "//rate_text(done/seconds)//" per s"
-      if (done > 0 .and. done < self%n_points) then
-         line = line//", "//time_text(seconds*(self%n_points - done)/done)//" left"
+      if (reached > 0.0_wp .and. done < self%n_points) then
+         line = line//", "//time_text(seconds*(self%n_points - reached)/reached)//" left"
       else
          line = line//", "//time_text(seconds)
       end if

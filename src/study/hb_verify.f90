@@ -42,8 +42,10 @@ module hb_verify
 
    !> An interruption that shows the progress whenever it is examined: integrations examine it at each step.
    type, extends(watched_t) :: watched_integration_t
+      real(wp), private :: share = 0.0_wp                             ! of the present point which is done
    contains
       procedure :: wants_end => watched_integration_wants_end
+      procedure :: note_progress => watched_integration_note_progress
    end type watched_integration_t
 
    !> The data read from a result file in addition to its record.
@@ -129,6 +131,7 @@ contains
       allocate (left(0))
       do i = 1 + rank_of(comm), size(points), size_of(comm)
          associate (point => points(i))
+            ending%share = 0.0_wp
             if (.not. ending%is_due()) call verify_point(stored, point, n_periods, verdicts(point), error)
             if (ending%reason /= interruption%none) then
                if (allocated(error)) deallocate (error)
@@ -159,9 +162,17 @@ contains
    logical function watched_integration_wants_end(self) result(wants_end)
       class(watched_integration_t), intent(inout) :: self
 
-      call self%note_progress(0, 1)
+      if (self%progress%is_due()) call self%show_within("time integration, "//to_text(nint(100*self%share))//" %", self%share)
       wants_end = self%interruption_t%wants_end()
    end function watched_integration_wants_end
+
+   !> Notes which share of the present point is done.
+   recursive subroutine watched_integration_note_progress(self, n_done, n_steps)
+      class(watched_integration_t), intent(inout) :: self
+      integer, intent(in) :: n_done, n_steps
+
+      self%share = real(n_done, wp)/max(1, n_steps)
+   end subroutine watched_integration_note_progress
 
    subroutine check_points(path, stored, points, error)
       character(*), intent(in) :: path

@@ -15,6 +15,7 @@ module hb_watched_interruption
    contains
       procedure :: note_level => watched_note_level
       procedure :: note_progress => watched_note_progress
+      procedure :: show_within => watched_show_within
    end type watched_t
 
 contains
@@ -27,7 +28,7 @@ contains
 
       if (.not. self%progress%is_due()) return
       write (error, "(es8.1)") min(estimate, 1.0_wp)
-      call show_within(self, "level "//to_text(level)//": "//to_text(n_unknowns)//" unknowns, estimated error "// &
+      call self%show_within("level "//to_text(level)//": "//to_text(n_unknowns)//" unknowns, estimated error "// &
                        trim(adjustl(error)))
    end subroutine watched_note_level
 
@@ -35,16 +36,17 @@ contains
       class(watched_t), intent(inout) :: self
       integer, intent(in) :: n_done, n_steps
 
-      if (self%progress%is_due()) call show_within(self, "time integration")
+      if (self%progress%is_due()) call self%show_within("time integration")
    end subroutine watched_note_progress
 
    !> Writes the progress of the run with that within a point of this rank.
-   subroutine show_within(self, text)
+   subroutine watched_show_within(self, text, share)
       class(watched_t), intent(inout) :: self
       character(*), intent(in) :: text
+      real(wp), intent(in), optional :: share                         !! of the point which is done
       integer :: done, failed
 
       call self%counter%read_tallies(done, failed)
-      call self%progress%show(done, failed, text)
-   end subroutine show_within
+      call self%progress%show(done, failed, text, share)
+   end subroutine watched_show_within
 end module hb_watched_interruption

@@ -14,6 +14,7 @@
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_beat, only: slowest_beat
+   use hb_cancellation, only: cancellation_t
    use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
@@ -94,7 +95,24 @@ module hb_verification
                                                                       !! unstable
    end type pair_t
 
+   !> Reports the progress of the integrations of a verification as a share of all of its periods, as planned so far.
+   type, extends(cancellation_t) :: periods_t
+      real(wp) :: n_done = 0.0_wp                                     ! before the integration in progress
+      real(wp) :: n_new = 0.0_wp                                      ! in it
+      real(wp) :: n_planned = 1.0_wp
+   contains
+      procedure :: note_progress => periods_note_progress
+   end type periods_t
+
 contains
+
+   recursive subroutine periods_note_progress(self, n_done, n_steps)
+      class(periods_t), intent(inout) :: self
+      integer, intent(in) :: n_done, n_steps
+      integer, parameter :: parts = 1000
+
+      call self%cancellation_t%note_progress(int(parts*(self%n_done + self%n_new*n_done/max(1, n_steps))/self%n_planned), parts)
+   end subroutine periods_note_progress
 
    !> Integrates from a motion of a model, and from a neighbouring state, until the verdict is decided.
    subroutine verify_motion(model, claim, n_periods, result, error)
@@ -284,6 +302,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(integration_record_t) :: other_record
       type(integration_state_t) :: before(2)
+      type(periods_t), target :: progress
       integer :: i, n_new
 
       associate (length => self%length, difference => self%difference)
@@ -292,9 +311,15 @@ contains
          self%config%duration = n_new*length%period
          before = [self%state, self%other]
          associate (step => length%period/length%n_samples, all_dofs => [(i, i=1, self%system%n_dofs)])
+            call progress%enter(huge(1.0_wp))
+            progress%n_done = 2*difference%n_periods
+            progress%n_new = n_new
+            progress%n_planned = 2*length%bound
             call integrate_from(self%system, self%config, step, all_dofs, self%state, self%record, error)
+            progress%n_done = progress%n_done + n_new
             if (.not. allocated(error)) call integrate_from(self%system, self%config, step, all_dofs, self%other, other_record, &
                error)
+            call progress%leave()
          end associate
          if (allocated(error)) then                                   ! the motion is bounded: it has been left
             if (.not. self%record%is_under_way .or. self%record%is_out_of_work .or. other_record%is_out_of_work) return

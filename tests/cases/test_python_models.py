@@ -700,3 +700,23 @@ def test_a_pulse_is_a_load_of_time_alone():
     model.load("x1", cos=1.0, frequency=3.0, end=2.0)
     with pytest.raises(nhbm.ModelError, match="a load that begins, ends"):
         model.solve()
+
+
+def test_long_calls_report_their_progress():
+    """Steps done and planned of `verify` and `census`, points of `peak`; what the function raises ends the call."""
+    model = duffing()
+    model["structure.damping_mass"] = 0.01
+    motion = model.solve(order=5)
+    for call in (lambda report: model.verify(motion, periods=400, progress=report),
+                 lambda report: model.census(starts=200, order=5, progress=report)):  # fmt: skip
+        seen = []
+        call(lambda *numbers, seen=seen: seen.append(numbers))
+        assert seen and all(0 <= n <= total for n, total in seen) and [n for n, _ in seen] == sorted(n for n, _ in seen)
+    counts = []
+    model.peak("x1 (1)", "tones[0]", 0.5, 1.5, order=5, progress=counts.append)
+    assert counts == list(range(1, len(counts) + 1)) and len(counts) > 5
+    with pytest.raises(ZeroDivisionError):
+        model.peak("x1 (1)", "tones[0]", 0.5, 1.5, order=5, progress=lambda n: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        model.verify(motion, periods=400, progress=lambda *_: 1 / 0)
+    assert model.verify(motion, periods=40)["integration_verdict"].item() in ("agrees", "undecided")

@@ -20,6 +20,15 @@ KEY_ROW_SIZE = 1201  # NHBM_KEY_ROW_SIZE
 MAX_AXES = 4  # NHBM_MAX_AXES
 
 INTERRUPT_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
+
+
+class ProgressOfWork(ctypes.Structure):
+    """struct nhbm_progress."""
+
+    _fields_ = [("seconds", ctypes.c_double), ("n_done", ctypes.c_int64), ("n_steps", ctypes.c_int64)]
+
+
+PROGRESS_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.POINTER(ProgressOfWork))
 STRUCTURE_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
 
 
@@ -257,6 +266,7 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "register_law": (text, ctypes.POINTER(LawInfo), EVALUATE),
         "unregister_law": (text,),
         "set_interrupt_callback": (pointer, INTERRUPT_CALLBACK, pointer),
+        "set_progress_callback": (pointer, PROGRESS_CALLBACK, pointer),
         "solve": (pointer, number),
         "set_point_count": (pointer, count),
         "curve_begin": (pointer,),

@@ -290,7 +290,7 @@ class Model(Peaks):
     @exclusive
     @documented
     def census(self, *, starts: int = 200, seed: int = 1, time_limit: float = 0.0, tolerance: float | None = None,
-               order: int | None = None) -> xr.Dataset:  # fmt: skip
+               order: int | None = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
         """Searches for all coexisting motions, and estimates how many were missed.
 
         Parameters
@@ -302,6 +302,8 @@ class Model(Peaks):
         time_limit : float
             Of the starts and the descriptions of the motions [s]; 0: none.
         {tolerance and order}
+        progress : bool or function
+            True: a progress bar of tqdm; a function is called with the numbers of starts done and planned.
 
         Returns
         -------
@@ -328,7 +330,8 @@ class Model(Peaks):
             if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 0 <= number < 2**31:
                 raise ModelError(f"{name} must be a whole number, 0 or more, not {number!r}")
         session = self._begin(request(tolerance, order))
-        census = session.take_census(int(starts), int(seed), numbers_of("time_limit", time_limit)[0])
+        with Progress(progress, "census", unit="start") as bar, session.reporting(bar.reach):
+            census = session.take_census(int(starts), int(seed), numbers_of("time_limit", time_limit)[0])
         if not census.n_motions:
             is_cut = census.n_left > 0
             raise ModelError("the time limit ended the census before a motion was found" if is_cut else "no start led to a motion")
@@ -397,7 +400,8 @@ class Model(Peaks):
         return dataset.record_of(session)
 
     @exclusive
-    def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0, time_limit: float = 0.0) -> xr.Dataset:
+    def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0, time_limit: float = 0.0,
+               progress: Any = False) -> xr.Dataset:  # fmt: skip
         """Integrates in time from a motion, and from a perturbed state, to verify the motion and its stability.
 
         Parameters
@@ -409,6 +413,9 @@ class Model(Peaks):
             Largest number of periods of the slowest tone; 0: from the decay rate.
         time_limit : float
             Processor time [s] after which the verdict is "undecided" and the duration 0; 0: no limit.
+        progress : bool or function
+            True: a progress bar of tqdm; a function is called with the steps done and planned, which disturbances that decay slowly
+            extend.
 
         Returns
         -------
@@ -423,17 +430,18 @@ class Model(Peaks):
         if limit < 0.0:
             raise ModelError(f"time_limit must be a time [s], or 0 for no limit, not {time_limit!r}")
         if motion is not None:
-            found = self._verify_motion(motion, int(periods), limit)
+            found = self._verify_motion(motion, int(periods), limit, progress)
         else:
             live = None if self._solved is None else self._sessions.get(self._solved)
             if live is None:
                 raise ModelError("there is no motion of `solve` that can be verified")
             live.session.limit_verification(limit)
-            live.session.verify(int(periods))
+            with Progress(progress, "verify", unit="step") as bar, live.session.reporting(bar.reach):
+                live.session.verify(int(periods))
             found = dataset.record_of(live.session)
         return found
 
-    def _verify_motion(self, motion: xr.Dataset, periods: int, limit: float) -> xr.Dataset:
+    def _verify_motion(self, motion: xr.Dataset, periods: int, limit: float, progress: Any) -> xr.Dataset:
         """The verdict on a motion, at the values for which it was found."""
         if not isinstance(motion, xr.Dataset):
             raise ModelError(f"give a motion, as of model.solve() or curve.isel(point=3), not {type(motion).__name__}")
@@ -466,7 +474,8 @@ class Model(Peaks):
         words = {"status": session.words_of("status").index(motion["status"].item()), "n_unstable": int(motion["n_unstable"])}
         addresses = {name: part.ctypes.data for name, part in parts.items()}
         session.limit_verification(limit)
-        session.verify_motion(Motion(**sizes, **addresses, **numbers, **words), periods)
+        with Progress(progress, "verify", unit="step") as bar, session.reporting(bar.reach):
+            session.verify_motion(Motion(**sizes, **addresses, **numbers, **words), periods)
         return dataset.record_of(session)
 
     @staticmethod

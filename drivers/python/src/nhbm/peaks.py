@@ -16,6 +16,7 @@ from nhbm.paths import identifier
 from nhbm.responses import gradient_of, refuse_largest, response_of
 from nhbm.schema import SOLVED
 from nhbm.session import Session
+from nhbm.sweeps import Progress
 
 
 class Peak(NamedTuple):
@@ -41,7 +42,7 @@ class Peaks(Description):
     @exclusive
     @documented
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
-             **keys: Any) -> Peak:  # fmt: skip
+             progress: Any = False, **keys: Any) -> Peak:  # fmt: skip
         """Traces a curve like `curve` and returns its largest response.
 
         Stability and, for a given order, error estimates are not computed. Folds are passed.
@@ -55,6 +56,8 @@ class Peaks(Description):
         start, stop : float
             Its range, in its unit.
         {tolerance and order}
+        progress : bool or function
+            True: a progress bar of tqdm; a function is called with the number of points of the curve.
         **keys
             Of the group &curve.
 
@@ -65,12 +68,14 @@ class Peaks(Description):
             before the end of its range. The warning Implausible is issued if it is at an end of the range.
         """
         keys = curve_range(start, stop, keys)
-        return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
+        return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at), progress) or Peak(
+            np.nan, np.nan
+        )
 
     @exclusive
     @documented
     def peak_gradient(self, of: str, by: Iterable[str], path: str, start: float, stop: float, *, tolerance: float | None = None,
-                      order: int | None = None, **keys: Any) -> PeakGradient:  # fmt: skip
+                      order: int | None = None, progress: Any = False, **keys: Any) -> PeakGradient:  # fmt: skip
         """Computes the largest response of a curve like `peak`, with its derivatives: for gradient-based optimisation.
 
         Parameters
@@ -84,6 +89,8 @@ class Peaks(Description):
         start, stop : float
             Its range, in its unit.
         {tolerance and order}
+        progress : bool or function
+            True: a progress bar of tqdm; a function is called with the number of points of the curve.
         **keys
             Of the group &curve.
 
@@ -110,14 +117,14 @@ class Peaks(Description):
         paths = self._of_peaks(by, path)
         none = np.full(len(paths), np.nan)
         groups, keys = {"gradient": {"by": paths}}, curve_range(start, stop, keys)
-        return self._highest(of, path, keys, tolerance, order, groups, _with_slopes(of, paths)) or PeakGradient(
+        return self._highest(of, path, keys, tolerance, order, groups, _with_slopes(of, paths), progress) or PeakGradient(
             np.nan, np.nan, none, none
         )
 
     @exclusive
     @documented
     def peaks(self, of: str, path: str, start: float, stop: float, *, by: Iterable[str] = (), tolerance: float | None = None,
-              order: int | None = None, **keys: Any) -> list[PeakGradient]:  # fmt: skip
+              order: int | None = None, progress: Any = False, **keys: Any) -> list[PeakGradient]:  # fmt: skip
         """Finds all peaks of a response along a curve, with their derivatives: for the minimisation of the largest of them.
 
         The largest peak alone (`peak`, `peak_gradient`) has a kink where two peaks are equally high, which is where the optimum of
@@ -134,6 +141,8 @@ class Peaks(Description):
         by : iterable of str
             Paths of the values to differentiate by; none by default.
         {tolerance and order}
+        progress : bool or function
+            True: a progress bar of tqdm; a function is called with the number of points of the curve.
         **keys
             Of the group &curve.
 
@@ -160,7 +169,7 @@ class Peaks(Description):
                 found.append((evaluate(session, value, at), doubts.doubt_of(session)))
 
         groups = {"gradient": {"by": paths}} if paths else {}
-        self._trace(of, path, curve_range(start, stop, keys), tolerance, order, groups, visit)
+        self._trace(of, path, curve_range(start, stop, keys), tolerance, order, groups, visit, progress)
         for doubt in dict.fromkeys(doubt for _, doubt in found if doubt):
             doubts.warn(doubt)
         return [peak for peak, _ in found]
@@ -173,7 +182,7 @@ class Peaks(Description):
         return paths
 
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
-                 groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
+                 groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any], progress: Any) -> Any:  # fmt: skip
         """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
         warning, if the curve stops before the end of its range."""
         best: dict[str, Any] = {"value": -1.0, "at": np.nan, "found": None, "doubt": ""}
@@ -182,7 +191,7 @@ class Peaks(Description):
             if value > best["value"]:
                 best.update(value=value, at=at, found=evaluate(session, value, at), doubt=doubts.doubt_of(session))
 
-        if not self._trace(of, path, keys, tolerance, order, groups, visit):
+        if not self._trace(of, path, keys, tolerance, order, groups, visit, progress):
             return None
         if best["doubt"]:
             doubts.warn(best["doubt"])
@@ -192,7 +201,7 @@ class Peaks(Description):
         return best["found"]
 
     def _trace(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None, groups: dict[str, Any],
-               visit: Callable[[Session, float, float], None]) -> bool:  # fmt: skip
+               visit: Callable[[Session, float, float], None], progress: Any) -> bool:  # fmt: skip
         """Calls `visit` with the session, the response and the varied value at each point of a curve; whether it reaches the end of
         its range, with a warning if not."""
         refuse_largest(of)
@@ -204,13 +213,15 @@ class Peaks(Description):
         session = self._begin(request(tolerance, order, **groups))
         ends, values = [], []
         session.begin_curve()
-        while session.next():
-            if session.status not in SOLVED:
-                continue
-            values.append(float(session.column(identifier(path)).values))
-            if session.kind == "end":
-                ends.append(values[-1])
-            visit(session, response_of(session, of), values[-1])
+        with Progress(progress, "curve") as bar:
+            while session.next():
+                bar.update()
+                if session.status not in SOLVED:
+                    continue
+                values.append(float(session.column(identifier(path)).values))
+                if session.kind == "end":
+                    ends.append(values[-1])
+                visit(session, response_of(session, of), values[-1])
         if doubts.warn_of_end(session, path, values, keys["to"] - keys["from"]):
             return False
         doubts.warn_of_return(ends, keys["from"], keys["to"], keys.get("start", keys["from"]))

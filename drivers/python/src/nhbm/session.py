@@ -3,13 +3,14 @@ again."""
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import math
 import signal
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ from nhbm._library import (
     INTERRUPT_CALLBACK,
     INVALID_ARGUMENT,
     MAX_AXES,
+    PROGRESS_CALLBACK,
     STRUCTURE_CALLBACK,
     Census,
     CensusMotion,
@@ -249,6 +251,28 @@ class Session:
         with self._interrupts:
             self._call("take_census", n_starts, seed, time_limit, ctypes.byref(census))
         return census
+
+    @contextlib.contextmanager
+    def reporting(self, receive: Callable[[int, int], None]) -> Iterator[None]:
+        """Calls `receive` with the steps done and planned, twenty times a second, during work within this context; what it raises
+        is raised after that work."""
+        faults: list[BaseException] = []
+
+        def report(_: Any, progress: Any) -> None:
+            try:
+                if not faults and progress.contents.n_steps > 0:
+                    receive(progress.contents.n_done, progress.contents.n_steps)
+            except BaseException as fault:
+                faults.append(fault)
+
+        callback = PROGRESS_CALLBACK(report)
+        self._call("set_progress_callback", callback, None)
+        try:
+            yield
+        finally:
+            self._call("set_progress_callback", PROGRESS_CALLBACK(0), None)
+        if faults:
+            raise faults[0]
 
     def select(self, index: int) -> CensusMotion:
         """Makes a motion of the census the last motion; returns how it was found."""

@@ -429,6 +429,14 @@ class Progress:
         elif callable(self._wanted):
             self._wanted(self._n, *([] if misfit is None else [misfit]))
 
+    def reach(self, n: int, total: int) -> None:
+        """Of work whose length is known: a function gets both numbers."""
+        if self._bar is not None:
+            self._bar.total = total
+            self._bar.update(n - self._bar.n)
+        elif callable(self._wanted):
+            self._wanted(n, total)
+
     def __exit__(self, *fault: Any) -> None:
         if self._bar is not None:
             self._bar.close()
