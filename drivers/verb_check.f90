@@ -4,7 +4,6 @@ module verb_check
    use arguments, only: arguments_t
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
-   use hb_accurate_motion, only: solve_to_tolerance
    use hb_basis, only: basis_t
    use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
@@ -23,12 +22,13 @@ module verb_check
    use hb_modes, only: find_natural_frequencies, max_dofs, modes_t, new_modes
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, rank_of
-   use hb_outcome, only: outcome, outcome_name
+   use hb_outcome, only: is_solved, outcome, outcome_name
+   use hb_point, only: solve_point
    use hb_signals, only: signal_caught, wait_for_points
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_system, only: coordinates_of
-   use hb_text, only: number_of, to_text
+   use hb_text, only: number_of, rounded, to_text
    use run_texts, only: ending_text
    use verb_solve, only: load_study
    implicit none
@@ -218,56 +218,81 @@ contains
       end associate
    end subroutine describe_accuracy
 
-   !> Solves the first point to its tolerance, for a second at most, and reports what that takes: what the tolerance will probably
-   !> cost elsewhere.
+   !> Solves some points as `solve` does, each from its own start, and reports what all will take. The points are spread over the
+   !> sweep, because few may take most of the time; of curves the first point of the first one is solved.
    subroutine write_cost(study, seconds_left)
       type(study_t), intent(in) :: study
       real(wp), intent(in) :: seconds_left                            !! of the verb [s]
-      real(wp), parameter :: limit = 1.0_wp                           !! [s] of the processor
+      real(wp), parameter :: limit = 1.0_wp, limit_of_all = 3.0_wp    !! [s] of the processor for a point, for all
+      integer, parameter :: most = 8
+      real(wp), parameter :: golden = 0.6180339887498949_wp
       type(until_signal_t), target :: cancellation
       type(error_t), allocatable :: error
       type(level_t) :: level
+      type(model_t) :: model
       type(motion_result_t) :: result
-      real(wp) :: seconds, started
-      character(9) :: number
+      real(wp) :: ends, now, seconds(most)
+      integer :: i, n, n_ended, n_lost, n_points
 
-      if (.not. study%model%options%accuracy%is_on .or. seconds_left <= 0.0_wp) return
-      started = wall_clock()
-      call cancellation%enter(min(limit, study%model%options%solver%time_limit, seconds_left))
-      call solve_to_tolerance(study%model, result, error, level)
-      call cancellation%leave()
-      seconds = wall_clock() - started
-      if (allocated(error) .or. result%status == outcome%interrupted) return   ! solve reports the error
-      if (result%status == outcome%timed_out) then
-         call say("cost        the first point takes longer than "//to_text(nint(limit))//" s; a small sweep and "// &
-                  "`nhbm plan --cost-from` tell more")
+      if (.not. study%model%options%accuracy%is_on .and. study%plan%n_points == 1) return
+      ends = wall_clock() + min(limit_of_all, seconds_left)
+      n_points = merge(1, min(most, study%plan%n_points), allocated(study%plan%curve))
+      n = 0
+      n_ended = 0
+      n_lost = 0
+      do i = 1, n_points
+         now = wall_clock()
+         if (now >= ends) exit
+         call study%read_point(merge(i, 1 + int(study%plan%n_points*modulo((i - 1)*golden, 1.0_wp)), &
+                                     study%plan%n_points <= most), model, error)
+         if (allocated(error)) return                                 ! solve reports the error
+         call cancellation%enter(min(limit, model%options%solver%time_limit, ends - now))
+         call solve_point(model, result, error, level)
+         call cancellation%leave()
+         if (allocated(error) .or. result%status == outcome%interrupted) return
+         if (.not. is_solved(result%status)) n_lost = n_lost + 1
+         if (result%status == outcome%timed_out) n_ended = n_ended + 1
+         n = i
+         seconds(i) = wall_clock() - now
+      end do
+      if (n == 0) return
+      if (study%plan%n_points == 1 .or. allocated(study%plan%curve)) then
+         call write_cost_of_one(study, result, seconds(1), n_ended > 0)
+      else
+         call say("cost        "//rounded(sum(seconds(:n))/n)//" s a point, the mean of "//to_text(n)//", which took "// &
+                  rounded(minval(seconds(:n)))//" to "//rounded(maxval(seconds(:n)))//" s; "// &
+                  trim(merge("more than", "about    ", n_ended > 0))//" "//rounded(study%plan%n_points*sum(seconds(:n))/n)// &
+                  " s for "//to_text(study%plan%n_points)//" points on one rank")
+         if (n_lost > 0) call say("            "//to_text(n_lost)//" of the "//to_text(n)//" points were not solved"// &
+            trim(merge(" within a second", "                ", n_ended > 0))//"; nhbm why explains them after a run")
+      end if
+   end subroutine write_cost
+
+   !> Writes what one point takes: what the tolerance will probably cost elsewhere.
+   subroutine write_cost_of_one(study, result, seconds, is_ended)
+      type(study_t), intent(in) :: study
+      type(motion_result_t), intent(in) :: result
+      real(wp), intent(in) :: seconds
+      logical, intent(in) :: is_ended                                 !! by its limit
+      character(:), allocatable :: of_all
+
+      if (is_ended) then
+         call say("cost        the first point takes longer than a second")
          return
       end if
-      write (number, "(es9.1)") seconds
-      call say("cost        "//trim(adjustl(number))//" s for the first point ("//outcome_name(result%status)//", "// &
-               number_of(result%n_harmonics, "harmonic")//")"//of_all(study, seconds))
-      if (result%status /= outcome%converged .and. result%status /= outcome%integrated) &
-         call say("            the fallbacks of solve take longer; a small sweep and `nhbm plan --cost-from` tell more")
-   end subroutine write_cost
+      of_all = ""
+      if (study%plan%n_points > 1) of_all = "; at this rate "//rounded(seconds*study%plan%n_points)//" s for "// &
+         number_of(study%plan%n_points, "point")//" on one rank"
+      call say("cost        "//rounded(seconds)//" s for the first point ("//outcome_name(result%status)//", "// &
+               number_of(result%n_harmonics, "harmonic")//")"//of_all)
+      if (.not. is_solved(result%status)) call say("            other points may take less, or longer")
+   end subroutine write_cost_of_one
 
    logical function until_signal_wants_end(self) result(wants_end)
       class(until_signal_t), intent(inout) :: self
 
       wants_end = signal_caught() .or. self%verdict == verdict%interrupted
    end function until_signal_wants_end
-
-   !> What all points of a sweep take at that rate; empty for a single point.
-   function of_all(study, seconds) result(text)
-      type(study_t), intent(in) :: study
-      real(wp), intent(in) :: seconds
-      character(:), allocatable :: text
-      character(9) :: number
-
-      text = ""
-      if (study%plan%n_points == 1) return
-      write (number, "(es9.1)") seconds*study%plan%n_points
-      text = "; at this rate "//trim(adjustl(number))//" s for "//number_of(study%plan%n_points, "point")//" on one rank"
-   end function of_all
 
    !> What is behind a size that only the lowest level has.
    pure function on_lowest(is_chosen) result(text)
