@@ -14,7 +14,8 @@ import pytest
 from program import ALL_CONVERGED, BAD_INPUT, command, environment, read, run
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "user" / "input.md"
+PAGE = ROOT / "docs" / "user" / "running.md"
+INPUT_PAGE = PAGE.with_name("input.md")
 STARTERS = ROOT / "drivers" / "starters"
 VERBS = ("solve", "resume", "info", "check", "plan", "integrate", "verify")
 
@@ -152,8 +153,8 @@ def test_results_have_no_names_of_other_formats(tmp_path, name):
 
 
 def test_the_page_knows_all_options(tmp_path):
-    """The table of docs/user/input.md and the help name the same options."""
-    section = PAGE.read_text(encoding="utf-8").split("## Command line and exit status")[1]
+    """The table of docs/user/running.md and the help name the same options."""
+    section = PAGE.read_text(encoding="utf-8").split("## Command line")[1].split("\n## ")[0]
     options = set(re.findall(r"`(--[a-z-]+)", section.split("| exit status |")[0]))
     assert options == set(re.findall(r"(--[a-z-]+)", run("help", cwd=tmp_path).stdout.split("options:")[1]))
 
@@ -177,7 +178,7 @@ def test_frequencies_that_were_unknown_are_reported(tmp_path):
 
 def test_worked_example_prints_what_the_page_shows(tmp_path):
     """`...` on the page represents anything, such as the memory of the machine, or the rounding errors of a check."""
-    section = PAGE.read_text(encoding="utf-8").split("## A worked example")[1].split("\n## ")[0]
+    section = INPUT_PAGE.read_text(encoding="utf-8").split("## A worked example")[1].split("\n## ")[0]
     text = re.search(r"```fortran\n(.*?)```", section, re.DOTALL).group(1)
     console = re.search(r"```console\n(.*?)```", section, re.DOTALL).group(1)
     (tmp_path / "wall.nml").write_text(text)
