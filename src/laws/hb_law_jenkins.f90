@@ -36,14 +36,22 @@ contains
    subroutine jenkins_declare_numbers(self, numbers)
       class(jenkins_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
+      logical :: has_limit
 
+      has_limit = .false.                                             ! unless an input is read
+      call numbers%note_given("limit", has_limit)
       call numbers%note_given("friction_coefficient", self%normal_load_varies)
       call numbers%add("stiffness", self%stiffness)
-      if (self%normal_load_varies) then
+      if (self%normal_load_varies .and. has_limit) then               ! one problem, not what each of both lacks
+         call numbers%reject("limit", "give either 'limit' or 'friction_coefficient', not both")
+         self%normal_load_varies = .false.
+         call numbers%add("friction_coefficient", self%friction_coefficient)
+         call numbers%add("normal_stiffness", self%normal_stiffness, required=.false.)
+         call numbers%add("preload", self%preload, required=.false.)
+      else if (self%normal_load_varies) then
          call numbers%add("friction_coefficient", self%friction_coefficient)
          call numbers%add("normal_stiffness", self%normal_stiffness)
          call numbers%add("preload", self%preload)
-         call numbers%reject("limit", "give either 'limit' or 'friction_coefficient', not both")
       else
          call numbers%add("limit", self%limit)
       end if

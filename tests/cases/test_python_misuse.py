@@ -243,6 +243,8 @@ def labelled(label):
     (lambda: duffing().set("harmonics", oder=3), "unknown key 'oder'; did you mean 'order'"),
     (lambda: duffing().curve("tones[0]", 0.5, 2.0, pints=3), "unknown key 'pints'; did you mean 'points'"),
     (lambda: duffing().solve(order=3, tolerance=1e-3), "give a tolerance, .* or an order, .*; not both"),
+    (lambda: duffing().law("jenkins", "x1", stiffness=1.0, limit=0.1, friction_coefficient=0.3),
+     r"^&law type = 'jenkins': limit: give either 'limit' or 'friction_coefficient', not both$"),
     (lambda: nhbm.Matrices(np.eye(2), 1j * np.eye(2)), "stiffness must be real"),
     (lambda: nhbm.Structure(np.eye(2), (1 + 0.1j) * np.eye(2)), "'stiffness' is complex; .* `structural`"),
     (lambda: duffing().sweep({"frequency": [1.0]}), "did you mean 'tones"),
