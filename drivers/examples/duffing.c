@@ -15,13 +15,13 @@ static const char *const text =
 int main(void) {
    nhbm_model *model = NULL;
    nhbm_column coefficients;
-   int frequency, k;
+   int tones, k;
 
    if (nhbm_get_api_version() != NHBM_API_VERSION || nhbm_create(&model) || nhbm_read_input(model, text, "duffing")) goto failed;
-   if (nhbm_find_parameter(model, "tones%frequency", &frequency)) goto failed;
+   if (nhbm_find_group(model, "tones%frequency", &tones)) goto failed;
    for (k = 0; k < 5; ++k) {
       const double value = 0.5 + 0.25 * k;
-      if (nhbm_set_parameter(model, frequency, value)) goto failed;
+      if (nhbm_set_real(model, tones, "frequency", value)) goto failed;
       if (nhbm_solve(model, k > 0 ? NHBM_WARM_START : NHBM_COLD_START)) goto failed;
       if (nhbm_get_column(model, "coefficients", &coefficients)) goto failed;
       /* (dof, harmonic, component): the second harmonic of the set is that of the tone, its first component the cosine */

@@ -15,13 +15,13 @@ program duffing
    type(model_t), target :: model
    type(error_t), allocatable :: error
    real(wp) :: value
-   integer :: frequency, k
+   integer :: tones, k
 
    call model%read("duffing", text, error)
-   if (.not. allocated(error)) call model%find_parameter("tones%frequency", frequency, error)
+   if (.not. allocated(error)) call model%locate("tones%frequency", tones, error)
    do k = 0, 4
       value = 0.5_wp + 0.25_wp*k
-      if (.not. allocated(error)) call model%set_parameter(frequency, value, error)
+      if (.not. allocated(error)) call model%set(tones, "frequency", [value], error)
       if (.not. allocated(error)) call model%solve(k > 0, error)
       if (allocated(error)) error stop error%message
       if (model%result%status == outcome%converged) print "(f4.2, 1x, es24.16)", value, model%result%coefficients(1, 2, 1)

@@ -59,8 +59,8 @@ contains
       if (has_null) then
          call fail(error, "an argument is NULL")
          status = c_status%invalid_argument
-      else if ((present(needs_input) .or. present(needs_model)) .and. .not. handle%session%input%is_valid) then
-         call fail(error, "the model has no input; call nhbm_read_input before")
+      else if ((present(needs_input) .or. present(needs_model)) .and. .not. handle%session%input%has_groups()) then
+         call fail(error, "the model has no groups; call nhbm_add_group or nhbm_read_input before")
       else if (present(needs_model) .and. .not. handle%session%source%model%is_read) then
          call fail(error, "the present values of the input are invalid; set others and compute again")
       else if (present(needs_time)) then

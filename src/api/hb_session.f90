@@ -11,11 +11,10 @@ module hb_session
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
    use hb_curve_request, only: usual_points
    use hb_curve_runner, only: curve_runner_t
-   use hb_document, only: document_t
+   use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
    use hb_idle_laws, only: idle_laws_t
-   use hb_input_keys, only: input_groups
    use hb_integration, only: integrate_model, integration_t
    use hb_integration_verdict, only: kind_of_verdict => verdict, verdict_t
    use hb_kinds, only: wp
@@ -35,6 +34,7 @@ module hb_session
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point_runner, only: run_model
    use hb_point_source, only: point_source_t
+   use hb_property_values, only: content_t
    use hb_session_cancellation, only: session_cancellation_t
    use hb_session_input, only: session_input_t
    use hb_sweep_plan, only: read_sweep_plan
@@ -66,6 +66,7 @@ module hb_session
       logical, private :: has_law_doubt = .false.                     ! the last motion is the one that `source%law_doubt` is of
       type(neighbour_t), private :: neighbour
       type(curve_plan_t) :: plan                                      !! of the curve
+      type(content_t), allocatable, private :: before                 ! of the group whose value the curve moves
       type(curve_runner_t), private :: runner                         ! of the curve
       logical, private :: has_verdict = .false.
       logical, private :: is_present = .false.                        ! the motion was computed with the present values
@@ -74,11 +75,12 @@ module hb_session
    contains
       procedure :: set_structure_source => session_set_structure_source
       procedure :: read => session_read
-      procedure :: begin_input => session_begin_input
-      procedure :: end_input => session_end_input
-      procedure :: set_key => session_set_key
-      procedure :: find_parameter => session_find_parameter
-      procedure :: set_parameter => session_set_parameter
+      procedure :: clear => session_clear
+      procedure :: add_group => session_add_group
+      procedure :: remove_group => session_remove_group
+      procedure :: locate => session_locate
+      procedure :: set => session_set
+      procedure :: check_group => session_check_group
       procedure :: update => session_update
       procedure :: check_model => session_check_model
       procedure :: complete_input => session_complete_input
@@ -126,58 +128,80 @@ contains
 
       call forget_model(self)
       call self%input%read(name, text, error)
-      if (.not. allocated(error)) call read_document(self, error)
+      if (.not. allocated(error)) call self%update(error)
+      if (allocated(error)) call self%input%clear("")
    end subroutine session_read
 
-   !> Begins an input without text, which replaces the previous one: groups and their values follow, then `end_input`.
-   subroutine session_begin_input(self)
+   !> Removes all groups and the motions of the model.
+   subroutine session_clear(self, folder)
       class(session_t), intent(inout) :: self
+      character(*), intent(in) :: folder                              !! of the files that groups name, "models/"; or empty
 
       call forget_model(self)
-      call self%input%begin()
-   end subroutine session_begin_input
+      call self%input%clear(folder)
+   end subroutine session_clear
 
-   !> Reads a model from the input that was begun. Fails with all errors of the input.
-   subroutine session_end_input(self, error)
+   !> Adds a group without values, such as "law".
+   subroutine session_add_group(self, name, handle, error)
       class(session_t), intent(inout), target :: self
+      character(*), intent(in) :: name
+      integer, intent(out) :: handle                                  !! identifies the group until it is removed
       type(error_t), allocatable, intent(out) :: error
 
-      call self%input%end(error)
-      if (.not. allocated(error)) call read_document(self, error)
-   end subroutine session_end_input
+      call self%input%add_group(name, handle, error)
+      if (.not. allocated(error)) call note_change(self)
+   end subroutine session_add_group
 
-   !> Sets the values of a key, `law(stop)%gap = 1e-3`.
-   subroutine session_set_key(self, path, values, error)
+   !> Removes a group.
+   subroutine session_remove_group(self, handle, error)
       class(session_t), intent(inout), target :: self
-      character(*), intent(in) :: path, values                        !! as for `--set`
+      integer, intent(in) :: handle
       type(error_t), allocatable, intent(out) :: error
 
-      call self%input%check(error)
+      call self%input%check_handle(handle, error)
       if (allocated(error)) return
       call note_change(self)
-      call self%input%set_key(path, values, error)
-   end subroutine session_set_key
+      call self%input%remove_group(handle, error)
+   end subroutine session_remove_group
 
-   !> Resolves a number of the input by its path, `law(stop)%gap`, for `set_parameter`.
-   subroutine session_find_parameter(self, path, number, error)
-      class(session_t), intent(inout) :: self
-      character(*), intent(in) :: path
-      integer, intent(out) :: number                                  !! valid until another input is read
-      type(error_t), allocatable, intent(out) :: error
-
-      call self%input%find_parameter(path, number, error)
-   end subroutine session_find_parameter
-
-   !> Sets a resolved number, in the unit of the input. The next solution reports errors of its value.
-   subroutine session_set_parameter(self, number, value, error)
+   !> Finds the group of a value by its path, `law(stop)%gap`.
+   subroutine session_locate(self, path, group, error)
       class(session_t), intent(inout), target :: self
-      integer, intent(in) :: number                                   !! returned by `find_parameter`
-      real(wp), intent(in) :: value
+      character(*), intent(in) :: path
+      integer, intent(out) :: group                                   !! its handle
+      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: ignored
+
+      group = 0
+      call self%input%check(error)
+      if (.not. (allocated(error) .or. self%source%model%is_read)) call self%update(ignored)   ! for its ties and keys
+      if (.not. allocated(error)) call self%input%locate(path, group, error)
+   end subroutine session_locate
+
+   !> Sets a key of a group, "gap" or "frequency(2)", in the units of an input; no values: its default. Matrices are given by rows.
+   !> The next computation reports what is invalid.
+   subroutine session_set(self, group, key, values, error)
+      class(session_t), intent(inout), target :: self
+      integer, intent(in) :: group                                    !! its handle
+      character(*), intent(in) :: key
+      class(*), intent(in) :: values(:)                               !! reals, integers, logicals or string_t
+      type(error_t), allocatable, intent(out) :: error
+      type(parameter_t) :: parameter
+
+      call self%input%find(group, key, size(values), parameter, error)
+      if (allocated(error)) return
+      call note_change(self)
+      call self%input%set(parameter, values)
+   end subroutine session_set
+
+   !> Fails with what is wrong with a group by itself: the structure or the tones, or what is added to these.
+   subroutine session_check_group(self, group, error)
+      class(session_t), intent(inout), target :: self
+      integer, intent(in) :: group
       type(error_t), allocatable, intent(out) :: error
 
-      call self%input%set_parameter(number, value, error)
-      if (.not. allocated(error)) call note_change(self)
-   end subroutine session_set_parameter
+      call self%input%check_group(group, self%source%callbacks, error)
+   end subroutine session_check_group
 
    !> Forgets the model of the previous input, and its motions.
    subroutine forget_model(self)
@@ -194,21 +218,6 @@ contains
       self%structure_number = self%structure_number + 1
    end subroutine forget_model
 
-   !> Reads a model from the present document.
-   subroutine read_document(self, error)
-      class(session_t), intent(inout), target :: self
-      type(error_t), allocatable, intent(out) :: error
-      logical :: is_new
-
-      call self%input%document%expect_groups(input_groups(), error)
-      if (allocated(error)) return
-      self%source%purpose = purpose_t(is_followed=self%input%document%count("curve") > 0, may_only_integrate=.true.)
-      call share_time(self, self%n_points)
-      call update_model(self%source%model, self%input%document, is_new, error, callbacks=self%source%callbacks, &
-                        purpose=self%source%purpose)
-      self%input%is_valid = .not. allocated(error)
-   end subroutine read_document
-
    !> Updates the model to the present values. Fails with all errors of the input.
    subroutine session_update(self, error, has_balance)
       class(session_t), intent(inout), target :: self
@@ -219,6 +228,7 @@ contains
       call end_sweep(self)
       call self%input%check(error)
       if (allocated(error)) return
+      call share_time(self, merge(self%n_points, self%n_sharing, self%n_sharing < 0))
       call update_model(self%source%model, self%input%document, is_new, error, callbacks=self%source%callbacks, &
                         purpose=self%source%purpose)
       if (is_new) self%structure_number = self%structure_number + 1
@@ -233,7 +243,7 @@ contains
       type(error_t), allocatable :: ignored
 
       text = ""
-      if (.not. self%input%is_valid) return
+      if (.not. self%input%has_groups()) return
       if (self%sweep%is_begun .and. .not. present(only_given)) then
          text = self%sweep%input
          return
@@ -353,7 +363,8 @@ contains
       call complete_result(self)
    end subroutine session_solve
 
-   !> Begins the curve of the group `&curve`; `curve_next` returns its points. Setting a value or another computation ends it.
+   !> Begins the curve of the group `&curve`; `curve_next` returns its points. Setting a value or another computation ends it, and
+   !> restores the value that it moves.
    subroutine session_curve_begin(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -370,6 +381,7 @@ contains
       if (allocated(error)) return
       call self%input%document%refuse_tied(self%plan%parameter, self%plan%path, error)
       if (allocated(error)) return
+      self%before = self%input%document%groups%holders(self%plan%parameter%i_group)%group%content
       call self%plan%set(self%input%document, self%plan%start)
       call share_time(self, min(self%plan%n_points, usual_points))
       call self%update(error, has_balance=.true.)
@@ -397,8 +409,8 @@ contains
       document = self%input%document
       call set_text(document, "curve%points", to_text(n_points), error)
       if (.not. allocated(error)) call read_curve_plan(longer, document, error)   ! refuses too many
-      if (.not. allocated(error)) call self%input%set_key("curve%points", to_text(n_points), error)
       if (allocated(error)) return
+      call set_text(self%input%document, "curve%points", to_text(n_points), error)
       self%plan%n_points = n_points
       call self%runner%lengthen(n_points)
       self%has_curve = .not. self%runner%is_done
@@ -611,6 +623,7 @@ contains
       class(session_t), intent(inout) :: self
       integer, intent(in) :: n_points
 
+      self%source%purpose = purpose_t(is_followed=self%input%document%is_given("curve"), may_only_integrate=.true.)
       if (n_points == self%n_sharing .and. (self%source%purpose%is_followed .eqv. self%shares_of_curve)) return
       call add_time_integration(self%source%callbacks, self%source%purpose%is_followed, n_points)
       self%source%model%is_read = .false.
@@ -674,6 +687,13 @@ contains
 
       call self%runner%destroy()
       self%has_curve = .false.
+      if (allocated(self%before)) then
+         associate (group => self%input%document%groups%holders(self%plan%parameter%i_group)%group)
+            group%content = self%before
+            group%has_changed = .true.
+         end associate
+         deallocate (self%before)
+      end if
       call end_sweep(self)
    end subroutine end_curve
 

@@ -6,9 +6,9 @@
  *    nhbm_column column;
  *    int frequency, i;
  *    if (nhbm_create(&model) || nhbm_read_input(model, text, "my model") ||
- *        nhbm_find_parameter(model, "tones%frequency", &frequency)) goto failed;
+ *        nhbm_find_group(model, "tones%frequency", &tones)) goto failed;
  *    for (i = 0; i < n; ++i) {
- *       if (nhbm_set_parameter(model, frequency, values[i]) || nhbm_solve(model, NHBM_WARM_START) ||
+ *       if (nhbm_set_real(model, tones, "frequency", values[i]) || nhbm_solve(model, NHBM_WARM_START) ||
  *           nhbm_get_column(model, "coefficients", &column)) goto failed;
  *    }
  *    nhbm_destroy(&model);
@@ -60,7 +60,7 @@ enum nhbm_status {
    NHBM_SUCCESS = 0,
    NHBM_INVALID_INPUT = -1,    /* the input, a path, or a value is wrong; the message names group, key and a valid value */
    NHBM_INVALID_ARGUMENT = -2, /* an argument is NULL, out of range, an unknown name, or not a model */
-   NHBM_INVALID_STATE = -3,    /* the function cannot be called now: the model has no input, no motion, no curve */
+   NHBM_INVALID_STATE = -3,    /* the function cannot be called now: the model has no groups, no motion, no curve */
    NHBM_BUSY = -4,             /* another call is using the model */
    NHBM_OUT_OF_MEMORY = -5
 };
@@ -100,47 +100,65 @@ NHBM_EXPORT size_t nhbm_get_key_count(void);
 #define NHBM_KEY_ROW_SIZE 1201
 NHBM_EXPORT int nhbm_get_key_row(size_t index, char *row, size_t size);
 
-/* ---- Models and their input ---- */
+/* ---- Models ---- */
 
 typedef struct nhbm_model nhbm_model;
 
-/* Creates a model without an input. NHBM_OUT_OF_MEMORY: *model is NULL. */
+/* Creates a model without groups. NHBM_OUT_OF_MEMORY: *model is NULL. */
 NHBM_EXPORT int nhbm_create(nhbm_model **model);
 
 /* Frees a model and sets *model to NULL; no effect if *model is NULL. Copies of the pointer become invalid: functions called
  * with one return NHBM_INVALID_ARGUMENT until a new model has the same address. NHBM_BUSY: the model remains. */
 NHBM_EXPORT int nhbm_destroy(nhbm_model **model);
 
-/* Reads the text of an input (docs/user/input.md), which replaces the previous input, its results, and its parameters. Messages
- * contain `name` and the line, unless it is empty or the path of a folder, "models/"; files that the text names are relative to the
- * folder of `name`. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
+/* ---- Groups and their values ----
+ *
+ *     nhbm_add_group(model, "law", &wall);
+ *     nhbm_set_text(model, wall, "type", "rigid_wall");
+ *     nhbm_set_text(model, wall, "dof", "v3");
+ *     nhbm_set_real(model, wall, "gap", 1.5e-3);
+ *     ...
+ *     if (nhbm_solve(model, NHBM_COLD_START) != NHBM_SUCCESS) fputs(nhbm_get_last_error(), stderr);
+ *     nhbm_set_real(model, wall, "gap", 2.0e-3);
+ *
+ * The groups and keys are those of docs/user/input.md, settings of a computation included. The handle of a group is valid until the
+ * group is removed. Each change ends a curve. The next computation, or nhbm_check, reports everything that is wrong: names of keys,
+ * values, what is missing. */
+
+/* Adds a group. NHBM_INVALID_ARGUMENT: there is no group of this name; the message lists the known ones. */
+NHBM_EXPORT int nhbm_add_group(nhbm_model *model, const char *name, int *group);
+
+/* Sets a key of a group, "gap", or one of several values of it, "frequency(2)". A matrix is given by rows; n = 0 restores the
+ * default. Setting a number again is fast: the model is not read anew. NHBM_INVALID_ARGUMENT: there is no such group, or no such
+ * key, or the value follows another one (&tie). */
+NHBM_EXPORT int nhbm_set_real(nhbm_model *model, int group, const char *key, double value);
+NHBM_EXPORT int nhbm_set_reals(nhbm_model *model, int group, const char *key, size_t n, const double *values);
+NHBM_EXPORT int nhbm_set_integers(nhbm_model *model, int group, const char *key, size_t n, const int *values);
+NHBM_EXPORT int nhbm_set_logicals(nhbm_model *model, int group, const char *key, size_t n, const int *values); /* 0: false */
+NHBM_EXPORT int nhbm_set_text(nhbm_model *model, int group, const char *key, const char *text);
+NHBM_EXPORT int nhbm_set_texts(nhbm_model *model, int group, const char *key, size_t n, const char *const *texts);
+
+/* Removes a group. */
+NHBM_EXPORT int nhbm_remove_group(nhbm_model *model, int group);
+
+/* Removes all groups, with the motions of the model. Files that groups name are relative to `folder`, "models/", or, if it is empty,
+ * to the current one. */
+NHBM_EXPORT int nhbm_clear(nhbm_model *model, const char *folder);
+
+/* Checks a group by itself, on the structure and the tones alone. NHBM_INVALID_INPUT: the message lists its errors. */
+NHBM_EXPORT int nhbm_check_group(nhbm_model *model, int group);
+
+/* Checks all groups. NHBM_INVALID_INPUT: the message lists all errors. */
+NHBM_EXPORT int nhbm_check(nhbm_model *model);
+
+/* Reads the text of an input (docs/user/input.md): its groups replace those of the model. Messages contain `name` and the line,
+ * unless it is empty or the path of a folder, "models/"; files that the text names are relative to the folder of `name`.
+ * NHBM_INVALID_INPUT: the message lists all errors; the model has no groups. */
 NHBM_EXPORT int nhbm_read_input(nhbm_model *model, const char *text, const char *name);
 
-/* ---- Inputs from numbers ----
- *
- *     nhbm_input_begin(model);
- *     nhbm_input_add_group(model, "law");
- *     nhbm_input_set_text(model, "type", "rigid_wall");
- *     nhbm_input_set_real(model, "gap", 1.5e-3);
- *     ...
- *     if (nhbm_input_end(model) != NHBM_SUCCESS) fputs(nhbm_get_last_error(), stderr);
- *
- * The groups and keys are those of docs/user/input.md. NHBM_INVALID_STATE: no input was begun. NHBM_INVALID_ARGUMENT: a name is not
- * written as one, or n is 0. All other errors are reported by nhbm_input_end. */
-
-/* Begins an input, which replaces the previous one, its results and its parameters. */
-NHBM_EXPORT int nhbm_input_begin(nhbm_model *model);
-
-/* Adds a group. The functions that follow set its keys; a key that is set again has its last values. */
-NHBM_EXPORT int nhbm_input_add_group(nhbm_model *model, const char *name);
-NHBM_EXPORT int nhbm_input_set_text(nhbm_model *model, const char *key, const char *text);
-NHBM_EXPORT int nhbm_input_set_logical(nhbm_model *model, const char *key, int value); /* 0: false */
-NHBM_EXPORT int nhbm_input_set_real(nhbm_model *model, const char *key, double value);
-NHBM_EXPORT int nhbm_input_set_reals(nhbm_model *model, const char *key, size_t n, const double *values); /* a matrix by rows */
-NHBM_EXPORT int nhbm_input_set_integers(nhbm_model *model, const char *key, size_t n, const int *values);
-
-/* Ends the input. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
-NHBM_EXPORT int nhbm_input_end(nhbm_model *model);
+/* Finds the group of a value by its path: "law(stop)%gap", "tones%frequency(1)". A group that occurs once is added if there is none.
+ * NHBM_INVALID_INPUT: there is no such key, or its value follows another one. */
+NHBM_EXPORT int nhbm_find_group(nhbm_model *model, const char *path, int *group);
 
 /* Returns the input with all permitted keys and their values; an invalid value is replaced by the last valid one. */
 NHBM_EXPORT int nhbm_get_input(const nhbm_model *model, const char **text);
@@ -149,31 +167,19 @@ NHBM_EXPORT int nhbm_get_input(const nhbm_model *model, const char **text);
 NHBM_EXPORT int nhbm_get_given_input(const nhbm_model *model, const char **text);
 
 /* Returns the files on which the model depends besides its input, one per line with a checksum: libraries of laws, the structure.
- * NHBM_INVALID_STATE: the model has no input, or its present values are invalid. */
+ * NHBM_INVALID_STATE: the model has no groups, or its present values are invalid. */
 NHBM_EXPORT int nhbm_get_libraries(const nhbm_model *model, const char **text);
-
-/* Sets the values of a key, as the option --set of the command does: path "law(stop)%gap", values "1e-3". The next computation
- * reports an invalid value. Ends a curve. NHBM_INVALID_INPUT: there is no such key, or `values` is not written as in an input. */
-NHBM_EXPORT int nhbm_set_key(nhbm_model *model, const char *path, const char *values);
-
-/* Returns a handle for a real number such as "tones%frequency(1)" or "law(stop)%gap", which nhbm_set_parameter sets faster than
- * nhbm_set_key. It is valid until the next nhbm_read_input. */
-NHBM_EXPORT int nhbm_find_parameter(nhbm_model *model, const char *path, int *parameter);
-
-/* Sets this number, in the unit of the input. The next computation reports an invalid value. Ends a curve.
- * NHBM_INVALID_ARGUMENT: the handle is invalid. */
-NHBM_EXPORT int nhbm_set_parameter(nhbm_model *model, int parameter, double value);
 
 /* ---- Structures of the program ---- */
 
 typedef struct nhbm_structure nhbm_structure;
 
 /* Supplies the structure of an input with &structure type = 'model', file = FILE: describes it by the functions below and
- * returns 0. Any other value, or an error in one of these functions, makes nhbm_read_input, or a computation after a value of
- * &structure has changed, fail with NHBM_INVALID_INPUT. `structure` is valid until the callback returns. */
+ * returns 0. Any other value, or an error in one of these functions, makes nhbm_check, nhbm_read_input, or a computation after a
+ * value of &structure has changed, fail with NHBM_INVALID_INPUT. `structure` is valid until the callback returns. */
 typedef int (*nhbm_structure_callback)(void *context, const char *file, nhbm_structure *structure);
 
-/* Sets this callback from the next reading of the structure on; NULL: none. Call it before nhbm_read_input. `context` and what the
+/* Sets this callback from the next reading of the structure on; NULL: none. Call it before the groups are read. `context` and what the
  * callback uses must exist until another callback is set or the model is destroyed. The same holds for the other callbacks. */
 NHBM_EXPORT int nhbm_set_structure_callback(nhbm_model *model, nhbm_structure_callback callback, void *context);
 
@@ -248,7 +254,7 @@ NHBM_EXPORT int nhbm_solve(nhbm_model *model, int start);
  * points. */
 NHBM_EXPORT int nhbm_set_point_count(nhbm_model *model, size_t n_points);
 
-/* Begins the curve of the group &curve. */
+/* Begins the curve of the group &curve. The value that it moves is restored when the curve ends. */
 NHBM_EXPORT int nhbm_curve_begin(nhbm_model *model);
 
 /* Computes the next point of the curve as the last motion. *has_point: 1, or 0 after the last point and in each further call.
@@ -383,7 +389,7 @@ typedef struct nhbm_column {
 
 /* Returns a column of the last motion, by its name in the result file (docs/user/schema.md). Before the first computation no column
  * of a motion has values. NHBM_INVALID_ARGUMENT: no column has this name; the message lists the known ones.
- * NHBM_INVALID_STATE: the model has no input, or its present values are invalid. */
+ * NHBM_INVALID_STATE: the model has no groups, or its present values are invalid. */
 NHBM_EXPORT int nhbm_get_column(const nhbm_model *model, const char *name, nhbm_column *column);
 
 typedef struct nhbm_column_description {
@@ -412,7 +418,7 @@ NHBM_EXPORT int nhbm_describe_time_column(const nhbm_model *model, const char *n
  *
  *     nhbm_clear_table(model);
  *     for (i = 0; i < n; ++i) {
- *        if (nhbm_set_parameter(model, gap, gaps[i]) || nhbm_solve(model, NHBM_WARM_START) || nhbm_add_row(model)) goto failed;
+ *        if (nhbm_set_real(model, wall, "gap", gaps[i]) || nhbm_solve(model, NHBM_WARM_START) || nhbm_add_row(model)) goto failed;
  *     }
  *     if (nhbm_get_table(model, &table)) goto failed;
  *     for (i = 0; i < table.n_columns; ++i) ... nhbm_describe_table_column, nhbm_copy_columns
@@ -423,7 +429,7 @@ NHBM_EXPORT int nhbm_describe_time_column(const nhbm_model *model, const char *n
 /* Removes all rows. */
 NHBM_EXPORT int nhbm_clear_table(nhbm_model *model);
 
-/* Adds the last motion. NHBM_INVALID_STATE: the model has no input, or its present values are invalid. */
+/* Adds the last motion. NHBM_INVALID_STATE: the model has no groups, or its present values are invalid. */
 NHBM_EXPORT int nhbm_add_row(nhbm_model *model);
 
 typedef struct nhbm_table {

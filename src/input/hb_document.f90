@@ -62,10 +62,12 @@ module hb_document
       type(parameter_t), allocatable, private :: changes(:) !! numbers that have changed, (max_changes)
       integer, private :: n_changes = 0
       integer, private :: reading = 1                       !! number of the present reading
+      logical, private :: has_other_groups = .false.        !! groups were removed since `accept_changes`
    contains
       generic :: set => set_number, set_word
       procedure :: accept_changes => document_accept_changes
       procedure :: add => document_add
+      procedure :: add_given => document_add_given
       procedure :: begin => document_begin
       procedure :: count => document_count
       procedure :: expect_groups => document_expect_groups
@@ -75,6 +77,7 @@ module hb_document
       procedure :: group => document_group
       procedure :: has_changed => document_has_changed
       procedure :: is_given => document_is_given
+      procedure :: is_of_file => document_is_of_file
       procedure :: is_real => document_is_real
       procedure :: n_tones_of => document_n_tones_of
       procedure :: number_at => document_number_at
@@ -83,6 +86,7 @@ module hb_document
       procedure :: refuse_unknown => document_refuse_unknown
       procedure :: required_group => document_required_group
       procedure :: remove => document_remove
+      procedure :: remove_group => document_remove_group
       procedure :: resolve => document_resolve
       procedure :: adopt_changes => document_adopt_changes
       procedure :: unit_of => document_unit_of
@@ -112,6 +116,43 @@ contains
       group => self%groups%holders(self%groups%n)%group
    end function document_add
 
+   !> Adds a group as if it were written in an input: it need not be read. `handle` identifies it until it is removed. Fails for an
+   !> unknown name.
+   subroutine document_add_given(self, name, handle, error)
+      class(document_t), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(out) :: handle
+      type(error_t), allocatable, intent(out) :: error
+      integer :: position
+
+      handle = 0
+      if (allocated(self%known)) then
+         if (.not. is_known(self, lower(trim(name)))) then
+            call fail_with_advice("unknown group '&"//lower(trim(name))//"'", self, name, error)
+            return
+         end if
+      end if
+      position = self%groups%n + 1
+      if (self%count(name) == 1 .and. .not. self%is_given(name)) position = self%groups%position_of(name, 1)   ! of a reading
+      if (position > self%groups%n) call self%groups%add(lower(trim(name)), self%file_name, position)
+      associate (group => self%groups%holders(position)%group)
+         group%line = position
+         group%has_changed = .true.
+         handle = group%handle
+      end associate
+   end subroutine document_add_given
+
+   !> Removes the group at a position.
+   subroutine document_remove_group(self, position)
+      class(document_t), intent(inout) :: self
+      integer, intent(in) :: position
+
+      call self%groups%remove(position)
+      self%has_other_groups = .true.                        ! all is read again,
+      self%n_changes = 0                                    ! and positions of other groups differ
+      if (allocated(self%ties)) deallocate (self%ties)
+   end subroutine document_remove_group
+
    !> Begins another reading: a group that is opened in it has no requested keys yet.
    pure subroutine document_begin(self)
       class(document_t), intent(inout) :: self
@@ -135,6 +176,13 @@ contains
       is_given = self%count(name) > 0
       if (is_given) is_given = is_of_input(self%groups%holders(self%groups%position_of(name, 1))%group)
    end function document_is_given
+
+   !> Whether the groups are those of a file, not of a program: a name that is empty, or a folder, is none of a file.
+   pure logical function document_is_of_file(self) result(is_of_file)
+      class(document_t), intent(in) :: self
+
+      is_of_file = index(self%file_name, "/", back=.true.) < len(self%file_name)
+   end function document_is_of_file
 
    !> Whether a group is written in the input, or one of its keys was set.
    pure logical function is_of_input(group)
@@ -214,19 +262,19 @@ contains
             close = closest_word(group%name, self%known)
             if (close /= "") close = "; did you mean '&"//close//"'?"
             if (n_unknown > 1) call lines%add(new_line("a"))
-            if (group%line > 0) then
-               call lines%add(self%file_name//":"//to_text(group%line))
-            else
-               call lines%add(self%file_name//" (override)")
+            if (group%line > 0 .and. self%is_of_file()) then
+               call lines%add(self%file_name//":"//to_text(group%line)//": ")
+            else if (self%is_of_file()) then
+               call lines%add(self%file_name//" (override): ")
             end if
-            call lines%add(": unknown group '&"//group%name//"'"//close)
+            call lines%add("unknown group '&"//group%name//"'"//close)
          end associate
       end do
       if (n_unknown == 0) return
       if (n_unknown > max_lines) call lines%add(new_line("a")//"and "//to_text(n_unknown - max_lines)// &
                                                 " more")
       call fail(error, &
-                lines%text()//new_line("a")//self%file_name//": known groups: "//join(self%known, ", "))
+                lines%text()//new_line("a")//place_of(self)//"known groups: "//join(self%known, ", "))
    end subroutine document_expect_groups
 
    !> Looks up the value at `path`, which names a group by its number or label. A missing single group is added.
@@ -480,7 +528,7 @@ contains
       character(*), intent(in), optional :: names(:)        !! lower case
       integer :: i
 
-      has_changed = .false.
+      has_changed = self%has_other_groups .and. .not. present(names)
       do i = 1, self%groups%n
          associate (group => self%groups%holders(i)%group)
             if (group%has_changed) has_changed = has_changed .or. is_one(group%name)
@@ -509,6 +557,7 @@ contains
          self%groups%holders(i)%group%has_changed = .false.
       end do
       self%n_changes = 0
+      self%has_other_groups = .false.
    end subroutine document_accept_changes
 
    !> Fails with the problems of all groups, one per line.
@@ -577,6 +626,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (self%count(name) < 2) return
+      if (.not. self%is_of_file()) then
+         call fail(error, "&"//lower(trim(name))//" is given "//to_text(self%count(name))//" times; give it once")
+         return
+      end if
       call fail(error, &
                 self%file_name//":"//to_text(self%groups%holders(self%groups%position_of(name, 2))%group%line)//": &"// &
                 lower(trim(name))//" is given "//to_text(self%count(name))//" times, first in line "// &
@@ -597,7 +650,7 @@ contains
    !> The file for messages, with a colon; empty for a text without a file, whose name is a folder or empty.
    pure function place_of(self) result(place)
       class(document_t), intent(in) :: self
-      character(merge(len(self%file_name) + 2, 0, index(self%file_name, "/", back=.true.) < len(self%file_name))) :: place
+      character(merge(len(self%file_name) + 2, 0, document_is_of_file(self))) :: place
 
       if (len(place) > 0) place = self%file_name//": "
    end function place_of

@@ -31,7 +31,7 @@ module hb_model_reader
    use hb_truncation_reader, only: read_harmonics, read_lowest_set
    implicit none
    private
-   public :: read_model, update_model
+   public :: check_added, read_base, read_model, update_model
 
    real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
                                                                       ! of the solver's fallbacks; two methods share
@@ -66,6 +66,53 @@ contains
       self%is_read = .not. allocated(error)
       if (self%is_read) call document%accept_changes()
    end subroutine read_model
+
+   !> Reads what other groups are read on: the structure, the tones, and a set of harmonics. Fails with their problems.
+   subroutine read_base(self, document, error, callbacks)
+      type(model_t), intent(out) :: self
+      type(document_t), intent(inout), target :: document             !! other groups in it are ignored
+      type(error_t), allocatable, intent(out) :: error
+      type(callbacks_t), intent(in) :: callbacks
+      type(properties_t), pointer :: group
+
+      self%options%callbacks = callbacks
+      self%options%purpose%may_only_integrate = .true.
+      call document%begin()
+      call read_solver(self, document%optional_group("solver"))
+      call document%required_group("structure", group, error)
+      if (.not. allocated(error)) call read_structure(group, self%system%structure, error, self%options%memory_limit, &
+                                                      self%options%callbacks%fe_models, self%system%builder)
+      if (.not. allocated(error)) call read_tones_and_set(self, document, error)
+      if (allocated(error)) then
+         call document%finish_early(error)
+      else
+         call document%finish(error)
+      end if
+      self%is_read = .not. allocated(error)
+   end subroutine read_base
+
+   !> Reads the groups of a document that add something to a base, as far as they can be read without the other ones. Fails with
+   !> their problems.
+   subroutine check_added(base, document, error)
+      type(model_t), intent(in) :: base
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(model_t) :: model
+
+      model = base
+      call document%begin()
+      call read_added_structure(model, document, error)
+      if (.not. allocated(error)) call read_set(model, document, error)
+      if (.not. allocated(error)) call read_laws(model, document, error)
+      if (allocated(error)) then
+         call document%finish_early(error)
+         return
+      end if
+      call read_loads(model, document)
+      call read_starts(model, document)
+      call read_initial(model, document)
+      call document%finish(error)
+   end subroutine check_added
 
    !> Updates a model that was read from a document to the present values of the document: numbers that have changed are
    !> set, anything else, an error included, makes the model be read again; `is_new` is then true.
@@ -344,16 +391,24 @@ contains
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
-      type(frequency_part_t) :: part
-      type(frequency_part_t), allocatable :: parts(:)
       type(properties_t), pointer :: group
-      integer :: i
 
       call document%required_group("structure", group, error)
       if (allocated(error)) return
       call read_structure(group, self%system%structure, error, self%options%memory_limit, self%options%callbacks%fe_models, &
                           self%system%builder)
-      if (allocated(error)) return
+      if (.not. allocated(error)) call read_added_structure(self, document, error)
+   end subroutine read_whole_structure
+
+   !> Reads all that is added to a structure.
+   subroutine read_added_structure(self, document, error)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(frequency_part_t) :: part
+      type(frequency_part_t), allocatable :: parts(:)
+      integer :: i
+
       call read_elements(document, self%system%structure, self%system%elements)
       if (document%count("dynamic_stiffness") == 0) return
       allocate (parts(0))
@@ -363,7 +418,7 @@ contains
          if (allocated(part%acts)) parts = [parts, part]
       end do
       call move_alloc(parts, self%system%structure%parts)
-   end subroutine read_whole_structure
+   end subroutine read_added_structure
 
    !> Checks that sets and tones are given, as improvement steps require.
    subroutine check_improvement(system, options, group)

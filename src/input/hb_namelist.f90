@@ -8,7 +8,7 @@ module hb_namelist
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_document, only: document_t, new_document, parameter_t
    use hb_error, only: error_t, fail
-   use hb_input_keys, only: kind_of
+   use hb_input_keys, only: input_groups, kind_of
    use hb_kinds, only: int64, wp
    use hb_namelist_parser, only: next_group, parse_body, scan_t
    use hb_parameter_path, only: path_help, split_path
@@ -112,23 +112,43 @@ contains
    end subroutine set_text
 
    !> The input after defaults and overrides: all groups that were read, with every requested key. Reading it again
-   !> gives the same values. Values that a namelist cannot express are omitted: values not allocated, empty lists,
-   !> NaN, infinity, strings of several lines.
+   !> gives the same values. Groups that are not of a file have the order of the table of keys. Values that a namelist cannot express
+   !> are omitted: values not allocated, empty lists, NaN, infinity, strings of several lines.
    pure subroutine write_complete_text(self, text, only_given)
       type(document_t), intent(in) :: self
       character(:), allocatable, intent(out) :: text
       logical, intent(in), optional :: only_given           !! without defaults, default false
       type(text_builder_t) :: lines
-      integer :: i
+      integer :: i, order(self%groups%n)
 
-      do i = 1, self%groups%n
-         associate (group => self%groups%holders(i)%group)
+      order = positions_in_order(self)
+      do i = 1, size(order)
+         associate (group => self%groups%holders(order(i))%group)
             if (group%reading == 0 .or. (group%line == 0 .and. group%n_requested == 0)) cycle
             call write_group(group, lines, only_given)
          end associate
       end do
       text = lines%text()
    end subroutine write_complete_text
+
+   !> Positions of the groups in the order in which they are written.
+   pure function positions_in_order(document) result(order)
+      type(document_t), intent(in) :: document
+      integer :: order(document%groups%n)
+      integer :: i, k, n
+
+      order = [(i, i=1, size(order))]
+      if (document%is_of_file()) return
+      n = 0
+      associate (names => input_groups())
+         do k = 1, size(names)
+            do i = 1, document%count(names(k))
+               n = n + 1
+               order(n) = document%groups%position_of(names(k), i)
+            end do
+         end do
+      end associate
+   end function positions_in_order
 
    !> Writes a group with every key that was requested and its value, given or default.
    pure subroutine write_group(self, lines, only_given)

@@ -21,6 +21,7 @@ module hb_property_record
       character(:), allocatable :: file_name                !! source; empty if not from a file
       integer :: line = 0                                   !! first line; 0 if not in the file
       integer :: number = 1                                 !! position among the groups of its name
+      integer :: handle = 0                                 !! that identifies it in its document (hb_property_groups)
       logical :: is_repeated = .false.                      !! there are several groups of its name
       integer :: reading = 0                                !! number of the last reading that opened it; 0: never
       logical :: has_changed = .false.                      !! a value has been set since the markers were removed
@@ -74,9 +75,12 @@ contains
    pure logical function record_has_key(self, key) result(has_key)
       class(record_t), intent(in) :: self
       character(*), intent(in) :: key                       !! lower case
+      character(:), allocatable :: type
 
       has_key = row_of(self%name, key) > 0
-      if (.not. has_key .and. allocated(self%type)) has_key = row_of(self%name//" "//self%type, key) > 0
+      if (has_key) return
+      call get_type(self, type)
+      has_key = row_of(self%name//" "//type, key) > 0
    end function record_has_key
 
    !> Message on a key that the group does not have, with a suggestion and the keys that were requested.
@@ -277,14 +281,8 @@ contains
       integer :: i
 
       if (.not. allocated(self%requested)) allocate (self%requested(8))
-      type = ""
+      call get_type(self, type)
       associate (content => self%content)
-         i = content%names%find("type")
-         if (content%is_given(i)) then
-            if (content%keys(i)%values(1)%kind == kind_of%word .and. content%keys(i)%values(1)%i == 0) &
-               call content%get_word(i, 1, type)
-            type = lower(type)
-         end if
          if (.not. allocated(self%type)) self%type = type
          do i = 1, merge(content%names%n, 0, self%type /= type)
             if (allocated(content%keys(i)%rule)) deallocate (content%keys(i)%rule)
@@ -292,6 +290,22 @@ contains
       end associate
       self%type = type
    end subroutine begin_reading
+
+   !> The type of a group as it is given; empty if it has none.
+   pure subroutine get_type(self, type)
+      class(record_t), intent(in) :: self
+      character(:), allocatable, intent(out) :: type
+      integer :: i
+
+      type = ""
+      associate (content => self%content)
+         i = content%names%find("type")
+         if (.not. content%is_given(i)) return
+         if (content%keys(i)%values(1)%kind == kind_of%word .and. content%keys(i)%values(1)%i == 0) &
+            call content%get_word(i, 1, type)
+         type = lower(type)
+      end associate
+   end subroutine get_type
 
    !> Adds the problem that a required key is missing.
    pure subroutine missing_key(self, key, what)

@@ -358,7 +358,7 @@ contains
             text = quote(text)
          else if (value%last >= value%first) then
             text = self%spelling(value%first:value%last)
-         else if (value%kind == kind_of%whole) then
+         else if (value%kind == kind_of%whole .and. .not. self%keys(i_key)%is_real) then
             text = to_text(nint(value%number))
          else if (value%kind == kind_of%truth) then
             text = to_text(value%number > 0.0_wp)

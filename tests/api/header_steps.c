@@ -14,6 +14,15 @@
 int table_step(void);
 int feature_step(void);
 int progress_step(void);
+/* Sets a number by its path. */
+static int set_number(nhbm_model *model, const char *path, double value)
+{
+   int group;
+   const int status = nhbm_find_group(model, path, &group);
+
+   return status ? status : nhbm_set_real(model, group, strchr(path, '%') + 1, value);
+}
+
 int refusal_step(void);
 int motion_step(void);
 int curve_step(void);
@@ -124,26 +133,27 @@ int refusal_step(void)
 {
    nhbm_column found;
    nhbm_model *model = created();
-   int handle;
+   int group;
 
    CHECK(nhbm_read_input(model, "&structure type = 'chian' /\n", "wrong") == NHBM_INVALID_INPUT);
    CHECK(SAYS("chian") && SAYS("wrong"));
    CHECK(nhbm_read_input(model, oscillator, "oscillator") == NHBM_SUCCESS);
-   CHECK(nhbm_find_parameter(model, "law(sprung)%stiffness", &handle) == NHBM_INVALID_INPUT && handle == 0);
+   CHECK(nhbm_find_group(model, "law(sprung)%stiffness", &group) == NHBM_INVALID_INPUT && group == 0);
    CHECK(SAYS("'law(sprung)%stiffness'"));
-   CHECK(nhbm_set_parameter(model, 1, 1.0) == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_find_parameter(model, "tones%frequensy", &handle) == NHBM_INVALID_INPUT && SAYS("did you mean 'frequency'?"));
-   CHECK(nhbm_set_key(model, "tones%frequensy", "1.0") == NHBM_INVALID_INPUT && SAYS("did you mean 'frequency'?"));
-   CHECK(nhbm_set_key(model, "law(1)%stifness", "1.0") == NHBM_INVALID_INPUT && SAYS("unknown key 'stifness'"));
-   CHECK(nhbm_set_key(model, "solver%tolerence", "1.0") == NHBM_INVALID_INPUT && SAYS("'tolerance'"));
+   CHECK(nhbm_find_group(model, "tones%frequensy", &group) == NHBM_INVALID_INPUT && SAYS("did you mean 'frequency'?"));
+   CHECK(nhbm_find_group(model, "law(1)%stifness", &group) == NHBM_INVALID_INPUT && SAYS("unknown key 'stifness'"));
+   CHECK(nhbm_find_group(model, "solver%tolerence", &group) == NHBM_INVALID_INPUT && SAYS("'tolerance'"));
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
-   CHECK(nhbm_find_parameter(model, "tones%frequency", &handle) == NHBM_SUCCESS && handle == 1);
-   CHECK(nhbm_set_parameter(model, 0, 1.0) == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_set_parameter(model, 2, 1.0) == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_set_parameter(model, 1, -1.0) == NHBM_SUCCESS);
+   CHECK(nhbm_find_group(model, "tones%frequency", &group) == NHBM_SUCCESS && group > 0);
+   CHECK(nhbm_set_real(model, 0, "frequency", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("handle"));
+   CHECK(nhbm_set_real(model, 1000, "frequency", 1.0) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_real(model, group, "frequensy", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("did you mean 'frequency'?"));
+   CHECK(nhbm_set_real(model, group, "frequency", -1.0) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT && SAYS("frequenc"));
-   CHECK(nhbm_set_key(model, "tones%frequency(1", "1.0") == NHBM_INVALID_INPUT);
-   CHECK(nhbm_set_key(model, "tones%frequency", "1.0") == NHBM_SUCCESS);
+   CHECK(nhbm_find_group(model, "tones%frequency(1", &group) == NHBM_INVALID_INPUT);
+   CHECK(nhbm_find_group(model, "tones%frequency", &group) == NHBM_SUCCESS);
+   CHECK(nhbm_set_real(model, group, "frequency(1", 1.0) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_real(model, group, "frequency", 1.0) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(nhbm_get_column(model, "coefficient", &found) == NHBM_INVALID_ARGUMENT && found.kind == NHBM_NO_VALUES &&
          found.data == NULL);
@@ -162,7 +172,7 @@ int motion_step(void)
 {
    nhbm_column found;
    nhbm_model *model = created();
-   int frequency, stiffness;
+   int tones, spring;
 
    CHECK(nhbm_read_input(model, oscillator, "oscillator") == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_SUCCESS);
@@ -178,13 +188,14 @@ int motion_step(void)
    CHECK(strcmp(labels_of(model, "dof"), "x1") == 0 && strcmp(labels_of(model, "law"), "spring") == 0);
    CHECK(strcmp(labels_of(model, "law_dof"), "x1") == 0 && strcmp(labels_of(model, "state_dof"), "x1") == 0);
    CHECK(strcmp(labels_of(model, "tone"), "") == 0);
-   CHECK(nhbm_find_parameter(model, "tones%frequency", &frequency) == NHBM_SUCCESS);
-   CHECK(nhbm_find_parameter(model, "law(spring)%stiffness(1)", &stiffness) == NHBM_SUCCESS);
-   CHECK(nhbm_set_parameter(model, frequency, 1.7) == NHBM_SUCCESS && nhbm_set_parameter(model, stiffness, 5.0) == NHBM_SUCCESS);
+   CHECK(nhbm_find_group(model, "tones%frequency", &tones) == NHBM_SUCCESS);
+   CHECK(nhbm_find_group(model, "law(spring)%stiffness(1)", &spring) == NHBM_SUCCESS);
+   CHECK(nhbm_set_real(model, tones, "frequency", 1.7) == NHBM_SUCCESS);
+   CHECK(nhbm_set_real(model, spring, "stiffness(1)", 5.0) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_SUCCESS && status_of(model) == 1);
    CHECK(cabs(first_harmonic(model) - answer(5.0, 1.7)) < 1e-12);
    CHECK(strstr(text_of(model, nhbm_get_input), "frequency = 1.7") && strstr(text_of(model, nhbm_get_input), "&solver"));
-   CHECK(nhbm_set_key(model, "load(1)%cos", "0.6") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(set_number(model, "load(1)%cos", 0.6) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(cabs(first_harmonic(model) - 2.0*answer(5.0, 1.7)) < 1e-12);
    nhbm_destroy(&model);
    return 0;
@@ -216,6 +227,7 @@ int curve_step(void)
    CHECK(n > 5 && NEAR(last, 4.0, 0.0));
    CHECK(nhbm_curve_next(model, &is_point) == NHBM_SUCCESS && is_point == 0);
    CHECK(nhbm_verify(model, 5) == NHBM_INVALID_STATE); /* the motion is one of a curve */
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-9);
    nhbm_destroy(&model);
    return 0;
 }
@@ -324,7 +336,7 @@ int description_step(void)
    CHECK((text = text_of(model, nhbm_get_libraries)) && strcmp(text, "") == 0);
    CHECK(nhbm_get_natural_frequencies(model, &n, &frequencies) == NHBM_SUCCESS && n == 1 && NEAR(frequencies[0], sqrt(0.5), 1e-14));
    CHECK(nhbm_get_warnings(model, &text) == NHBM_SUCCESS && strcmp(text, "") == 0);
-   CHECK(nhbm_set_key(model, "load%cos", "0.0") == NHBM_SUCCESS);
+   CHECK(set_number(model, "load%cos", 0.0) == NHBM_SUCCESS);
    CHECK(nhbm_get_warnings(model, &text) == NHBM_SUCCESS && strstr(text, "no load acts"));
    CHECK(strlen(nhbm_get_commit()) > 0);
    nhbm_destroy(&model);
@@ -576,12 +588,12 @@ int doubt_step(void)
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 7 && (text = text_of(model, nhbm_get_doubt)));
    CHECK(strstr(text, "truncated") && strstr(text, "by truncation (limit 1.0E-12)") && strstr(text, "double it"));
    CHECK(!strstr(text, "derivative"));
-   CHECK(nhbm_set_key(model, "error_estimate%truncation", "1.0") == NHBM_SUCCESS);
+   CHECK(set_number(model, "error_estimate%truncation", 1.0) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1);
    CHECK((text = text_of(model, nhbm_get_doubt)) && !*text);
    factor = 2.9;
    CHECK(nhbm_read_input(model, input, "oscillator") == NHBM_SUCCESS);
-   CHECK(nhbm_set_key(model, "error_estimate%truncation", "1.0") == NHBM_SUCCESS);
+   CHECK(set_number(model, "error_estimate%truncation", 1.0) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && (text = text_of(model, nhbm_get_doubt)));
    CHECK(strstr(text, "law 'mine': df/dz is not the derivative of its force"));
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && (text = text_of(model, nhbm_get_doubt)));
@@ -628,31 +640,39 @@ int numbers_step(void)
 {
    nhbm_model *model = created(), *other = created();
    const double frequency[] = {0.9};
-   const int order[] = {2}, tuple[] = {1}, one[] = {1};
-   const char *text;
+   const int order[] = {2}, tuple[] = {1}, one[] = {1}, off[] = {0};
+   const char *const dofs[] = {"x1"}, *text;
+   int group;
    double complex first;
 
-   CHECK(nhbm_input_begin(model) == NHBM_SUCCESS);
-   CHECK(!nhbm_input_add_group(model, "structure") && !nhbm_input_set_text(model, "type", "chain"));
-   CHECK(!nhbm_input_set_integers(model, "n_masses", 1, one) && !nhbm_input_set_text(model, "ends", "free"));
-   CHECK(!nhbm_input_set_real(model, "mass", 7.0) && !nhbm_input_set_real(model, "MASS", 2.0)); /* the last value counts */
-   CHECK(!nhbm_input_set_real(model, "coupling_stiffness", 0.0) && !nhbm_input_set_real(model, "ground_stiffness", 1.0));
-   CHECK(!nhbm_input_set_real(model, "damping_mass", 0.2));
-   CHECK(!nhbm_input_add_group(model, "tones") && !nhbm_input_set_reals(model, "frequency", 1, frequency));
-   CHECK(!nhbm_input_add_group(model, "harmonics") && !nhbm_input_set_integers(model, "order", 1, order));
-   CHECK(!nhbm_input_add_group(model, "load") && !nhbm_input_set_text(model, "dof", "x1"));
-   CHECK(!nhbm_input_set_integers(model, "tuple", 1, tuple) && !nhbm_input_set_real(model, "cos", 0.3));
-   CHECK(!nhbm_input_add_group(model, "law") && !nhbm_input_set_text(model, "type", "polynomial"));
-   CHECK(!nhbm_input_set_text(model, "label", "spring") && !nhbm_input_set_text(model, "dof", "x1"));
-   CHECK(!nhbm_input_set_real(model, "stiffness", 3.0));
-   CHECK(!nhbm_input_add_group(model, "error_estimate") && !nhbm_input_set_logical(model, "is_on", 0));
-   CHECK(nhbm_input_end(model) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(!nhbm_add_group(model, "structure", &group) && !nhbm_set_text(model, group, "type", "chain"));
+   CHECK(!nhbm_set_integers(model, group, "n_masses", 1, one) && !nhbm_set_text(model, group, "ends", "free"));
+   CHECK(!nhbm_set_real(model, group, "mass", 7.0) && !nhbm_set_real(model, group, "MASS", 2.0)); /* the last value counts */
+   CHECK(!nhbm_set_real(model, group, "coupling_stiffness", 0.0) && !nhbm_set_real(model, group, "ground_stiffness", 1.0));
+   CHECK(!nhbm_set_real(model, group, "damping_mass", 0.2));
+   CHECK(!nhbm_add_group(model, "tones", &group) && !nhbm_set_reals(model, group, "frequency", 1, frequency));
+   CHECK(!nhbm_add_group(model, "harmonics", &group) && !nhbm_set_integers(model, group, "order", 1, order));
+   CHECK(!nhbm_add_group(model, "load", &group) && !nhbm_set_text(model, group, "dof", "x1"));
+   CHECK(!nhbm_set_integers(model, group, "tuple", 1, tuple) && !nhbm_set_real(model, group, "cos", 0.3));
+   CHECK(!nhbm_add_group(model, "law", &group) && !nhbm_set_text(model, group, "type", "polynomial"));
+   CHECK(!nhbm_set_text(model, group, "label", "spring") && !nhbm_set_text(model, group, "dof", "x1"));
+   CHECK(!nhbm_set_real(model, group, "stiffness", 3.0));
+   CHECK(!nhbm_add_group(model, "error_estimate", &group) && !nhbm_set_logicals(model, group, "is_on", 1, off));
+   CHECK(nhbm_check(model) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    first = first_harmonic(model);
    CHECK(cabs(first - answer(3.0, 0.9)) < 1e-12);
    CHECK(nhbm_get_given_input(model, &text) == NHBM_SUCCESS && nhbm_read_input(other, text, "numbers") == NHBM_SUCCESS);
    CHECK(nhbm_solve(other, NHBM_COLD_START) == NHBM_SUCCESS && first_harmonic(other) == first);
-   CHECK(nhbm_set_key(model, "law(spring)%stiffness", "5.0") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(set_number(model, "law(spring)%stiffness", 5.0) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(cabs(first_harmonic(model) - answer(5.0, 0.9)) < 1e-12);
+   CHECK(!nhbm_add_group(model, "law", &group) && !nhbm_set_text(model, group, "type", "polynomial"));
+   CHECK(!nhbm_set_texts(model, group, "dofs", 1, dofs) && !nhbm_set_real(model, group, "stiffness", 7.0));
+   CHECK(nhbm_check_group(model, group) == NHBM_INVALID_INPUT && SAYS("&law: ") && SAYS("'weights'"));
+   CHECK(!nhbm_set_reals(model, group, "weights", 1, frequency) && nhbm_check_group(model, group) == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(cabs(first_harmonic(model) - answer(5.0 + 0.81 * 7.0, 0.9)) < 1e-12);
+   CHECK(!nhbm_remove_group(model, group) && nhbm_remove_group(model, group) == NHBM_INVALID_ARGUMENT && SAYS("handle"));
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && cabs(first_harmonic(model) - answer(5.0, 0.9)) < 1e-12);
    nhbm_destroy(&model);
    nhbm_destroy(&other);
    return 0;

@@ -94,7 +94,7 @@ int callbacks_step(void)
       CHECK(nhbm_create(&inside.model) == NHBM_SUCCESS);
       if (kind < 2) {
          CHECK(read_input(inside.model) == NHBM_SUCCESS &&
-               nhbm_set_key(inside.model, "integration%duration", "1e3") == NHBM_SUCCESS);
+               set_number(inside.model, "integration%duration", 1e3) == NHBM_SUCCESS);
          if (kind == 0) CHECK(nhbm_set_interrupt_callback(inside.model, call_all_in_interrupt, &inside) == NHBM_SUCCESS);
          if (kind == 1) CHECK(nhbm_set_progress_callback(inside.model, call_all_in_progress, &inside) == NHBM_SUCCESS);
          CHECK(nhbm_integrate(inside.model) == NHBM_SUCCESS);
@@ -208,6 +208,7 @@ static int described(void *context, const char *file, nhbm_structure *s)
 
 int structure_misuse_step(void)
 {
+   int group;
    nhbm_model *model;
    int state;
 
@@ -235,7 +236,7 @@ int structure_misuse_step(void)
    CHECK(nhbm_structure_add_node_set(stale, "set", 1, only) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_structure_set_error(stale, "late") == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_set_structure_callback(model, NULL, NULL) == NHBM_SUCCESS); /* and the structure is read again */
-   CHECK(nhbm_set_key(model, "structure%damping_mass", "0.2") == NHBM_SUCCESS);
+   CHECK(nhbm_find_group(model, "structure%file", &group) == NHBM_SUCCESS && !nhbm_set_text(model, group, "file", "other"));
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT && SAYS("nhbm_set_structure_callback"));
    CHECK(is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
    return 0;
@@ -318,7 +319,7 @@ int threads_step(void)
    void *result;
    bool is_right;
 
-   CHECK(model != NULL && nhbm_set_key(model, "integration%duration", "1e6") == NHBM_SUCCESS);
+   CHECK(model != NULL && set_number(model, "integration%duration", 1e6) == NHBM_SUCCESS);
    CHECK(nhbm_set_interrupt_callback(model, wait_for_other, &meeting) == NHBM_SUCCESS);
    CHECK(pthread_create(&threads[0], NULL, integrate_in_thread, model) == 0);
    (void)pthread_mutex_lock(&meeting.mutex);

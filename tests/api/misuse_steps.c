@@ -84,16 +84,21 @@ static nhbm_sweep sweep;
 static nhbm_census census;
 static nhbm_census_motion census_motion;
 
+int set_number(nhbm_model *m, const char *path, double value) {
+   int group;
+   const int status = nhbm_find_group(m, path, &group);
+   return status ? status : nhbm_set_real(m, group, strchr(path, '%') + 1, value);
+}
 int read_input(nhbm_model *m) { return nhbm_read_input(m, duffing, "duffing"); }
 static int get_input(nhbm_model *m) { return nhbm_get_input(m, &text); }
 static int get_given_input(nhbm_model *m) { return nhbm_get_given_input(m, &text); }
 static int get_libraries(nhbm_model *m) { return nhbm_get_libraries(m, &text); }
 static const double two_reals[] = {1.0, 2.0};
 static const int two_integers[] = {1, 2};
+static const char *const type = "chain";
 
-static int set_key(nhbm_model *m) { return nhbm_set_key(m, "tones%frequency", "0.9"); }
-static int find_parameter(nhbm_model *m) { return nhbm_find_parameter(m, "tones%frequency", &handle); }
-static int set_parameter(nhbm_model *m) { return nhbm_set_parameter(m, handle, 0.9); }
+static int find_group(nhbm_model *m) { return nhbm_find_group(m, "tones%frequency", &handle); }
+static int set_frequency(nhbm_model *m) { return set_number(m, "tones%frequency", 0.9); }
 static int set_structure_callback(nhbm_model *m) { return nhbm_set_structure_callback(m, no_structure, NULL); }
 static int set_interrupt_callback(nhbm_model *m) { return nhbm_set_interrupt_callback(m, interrupt, NULL); }
 static int set_progress_callback(nhbm_model *m) { return nhbm_set_progress_callback(m, progress, NULL); }
@@ -134,21 +139,32 @@ static int get_table_labels(nhbm_model *m) { return nhbm_get_table_labels(m, "do
 static int get_outcome(nhbm_model *m) { return nhbm_get_outcome(m, &outcome[0], &outcome[1]); }
 static int get_labels(nhbm_model *m) { return nhbm_get_labels(m, "dof", &text); }
 static int get_message(nhbm_model *m) { return nhbm_get_message(m, &text); }
-static int input_begin(nhbm_model *m) { return nhbm_input_begin(m); }
-static int input_add_group(nhbm_model *m) { return nhbm_input_add_group(m, "law"); }
-static int input_set_text(nhbm_model *m) { return nhbm_input_set_text(m, "type", "chain"); }
-static int input_set_logical(nhbm_model *m) { return nhbm_input_set_logical(m, "is_on", 1); }
-static int input_set_real(nhbm_model *m) { return nhbm_input_set_real(m, "gap", 1.0); }
-static int input_set_reals(nhbm_model *m) { return nhbm_input_set_reals(m, "mass", 1, two_reals); }
-static int input_set_integers(nhbm_model *m) { return nhbm_input_set_integers(m, "order", 1, two_integers); }
-static int input_end(nhbm_model *m) { return nhbm_input_end(m); }
+static int check(nhbm_model *m) { return nhbm_check(m); }
+static int check_group(nhbm_model *m) { return nhbm_check_group(m, handle); }
+static int clear(nhbm_model *m) { return nhbm_clear(m, ""); }
+static int add_group(nhbm_model *m) {
+   int group;
+   const int status = nhbm_add_group(m, "law", &group);
+   return status ? status : nhbm_remove_group(m, group);
+}
+
+/* Functions that need a group. */
+static int set_text(nhbm_model *m) { return nhbm_set_text(m, 1, "type", "chain"); }
+static int set_texts(nhbm_model *m) { return nhbm_set_texts(m, 1, "type", 1, &type); }
+static int set_logicals(nhbm_model *m) { return nhbm_set_logicals(m, 1, "is_on", 1, two_integers); }
+static int set_real(nhbm_model *m) { return nhbm_set_real(m, 1, "gap", 1.0); }
+static int set_reals(nhbm_model *m) { return nhbm_set_reals(m, 1, "mass", 1, two_reals); }
+static int set_integers(nhbm_model *m) { return nhbm_set_integers(m, 1, "order", 1, two_integers); }
+static int remove_group(nhbm_model *m) { return nhbm_remove_group(m, 1); }
+static int (*const functions_of_groups[])(nhbm_model *m) = {set_text, set_texts, set_logicals, set_real, set_reals, set_integers,
+                                                            remove_group};
 static int destroy(nhbm_model *m) { return nhbm_destroy(&m); }
 
 static const struct {
    int (*call)(nhbm_model *model);
    bool needs_input;
 } functions[] = {
-   {get_input, true}, {set_key, true}, {find_parameter, true}, {set_parameter, true}, {set_structure_callback, false},
+   {get_input, true}, {find_group, true}, {check, true}, {check_group, true}, {set_structure_callback, false},
    {set_interrupt_callback, false}, {set_progress_callback, false}, {solve, true}, {set_point_count, false},
    {set_verification_time, false}, {curve_begin, true}, {curve_lengthen, true}, {curve_next, true}, {sweep_begin, true},
    {sweep_select, true}, {sweep_next, true}, {sweep_number_branches, true}, {integrate, true},
@@ -156,9 +172,8 @@ static const struct {
    {add_row, true}, {get_outcome, true}, {clear_table, false}, {get_table, false},
    {copy_columns, false}, {get_table_labels, false}, {get_given_input, true}, {get_libraries, true},
    {verify_motion, true}, {take_census, true}, {select_census_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
-   {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {input_add_group, true}, {input_set_text, true},
-   {input_set_logical, true}, {input_set_real, true}, {input_set_reals, true}, {input_set_integers, true}, {input_end, true},
-   {input_begin, false}, {read_input, false}, {destroy, false},
+   {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {add_group, false}, {clear, false}, {read_input, false},
+   {destroy, false},
 };
 enum { n_functions = sizeof functions/sizeof functions[0] };
 
@@ -168,6 +183,8 @@ int first_other(nhbm_model *model, int status)
       if (functions[i].call == destroy && model == NULL) continue;
       if (functions[i].call(model) != status || nhbm_get_last_error()[0] == '\0') return i;
    }
+   for (size_t i = 0; i < sizeof functions_of_groups/sizeof functions_of_groups[0]; ++i)
+      if (functions_of_groups[i](model) != status) return n_functions + (int)i;
    return -1;
 }
 
@@ -176,7 +193,7 @@ nhbm_model *solved(void)
    nhbm_model *model;
 
    if (nhbm_create(&model)) return NULL;
-   if (read_input(model) || find_parameter(model) || solve(model)) (void)nhbm_destroy(&model);
+   if (read_input(model) || find_group(model) || solve(model)) (void)nhbm_destroy(&model);
    return model;
 }
 
@@ -193,32 +210,36 @@ bool is_usable(nhbm_model *model)
    return nhbm_destroy(&model) == NHBM_SUCCESS;
 }
 
-/* ---- Inputs from numbers ---- */
+/* ---- Groups ---- */
 
 int numbers_misuse_step(void)
 {
    nhbm_model *model = solved();
+   const char *const no_text = NULL;
+   int group;
 
-   CHECK(nhbm_input_add_group(model, "law") == NHBM_INVALID_STATE && SAYS("nhbm_input_begin"));
-   CHECK(nhbm_input_end(model) == NHBM_INVALID_STATE && SAYS("nhbm_input_begin"));
-   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS); /* the input has remained */
-   CHECK(nhbm_input_begin(model) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_STATE);
-   CHECK(nhbm_input_set_real(model, "mass", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("no group"));
-   CHECK(nhbm_input_add_group(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_add_group"));
-   CHECK(nhbm_input_add_group(model, "a group") == NHBM_INVALID_ARGUMENT && SAYS("not the name"));
-   CHECK(nhbm_input_add_group(model, "structure") == NHBM_SUCCESS);
-   CHECK(nhbm_input_set_text(model, "type", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_text"));
-   CHECK(nhbm_input_set_text(model, NULL, "chain") == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_input_set_logical(model, NULL, 1) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_logical"));
-   CHECK(nhbm_input_set_real(model, "", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_real"));
-   CHECK(nhbm_input_set_reals(model, "mass", 1, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_reals"));
-   CHECK(nhbm_input_set_reals(model, "mass", 0, two_reals) == NHBM_INVALID_ARGUMENT && SAYS("no values"));
-   CHECK(nhbm_input_set_reals(model, "mass", (size_t)-1, two_reals) == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_input_set_integers(model, "n_masses", 1, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_input_set_integers"));
-   CHECK(nhbm_input_set_text(model, "type", "chian") == NHBM_SUCCESS && nhbm_input_end(model) == NHBM_INVALID_INPUT);
-   CHECK(SAYS("&structure") && SAYS("'chain'") && nhbm_input_end(model) == NHBM_INVALID_STATE);
-   CHECK(nhbm_input_begin(model) == NHBM_SUCCESS && nhbm_input_add_group(model, "lwa") == NHBM_SUCCESS);
-   CHECK(nhbm_input_end(model) == NHBM_INVALID_INPUT && SAYS("&lwa") && SAYS("&law"));
+   CHECK(nhbm_clear(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_clear"));
+   CHECK(nhbm_clear(model, "") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_STATE && SAYS("no groups"));
+   CHECK(nhbm_set_real(model, 1, "mass", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("no group"));
+   CHECK(nhbm_add_group(model, NULL, &group) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_add_group"));
+   CHECK(nhbm_add_group(model, "law", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_add_group"));
+   CHECK(nhbm_add_group(model, "a group", &group) == NHBM_INVALID_ARGUMENT && group == 0 && SAYS("unknown group"));
+   CHECK(nhbm_add_group(model, "lwa", &group) == NHBM_INVALID_ARGUMENT && SAYS("&lwa") && SAYS("&law"));
+   CHECK(nhbm_add_group(model, "structure", &group) == NHBM_SUCCESS);
+   CHECK(nhbm_set_text(model, group, "type", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_set_text"));
+   CHECK(nhbm_set_text(model, group, NULL, "chain") == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_texts(model, group, "type", 1, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_set_texts"));
+   CHECK(nhbm_set_texts(model, group, "type", 1, &no_text) == NHBM_INVALID_ARGUMENT && SAYS("NULL"));
+   CHECK(nhbm_set_logicals(model, group, NULL, 1, two_integers) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_set_logicals"));
+   CHECK(nhbm_set_real(model, group, "", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_set_real"));
+   CHECK(nhbm_set_reals(model, group, "mass", 1, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_set_reals"));
+   CHECK(nhbm_set_reals(model, group, "mass(1)", 2, two_reals) == NHBM_INVALID_ARGUMENT && SAYS("one value"));
+   CHECK(nhbm_set_reals(model, group, "mass", (size_t)-1, two_reals) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_integers(model, group, "n_masses", 1, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_set_integers"));
+   CHECK(nhbm_set_text(model, group, "type", "chian") == NHBM_SUCCESS && nhbm_check(model) == NHBM_INVALID_INPUT);
+   CHECK(SAYS("&structure") && SAYS("'chain'") && nhbm_check_group(model, group) == NHBM_INVALID_INPUT && SAYS("'chain'"));
+   CHECK(nhbm_add_group(model, "structure", &group) == NHBM_SUCCESS && nhbm_check(model) == NHBM_INVALID_INPUT);
+   CHECK(SAYS("&structure is given 2 times"));
    CHECK(is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
    return 0;
 }
@@ -243,10 +264,8 @@ int null_arguments_step(void)
    CHECK(nhbm_read_input(model, NULL, "name") == NHBM_INVALID_ARGUMENT && SAYS("nhbm_read_input"));
    CHECK(nhbm_read_input(model, duffing, NULL) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_get_input(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_input"));
-   CHECK(nhbm_set_key(model, NULL, "1") == NHBM_INVALID_ARGUMENT && SAYS("nhbm_set_key"));
-   CHECK(nhbm_set_key(model, "tones%frequency", NULL) == NHBM_INVALID_ARGUMENT);
-   CHECK(nhbm_find_parameter(model, NULL, &handle) == NHBM_INVALID_ARGUMENT && handle == 0);
-   CHECK(nhbm_find_parameter(model, "tones%frequency", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_find_parameter"));
+   CHECK(nhbm_find_group(model, NULL, &handle) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_find_group"));
+   CHECK(nhbm_find_group(model, "tones%frequency", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_find_group"));
    CHECK(nhbm_set_structure_callback(model, NULL, NULL) == NHBM_SUCCESS);
    CHECK(nhbm_set_interrupt_callback(model, NULL, NULL) == NHBM_SUCCESS);
    CHECK(nhbm_set_progress_callback(model, NULL, NULL) == NHBM_SUCCESS);
@@ -336,7 +355,7 @@ int empty_model_step(void)
       if (round > 0) CHECK(nhbm_read_input(model, "&structure type = 'chian' /\n", "wrong") == NHBM_INVALID_INPUT);
       for (int i = 0; i < n_functions; ++i) {
          if (!functions[i].needs_input) continue;
-         if (functions[i].call(model) != NHBM_INVALID_STATE || !SAYS("no input")) return 1000*round + i + 1;
+         if (functions[i].call(model) != NHBM_INVALID_STATE || !SAYS("no groups")) return 1000*round + i + 1;
       }
       for (int i = 0; i < n_functions; ++i) {
          if (functions[i].needs_input || functions[i].call == destroy) continue;
@@ -352,7 +371,7 @@ int empty_model_step(void)
 int order_step(void)
 {
    nhbm_model *model;
-   int n = 0;
+   int group, n = 0;
 
    CHECK(nhbm_create(&model) == NHBM_SUCCESS && read_input(model) == NHBM_SUCCESS);
    CHECK(nhbm_verify(model, 0) == NHBM_INVALID_STATE && SAYS("no motion"));
@@ -378,7 +397,7 @@ int order_step(void)
    CHECK(nhbm_get_row_message(model, 0, &text) == NHBM_SUCCESS && nhbm_get_row_message(model, 1, &text) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_get_table_labels(model, "dof", &text) == NHBM_SUCCESS && strcmp(text, "x1") == 0);
    CHECK(nhbm_get_outcome(model, &outcome[0], &outcome[1]) == NHBM_SUCCESS && outcome[0] == 1);
-   CHECK(nhbm_set_key(model, "harmonics%order", "9") == NHBM_SUCCESS);
+   CHECK(!nhbm_find_group(model, "harmonics%order", &group) && !nhbm_set_integers(model, group, "order", 1, (const int[]){9}));
    CHECK(nhbm_verify(model, 0) == NHBM_INVALID_STATE && SAYS("changed"));
    CHECK(nhbm_get_input(model, &text) == NHBM_SUCCESS && strstr(text, "order = 9"));
    CHECK(nhbm_get_column(model, "tuples", &column) == NHBM_SUCCESS && column.shape[0] == 4); /* of the motion, still */
@@ -389,7 +408,7 @@ int order_step(void)
    } while (has_point);
    CHECK(n > 1 && nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 0);
    CHECK(sweep_begin(model) == NHBM_INVALID_INPUT && SAYS("&curve") && sweep_next(model) == NHBM_INVALID_STATE);
-   CHECK(nhbm_set_key(model, "curve%points", "3") == NHBM_SUCCESS);
+   CHECK(!nhbm_find_group(model, "curve%points", &group) && !nhbm_set_integers(model, group, "points", 1, (const int[]){3}));
    CHECK(curve_lengthen(model) == NHBM_INVALID_STATE && SAYS("number of points"));
    CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS);
    do CHECK(nhbm_curve_next(model, &has_point) == NHBM_SUCCESS);
@@ -404,7 +423,7 @@ int order_step(void)
    CHECK(nhbm_verify(model, 0) == NHBM_INVALID_STATE);
    for (int i = 0; i < 4; ++i) { /* what ends a curve */
       CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS && nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 1);
-      CHECK((i == 0 ? set_key : i == 1 ? solve : i == 2 ? integrate : read_input)(model) == NHBM_SUCCESS);
+      CHECK((i == 0 ? set_frequency : i == 1 ? solve : i == 2 ? integrate : read_input)(model) == NHBM_SUCCESS);
       CHECK(nhbm_curve_next(model, &has_point) == NHBM_INVALID_STATE && has_point == 0);
    }
    CHECK(is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
@@ -421,7 +440,7 @@ int range_step(void)
 
    CHECK(model != NULL && long_text != NULL);
    for (size_t i = 0; i < sizeof wrong/sizeof wrong[0]; ++i) {
-      CHECK(nhbm_set_parameter(model, wrong[i], 1.0) == NHBM_INVALID_ARGUMENT && SAYS("handle"));
+      if (wrong[i] != 2) CHECK(nhbm_set_real(model, wrong[i], "frequency", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("handle"));
       if (wrong[i] != 0) CHECK(nhbm_solve(model, wrong[i]) == NHBM_INVALID_ARGUMENT && SAYS("NHBM_WARM_START"));
    }
    CHECK(nhbm_verify(model, -5) == NHBM_INVALID_ARGUMENT && SAYS("-5"));
@@ -446,11 +465,12 @@ int range_step(void)
    CHECK(nhbm_get_key_row(0, row, SIZE_MAX) == NHBM_SUCCESS);
    memset(long_text, 'a', length);
    long_text[length] = '\0';
-   CHECK(nhbm_set_key(model, long_text, long_text) == NHBM_INVALID_INPUT && strlen(nhbm_get_last_error()) < 8192);
-   CHECK(nhbm_set_key(model, "tones%frequency", long_text) != NHBM_SUCCESS ||
-         nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT);
-   CHECK(set_key(model) == NHBM_SUCCESS && solve(model) == NHBM_SUCCESS);
-   CHECK(nhbm_find_parameter(model, long_text, &handle) == NHBM_INVALID_INPUT);
+   CHECK(nhbm_find_group(model, long_text, &handle) == NHBM_INVALID_INPUT && strlen(nhbm_get_last_error()) < 8192);
+   CHECK(find_group(model) == NHBM_SUCCESS && nhbm_set_real(model, handle, long_text, 1.0) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_add_group(model, long_text, &handle) == NHBM_INVALID_ARGUMENT && strlen(nhbm_get_last_error()) < 8192);
+   CHECK(find_group(model) == NHBM_SUCCESS && nhbm_set_text(model, handle, "frequency", long_text) == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT && strlen(nhbm_get_last_error()) < 8192);
+   CHECK(set_frequency(model) == NHBM_SUCCESS && solve(model) == NHBM_SUCCESS);
    CHECK(nhbm_get_column(model, long_text, &column) == NHBM_INVALID_ARGUMENT &&
          nhbm_get_column(model, "", &column) != NHBM_SUCCESS);
    CHECK(nhbm_get_column(model, "\xff\xfe", &column) == NHBM_INVALID_ARGUMENT);
@@ -471,13 +491,13 @@ int invalid_values_step(void)
 {
    const double values[] = {-1.0, -1.0, INFINITY, -INFINITY, NAN};
    nhbm_model *model = solved();
-   int frequency, mass;
+   int tones, chain;
 
    CHECK(model != NULL);
    for (int i = 0; i < 5; ++i) {
-      CHECK(nhbm_find_parameter(model, "tones%frequency", &frequency) == NHBM_SUCCESS);
-      CHECK(nhbm_find_parameter(model, "structure%mass", &mass) == NHBM_SUCCESS);
-      CHECK(nhbm_set_parameter(model, i % 2 ? mass : frequency, values[i]) == NHBM_SUCCESS);
+      CHECK(nhbm_find_group(model, "tones%frequency", &tones) == NHBM_SUCCESS);
+      CHECK(nhbm_find_group(model, "structure%mass", &chain) == NHBM_SUCCESS);
+      CHECK(nhbm_set_real(model, i % 2 ? chain : tones, i % 2 ? "mass" : "frequency", values[i]) == NHBM_SUCCESS);
       CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_INVALID_INPUT && nhbm_integrate(model) == NHBM_INVALID_INPUT);
       (void)nhbm_curve_begin(model); /* sets its own frequency */
       (void)nhbm_curve_next(model, &has_point);
@@ -488,10 +508,10 @@ int invalid_values_step(void)
       (void)nhbm_get_labels(model, "dof", &text);
       (void)nhbm_get_message(model, &text);
       CHECK(nhbm_get_input(model, &text) == NHBM_SUCCESS && strstr(text, "&tones"));
-      CHECK(nhbm_set_parameter(model, frequency, 0.9) == NHBM_SUCCESS && nhbm_set_parameter(model, mass, 1.0) == NHBM_SUCCESS);
+      CHECK(!nhbm_set_real(model, tones, "frequency", 0.9) && !nhbm_set_real(model, chain, "mass", 1.0));
       CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_SUCCESS && nhbm_get_labels(model, "dof", &text) == NHBM_SUCCESS);
    }
-   CHECK(nhbm_set_parameter(model, frequency, -1.0) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT);
+   CHECK(!nhbm_set_real(model, tones, "frequency", -1.0) && nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT);
    CHECK(nhbm_get_column(model, "status", &column) == NHBM_INVALID_STATE && SAYS("invalid"));
    CHECK(nhbm_get_column_names(model, &text) == NHBM_INVALID_STATE && nhbm_get_labels(model, "dof", &text) == NHBM_INVALID_STATE);
    CHECK(is_usable(model) && nhbm_destroy(&model) == NHBM_SUCCESS);
@@ -510,7 +530,7 @@ int reading_again_step(void)
 
    CHECK(model != NULL && integrate(model) == NHBM_SUCCESS && nhbm_curve_begin(model) == NHBM_SUCCESS);
    CHECK(nhbm_read_input(model, two_tones, "two tones") == NHBM_SUCCESS);
-   CHECK(nhbm_set_parameter(model, first, 1.0) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_real(model, first, "frequency", 1.0) == NHBM_INVALID_ARGUMENT && SAYS("handle"));
    CHECK(nhbm_get_column(model, "coefficients", &column) == NHBM_SUCCESS && column.kind == NHBM_NO_VALUES);
    CHECK(nhbm_get_time_column(model, "time", &column) == NHBM_INVALID_STATE && nhbm_verify(model, 1) == NHBM_INVALID_STATE);
    CHECK(nhbm_curve_next(model, &has_point) == NHBM_INVALID_STATE);

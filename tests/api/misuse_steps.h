@@ -15,6 +15,7 @@
 int cubic(const nhbm_law_samples_t *s);     /* a law */
 nhbm_law_info_t valid_info(void);
 int read_input(nhbm_model *m);
+int set_number(nhbm_model *m, const char *path, double value);
 nhbm_model *solved(void);                   /* a model that has solved; NULL if it could not be made */
 bool is_usable(nhbm_model *model);          /* whether the motion has the value that a new model finds */
 

@@ -62,7 +62,7 @@ def test_a_verification_ends_at_its_time_limit():
         assert ended["integration_duration"].item() == 0.0
     assert model.verify(periods=3)["integration_duration"].item() > 0.0
     model["tones[0]"] = 1.0
-    with pytest.raises(ModelError, match="values have changed"):
+    with pytest.raises(ModelError, match="has changed .*: tones%frequency is 1.0, and was 1.1"):
         model.verify()
 
 

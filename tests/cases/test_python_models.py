@@ -659,6 +659,56 @@ def test_one_of_several_values_is_set_for_all_operations():
     assert matrices.response("x1 (1)", order=3) == pytest.approx(other.response("x1 (1)", order=3), rel=1e-12)
 
 
+def test_one_element_of_a_table_is_set_for_all_operations():
+    """Of three rows of four numbers, it was another one for operations with other settings."""
+    structure = nhbm.Matrices(mass=np.eye(2), damping=np.eye(2), stiffness=np.eye(2))
+    table = np.array([[1.0, 0.0, 0.0, 1.0], [3.0, 0.0, 0.0, 3.0], [5.0, 0.0, 0.0, 5.0]])
+    found = []
+    for value in (3.0, 4.0):
+        model = Model(structure, tones=[1.5])
+        model.load("x1", 1, cos=0.1)
+        model.bearing(["x1", "x2"], [0.0, 2.0, 4.0], table, speed=2.0, label="seal")
+        model.solve(order=3)
+        model["seal.stiffness[1, 0]"] = 4.0
+        table[1, 0] = 4.0
+        found.append([model.response("x1 (1)", order=order) for order in (1, 3)])
+        assert model["seal.stiffness[1, 0]"] == 4.0
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
+
+
+def test_no_text_is_between_a_model_and_the_library(monkeypatch):
+    """Groups, values and settings are handed over one by one; inputs are read where somebody gives one."""
+    monkeypatch.setattr(nhbm.Session, "read", lambda *arguments: pytest.fail("an input was read"))
+    model = duffing()
+    model.law("elastic_stop", "x1", stiffness=2.0, gap=0.1, label="stop")
+    model["stop.gap"] = 0.2
+    model.set("stability", method="off")
+    motion = model.solve(order=5)
+    assert model.gradient("x1 (1)", ["stop.gap"], order=5).value == pytest.approx(float(motion.nhbm.amplitude("x1")), rel=1e-9)
+    assert model.response("x1 (1)", tolerance=1e-3) > 0.0 and model["harmonics.symmetry"] == "auto"
+    assert model.sweep({"tones[0]": [0.8, 0.9]}, order=3).sizes["point"] == 2
+    assert model.curve("tones[0]", 0.8, 0.9, order=3).sizes["point"] > 3
+    assert model.integrate(10.0, order=3)["displacement"].size > 0 and model.verify(motion)["integration_verdict"].size == 1
+    del model["stop"]
+    assert "elastic_stop" not in model.to_namelist() and model.census(starts=3, order=3).sizes["point"] >= 1
+
+
+def test_a_call_that_is_interrupted_leaves_the_model_as_it_is(monkeypatch):
+    model, expected = duffing(), duffing().response("x1 (1)", order=5)
+    true = nhbm.Session._set
+
+    def interrupted(*arguments):
+        monkeypatch.setattr(nhbm.Session, "_set", true)
+        raise KeyboardInterrupt
+
+    for _ in range(3):
+        monkeypatch.setattr(nhbm.Session, "_set", interrupted)
+        model._session = None
+        with pytest.raises(KeyboardInterrupt):
+            model.response("x1 (1)", order=5)
+        assert model.response("x1 (1)", order=5) == expected
+
+
 def test_a_curve_begins_between_its_ends():
     """The key `start` of &curve, whose name the range has in Python."""
     keys = {"order": 5, "max_step": 0.2}

@@ -26,6 +26,7 @@ int main(void)
    nhbm_law_info_t info = {0};
    nhbm_column verdict;
    nhbm_model *model = NULL;
+   int group;
 
    info.api_version = NHBM_USER_LAW_API_2;
    info.n_coordinates = 1;
@@ -35,7 +36,8 @@ int main(void)
    if (!nhbm_integrate(model) || !strstr(nhbm_get_last_error(), "without SUNDIALS and has no 'cvode'")) goto failed;
    if (nhbm_solve(model, NHBM_COLD_START) || nhbm_verify(model, 0)) goto failed;
    if (nhbm_get_time_column(model, "integration_verdict", &verdict) || *(const int32_t *)verdict.data != 1) goto failed;
-   if (nhbm_set_key(model, "integration%method", "'runge_kutta_4'") || nhbm_integrate(model)) goto failed;
+   if (nhbm_find_group(model, "integration%method", &group) || nhbm_set_text(model, group, "method", "runge_kutta_4") ||
+       nhbm_integrate(model)) goto failed;
    nhbm_unregister_law("mine");
    nhbm_destroy(&model);
    return 0;

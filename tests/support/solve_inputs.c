@@ -114,7 +114,7 @@ static void look_at_model(nhbm_model *model) {
 static int solve(const char *name) {
    nhbm_model *model = NULL;
    char *text = text_of(name);
-   int frequency, has_point = 0, is_read, status = -1;
+   int tones, has_point = 0, is_read, status = -1;
 
    if (!succeeded("model", nhbm_create(&model))) exit(2);
    is_read = succeeded("input", nhbm_read_input(model, text, name));
@@ -127,8 +127,8 @@ static int solve(const char *name) {
       } else {
          if (succeeded("motion", nhbm_solve(model, NHBM_COLD_START))) status = look_at_motion(name, "motion", model);
          if (status == converged && succeeded("verification", nhbm_verify(model, n_periods))) look_at_record(name, "verification", model);
-         if (succeeded("frequency", nhbm_find_parameter(model, "tones%frequency(1)", &frequency)) &&
-             succeeded("value", nhbm_set_parameter(model, frequency, 0.9)) &&
+         if (succeeded("frequency", nhbm_find_group(model, "tones%frequency(1)", &tones)) &&
+             succeeded("value", nhbm_set_real(model, tones, "frequency(1)", 0.9)) &&
              succeeded("next motion", nhbm_solve(model, NHBM_WARM_START))) look_at_motion(name, "next motion", model);
       }
       if (strstr(text, "&integration") != NULL && succeeded("record", nhbm_integrate(model))) look_at_record(name, "record", model);

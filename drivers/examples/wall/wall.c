@@ -13,32 +13,32 @@ int main(void) {
    const double *cosines;
    const int *tuple;
    size_t harmonic;
-   int failed, k;
+   int failed, group, k;
 
-   failed = nhbm_create(&model) || nhbm_input_begin(model);
+   failed = nhbm_create(&model);
 
-   failed = failed || nhbm_input_add_group(model, "structure") || nhbm_input_set_text(model, "type", "beam");
-   failed = failed || nhbm_input_set_real(model, "length", 1.0);               /* [m] */
-   failed = failed || nhbm_input_set_real(model, "bending_stiffness", 1750.0); /* [N m2] */
-   failed = failed || nhbm_input_set_real(model, "mass_per_length", 7.8);      /* [kg/m] */
-   failed = failed || nhbm_input_set_real(model, "damping_diagonal", 1.0);     /* [N s/m] */
-   failed = failed || nhbm_input_set_integers(model, "n_elements", 1, (const int[]){4}); /* midspan is v3 */
+   failed = failed || nhbm_add_group(model, "structure", &group) || nhbm_set_text(model, group, "type", "beam");
+   failed = failed || nhbm_set_real(model, group, "length", 1.0);               /* [m] */
+   failed = failed || nhbm_set_real(model, group, "bending_stiffness", 1750.0); /* [N m2] */
+   failed = failed || nhbm_set_real(model, group, "mass_per_length", 7.8);      /* [kg/m] */
+   failed = failed || nhbm_set_real(model, group, "damping_diagonal", 1.0);     /* [N s/m] */
+   failed = failed || nhbm_set_integers(model, group, "n_elements", 1, (const int[]){4}); /* midspan is v3 */
 
-   failed = failed || nhbm_input_add_group(model, "law") || nhbm_input_set_text(model, "type", "rigid_wall");
-   failed = failed || nhbm_input_set_text(model, "dof", "v3");
-   failed = failed || nhbm_input_set_real(model, "gap", 1.5e-3);         /* [m] */
-   failed = failed || nhbm_input_set_real(model, "augmentation", 1.0e5); /* [N/m] */
+   failed = failed || nhbm_add_group(model, "law", &group) || nhbm_set_text(model, group, "type", "rigid_wall");
+   failed = failed || nhbm_set_text(model, group, "dof", "v3");
+   failed = failed || nhbm_set_real(model, group, "gap", 1.5e-3);         /* [m] */
+   failed = failed || nhbm_set_real(model, group, "augmentation", 1.0e5); /* [N/m] */
 
-   failed = failed || nhbm_input_add_group(model, "tones") || nhbm_input_set_reals(model, "frequency", 2, omega);
-   failed = failed || nhbm_input_add_group(model, "harmonics") || nhbm_input_set_integers(model, "order", 2, order);
-   failed = failed || nhbm_input_add_group(model, "sampling") || nhbm_input_set_integers(model, "samples", 2, samples);
+   failed = failed || nhbm_add_group(model, "tones", &group) || nhbm_set_reals(model, group, "frequency", 2, omega);
+   failed = failed || nhbm_add_group(model, "harmonics", &group) || nhbm_set_integers(model, group, "order", 2, order);
+   failed = failed || nhbm_add_group(model, "sampling", &group) || nhbm_set_integers(model, group, "samples", 2, samples);
    for (k = 0; k < 2; ++k) {
-      failed = failed || nhbm_input_add_group(model, "load") || nhbm_input_set_text(model, "dof", "v3");
-      failed = failed || nhbm_input_set_integers(model, "tuple", 2, (const int[]){k == 0, k == 1});
-      failed = failed || nhbm_input_set_real(model, "cos", 100.0); /* [N] */
+      failed = failed || nhbm_add_group(model, "load", &group) || nhbm_set_text(model, group, "dof", "v3");
+      failed = failed || nhbm_set_integers(model, group, "tuple", 2, (const int[]){k == 0, k == 1});
+      failed = failed || nhbm_set_real(model, group, "cos", 100.0); /* [N] */
    }
-   failed = failed || nhbm_input_add_group(model, "output") || nhbm_input_set_text(model, "dofs", "v3");
-   failed = failed || nhbm_input_end(model) || nhbm_solve(model, NHBM_COLD_START);
+   failed = failed || nhbm_add_group(model, "output", &group) || nhbm_set_text(model, group, "dofs", "v3");
+   failed = failed || nhbm_solve(model, NHBM_COLD_START);
    failed = failed || nhbm_get_column(model, "coefficients", &coefficients) || nhbm_get_column(model, "tuples", &tuples);
    if (failed) {
       fprintf(stderr, "%s\n", nhbm_get_last_error());

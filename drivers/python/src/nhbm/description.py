@@ -19,7 +19,7 @@ from nhbm.errors import Implausible, ModelError, among, check_file, foreign_fram
 from nhbm.groups import OPERATIONS, Group, Groups, Settings, absolute_files, call_of, value_at
 from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups, subject_of
 from nhbm.laws import Law
-from nhbm.paths import InputPath, check_label, path_of
+from nhbm.paths import InputPath, check_label
 from nhbm.responses import responses_in
 from nhbm.rows import Rows
 from nhbm.session import Session
@@ -142,13 +142,11 @@ class Description(Laws):
         self._lock = threading.RLock()
         self._folder = Path()  # of files that the groups name
         self._groups = Groups()
-        self._changes: dict[tuple[Group, str], int] = {}  # values that were set since groups were added, with their numbers
-        self._n_changes = 0
-        self._sessions: dict[Settings, _Live] = {}
-        self._used = Settings()  # which of them was used last
+        self._session: Session | None = None  # which has the groups, from the first use on
+        self._used: Settings = {}  # of the last operation
         self._warned: set[str] = set()  # warnings about the model that were issued
         self._is_trial = False  # its values are those of a search, of which no warning is issued
-        self._solved: Settings | None = None  # which has the motion found last
+        self._solved: Any = None  # the motion of the last `solve`
         self._cut: CutCurve | None = None
 
     @classmethod
@@ -252,7 +250,9 @@ class Description(Laws):
 
     def _input(self) -> str:
         """The complete input; laws of Python and a structure in memory appear by name only."""
-        return self._live(Settings()).session.input()
+        session = self._ready({})
+        session.check()
+        return session.input()
 
     def _structure_in_memory(self) -> Structure | None:
         group = self._groups.first("structure")
@@ -291,7 +291,7 @@ class Description(Laws):
             keys["by"] = tuple(self._resolved(path) for path in np.atleast_1d(keys["by"]).tolist())
         for key, value in keys.items():
             self._groups.single(group).put(key, value)
-        self._sessions = {}
+        self._forget()
 
     @exclusive
     def add(self, group: str, **keys: Any) -> None:
@@ -512,15 +512,13 @@ class Description(Laws):
             raise ModelError(f"'{path}': {at.keyed} has {np.size(value)} values, needs one")
         if value is None:
             raise ModelError(f"'{path}' needs a value, not None; del model[...] removes a group")
-        value, live = plain(value), self._live(self._used)
-        if not live.settings.has(at):
-            live.set(str(at), value)  # raises what is wrong with the path
-        group = self._groups.find(at) or self._groups.single(at.group)
-        group.put(at.keyed, value)
-        self._n_changes += 1
-        self._changes.pop((group, at.keyed), None)
-        self._changes[group, at.keyed] = self._n_changes
-        live.n_changes = self._n_changes
+        session, group = self._ready(self._used), self._groups.find(at)
+        if group is None or key is None or (self._groups.first("tie") and at.group not in self._used):
+            session.parameter(str(at))  # raises what is wrong with the path
+        group, value = group or self._groups.single(at.group), plain(value)
+        keyed = group.put(at.keyed, value)
+        if at.group not in self._used:
+            session.put(group, keyed, value)
 
     @exclusive
     def __getitem__(self, path: str) -> Any:
@@ -582,7 +580,7 @@ class Description(Laws):
             hint = "use its label, or a number as in 'load[0]'"
             raise ModelError(f"'{entry}' names no load, law or other group in this model; {hint}")
         self._groups.remove(found[0])
-        self._sessions = {}
+        self._forget()
 
     # Sessions
 
@@ -606,9 +604,13 @@ class Description(Laws):
             check_label(name, group.label)
         if group.label and any(other.label == group.label for other in self._groups.named(name)):
             raise ModelError(f"&{name}: there is another group with the label '{group.label}'; labels name one each")
-        self._check(group)
         self._groups.add(group)
-        self._sessions = {}
+        self._forget()
+        try:
+            self._check(group)
+        except ModelError:
+            self._groups.remove(group)
+            raise
 
     def _check(self, group: Group) -> None:
         """Raises what is wrong with a new group by itself, on the structure and the tones; not for large structures, which are
@@ -621,20 +623,15 @@ class Description(Laws):
             return
         if not isinstance(file, Structure) and size_of(structure) > CHECKED_DOFS:
             return
-        few = Groups(other for other in self._groups if other.name in ("structure", "tones"))
-        if group is not structure:
-            few.add(group)
         try:
-            Session(self._find_structure).read(few.text(), "")
+            self._ready(self._used).check(group)
         except ModelError as error:
-            wrong = [line for line in str(error).splitlines() if line.startswith(f"&{group.name}")]
-            if wrong:
-                subject = subject_of(group.name, group.keys.get("type"))
-                raise ModelError("\n".join(re.sub(rf"^&{group.name}\b", subject, line) for line in wrong)) from None
+            subject = subject_of(group.name, group.keys.get("type"))
+            raise ModelError(re.sub(rf"^&{group.name}\b", subject, str(error), flags=re.MULTILINE)) from None
 
     def _begin(self, settings: Settings) -> Session:
         """The session of an operation, with a warning of values that suggest a mistake."""
-        session = self._live(settings).session
+        session = self._ready(settings)
         if not self._is_trial:
             doubts.warn_of_model(session, self._warned)
             doubts.warn_of_signs(self._groups.named("law"), self._warned)
@@ -643,14 +640,15 @@ class Description(Laws):
     def _continue_cut(self, settings: Settings) -> CutCurve | None:
         """The last curve, with more points in its session, if it has ended at their number and no other setting differs."""
         cut, self._cut = self._cut, None
-        if cut is None or self._sessions.get(cut.live.settings) is not cut.live or cut.live.n_changes != self._n_changes:
+        points = (settings["curve"] or {}).get("points")
+        if cut is None or not isinstance(points, int):
             return None
-        (before, _), (now, points) = cut.live.settings.without("curve", "points"), settings.without("curve", "points")
-        if before != now or not isinstance(points, int) or not cut.live.session.lengthen_curve(points):
+        if {**settings, "curve": {**(cut.settings["curve"] or {}), "points": points}} != settings:
             return None
-        del self._sessions[cut.live.settings]
-        cut.live.settings = self._used = settings
-        self._sessions[settings] = cut.live
+        session = self._ready(cut.settings)
+        if cut.serial != session.serial or not session.lengthen_curve(points):
+            return None
+        self._used = settings
         return cut
 
     def _resolved(self, path: Any) -> str:
@@ -664,37 +662,18 @@ class Description(Laws):
             raise ModelError("by must name at least one value, such as ['wall.gap']")
         return paths
 
-    def _live(self, settings: Settings) -> _Live:
-        """The session with these settings, made once, with the present values."""
-        live = self._sessions.get(settings)
-        if live is None:
-            live = _Live(self, settings)
-            if any(name not in ("accuracy", "harmonics") for name, _ in settings.items):  # one of them is cached
-                self._sessions = {key: other for key, other in self._sessions.items() if not other.is_special}
-                live.is_special = True
-            self._sessions[settings] = live
+    def _forget(self) -> None:
+        """Forgets the motions that were found: this is another model now."""
+        if self._session is not None and self._session.has_motion:
+            self._session = None
+
+    def _ready(self, settings: Settings, *further: Group) -> Session:
+        """The session, with the present values, the settings of an operation, and its further groups."""
+        if self._session is None:
+            self._session = Session(self._find_structure)
         self._used = settings
-        for (group, key), number in self._changes.items():
-            if number > live.n_changes:
-                self._forward(live, group, key)
-        live.n_changes = self._n_changes
-        return live
-
-    def _session_of(self, settings: Settings, sweeps: list[Group], first_guess: str | None) -> Session:
-        """A session for a sweep, with its groups."""
-        groups = self._groups.with_settings(settings)
-        if first_guess is not None:
-            groups = groups.with_settings(Settings.of({"solver": {"first_guess": first_guess}}))
-        session = Session(self._find_structure)
-        session.read(groups.text() + "".join(group.text() for group in sweeps), place_of(self._folder))
-        return session
-
-    def _forward(self, live: _Live, group: Group, key: str) -> None:
-        """Sets a value of a group in a session."""
-        which = self._groups.number_of(group) if group.name in repeated_groups() else None
-        path = path_of(str(InputPath(group.name, which, key)))
-        if not live.settings.has(path):
-            live.set(str(path), group.value(key))
+        self._session.hold([*self._groups.with_settings(settings), *further], place_of(self._folder))
+        return self._session
 
     def _find_structure(self, name: str) -> Structure:
         held = self._structure_in_memory()
@@ -706,7 +685,7 @@ class Description(Laws):
     @exclusive
     def __getstate__(self) -> dict[str, Any]:
         state = {name: value for name, value in self.__dict__.items() if name != "_lock"}
-        return {**state, "_groups": self._groups.copied(), "_changes": {}, "_n_changes": 0, "_sessions": {}, "_cut": None}
+        return {**state, "_groups": self._groups.snapshot(), "_session": None, "_solved": None, "_cut": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -733,30 +712,10 @@ def place_of(folder: Path) -> str:
 
 
 class CutCurve(NamedTuple):
-    """A curve that has ended at its number of points: its session, and what was found there."""
+    """A curve that has ended at its number of points: its settings, what the session had done then, and what was found."""
 
-    live: _Live
+    settings: Settings
+    serial: int
     rows: Rows
     doubtful: list[tuple[str, str]]
     idle: list[str] | None
-
-
-class _Live:
-    """A session with the groups of a model and the settings of operations, and how many of the changes of the model it has
-    followed."""
-
-    is_special = False  # for one operation, with groups of its own
-
-    def __init__(self, model: Description, settings: Settings) -> None:
-        self.settings, self.n_changes = settings, model._n_changes
-        self.session = Session(model._find_structure)
-        self._handles: dict[str, int] = {}
-        self.session.read(model._groups.with_settings(settings).text(), place_of(model._folder))
-
-    def set(self, path: str, value: Any) -> None:
-        if isinstance(value, float):
-            if path not in self._handles:
-                self._handles[path] = self.session.parameter(path)
-            self.session.set_parameter(self._handles[path], value)
-        else:
-            self.session.set(path, value)

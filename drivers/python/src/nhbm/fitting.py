@@ -21,7 +21,7 @@ import numpy as np
 
 from nhbm import doubts
 from nhbm.errors import ModelError, imported, without_own_frames
-from nhbm.groups import Settings, request
+from nhbm.groups import request
 from nhbm.keys import keys_of, limits_of
 from nhbm.measured import MeasuredSet, is_same, measured_sets, n_measured
 from nhbm.paths import identifier, path_of
@@ -211,7 +211,7 @@ class Fit:
     def _unit(self) -> str:
         from nhbm.sweeps import _unit_of
 
-        session = self.model._live(request(self.tolerance, self.order)).session
+        session = self.model._ready(request(self.tolerance, self.order))
         return _unit_of(session, self.of) if session.has_motion else "m"
 
 
@@ -290,7 +290,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     bar = Progress(progress, "fit", unit="evaluation")
     problem = _Problem(work, paths, of, at, tolerance, order, sets, controlled, keys, force, bar)
     least_squares = imported("scipy.optimize", "fits are made with", "scipy").least_squares
-    work._begin(Settings())  # of the first guess and of what is fitted, not of trial values
+    work._begin({})  # of the first guess and of what is fitted, not of trial values
     def search(start: Array) -> Any:
         inside = np.clip(start, lower + 1e-6 * scale, upper - 1e-6 * scale)
         return least_squares(lambda x: problem.residuals(x * scale), inside / scale,
@@ -310,7 +310,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     at_end = (values <= lower + 1e-6 * scale) | (values >= upper - 1e-6 * scale)
     problem.set_values(values)
     work._is_trial = False
-    work._begin(Settings())
+    work._begin({})
     fitted = Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, "",
                  problem.predictions, force)  # fmt: skip
     doubtful = [] if found.success else [f"the optimisation has ended early: {found.message}"]

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Optional
 
 import numpy as np
 
@@ -64,21 +64,28 @@ class Group:
     def __repr__(self) -> str:
         return f"<{self.name}: {', '.join(f'{key} = {value!r}' for key, value in self.keys.items())}>"
 
-    def put(self, key: str, value: Any) -> None:
-        """Sets a key; None removes it. Values of all indices replace those of single ones; a single one is set among all."""
+    def put(self, key: str, value: Any) -> str:
+        """Sets a key; None removes it. Values of all indices replace those of single ones; a single one is set among all. Returns
+        the key, with one index for a matrix that is a list of its rows."""
         if "(" not in key:
             self.keys = {name: old for name, old in self.keys.items() if not name.startswith(f"{key}(")}
         value = plain(value)
         whole = key.partition("(")[0]
-        if whole != key and whole in self.keys:
+        if whole != key and whole in self.keys and not ("," in key and self._is_matrix(whole)):
             values, k = self._element(key)
             values[k] = value
             self.keys[whole] = tuple(values) if len(values) > 1 else value
-            return
+            return f"{whole}({k + 1})"
         if value in (None, ()):
             self.keys.pop(key, None)
         else:
             self.keys[key] = value
+        return key
+
+    def _is_matrix(self, key: str) -> bool:
+        """Whether the elements of a key have two indices."""
+        found = keys_of(self.name, str(self.keys.get("type", "")).lower()).get(key)
+        return found is not None and found.type.startswith("matrix")
 
     def _element(self, key: str) -> tuple[list[Any], int]:
         """All values of a key with indices, and the position of the one that they mean."""
@@ -112,10 +119,6 @@ class Group:
     def label(self) -> str:
         """What names it in paths; empty if only its number does."""
         return str(self.keys.get("label", ""))
-
-    def text(self) -> str:
-        """The group as an input has it."""
-        return f"&{self.name}\n" + "".join(f"   {key} = {as_input(value)}\n" for key, value in self.keys.items()) + "/\n"
 
 
 class Groups:
@@ -186,10 +189,6 @@ class Groups:
             found = found._replace(indices=())
         return found
 
-    def copied(self) -> Groups:
-        """Groups of their own with the same values."""
-        return Groups(Group(group.name, group.keys) for group in self._all)
-
     def snapshot(self) -> Groups:
         """These groups as they are now, whatever is set later."""
         groups = Groups(copy.copy(group) for group in self._all)
@@ -204,21 +203,17 @@ class Groups:
     def with_settings(self, settings: Settings) -> Groups:
         """These groups with those of an operation, which replace keys of the same name, or whole groups."""
         groups = Groups(self._all)
-        for name, keys in settings.items:
+        for name, keys in settings.items():
             own = groups.first(name)
             groups._all = [group for group in groups._all if group is not own]
             if keys is None:
                 continue
             merged = Group(name, {} if own is None or name in _REPLACED else own.keys)
-            for key, value in keys:
+            for key, value in keys.items():
                 merged.put(key, value)
             if merged.keys or own is not None:
                 groups.add(merged)
         return groups
-
-    def text(self) -> str:
-        """The groups as an input."""
-        return "".join(group.text() for group in self._all)
 
     @classmethod
     def of_text(cls, text: str) -> Groups:
@@ -232,6 +227,7 @@ class Groups:
         return groups
 
 
+Settings = Mapping[str, Optional[Mapping[str, Any]]]  # of an operation: keys by group, or None to leave the group out
 _REPLACED = "curve", "gradient"  # groups that an operation gives complete
 _WORD = re.compile(r"(?:(\d+)\*)?('(?:[^']|'')*'|[^\s,']+)")
 
@@ -244,40 +240,16 @@ def _value(word: str) -> Any:
     return int(word) if re.fullmatch(r"[-+]?\d+", word) else float(word)
 
 
-class Settings(NamedTuple):
-    """What an operation adds to the groups of a model; hashable. The keys of a group, or None to leave the group out."""
-
-    items: tuple[tuple[str, tuple[tuple[str, Any], ...] | None], ...] = ()
-
-    @classmethod
-    def of(cls, groups: Mapping[str, Mapping[str, Any] | None]) -> Settings:
-        """From keys by name of the group."""
-        return cls(tuple(
-            (name, None if keys is None else tuple((key, plain(value)) for key, value in keys.items()))
-            for name, keys in groups.items()
-        ))  # fmt: skip
-
-    def has(self, path: InputPath) -> bool:
-        """Whether the operation has the value at a path, which the model then does not change."""
-        keys = dict(self.items).get(path.group, ())
-        return keys is None or path.key in dict(keys)
-
-    def without(self, group: str, key: str) -> tuple[Settings, Any]:
-        """The settings without a key of a group, and its value; None if there is none."""
-        rest = tuple((name, keys and tuple(item for item in keys if (name, item[0]) != (group, key))) for name, keys in self.items)
-        return Settings(rest), dict(dict(self.items).get(group) or ()).get(key)
-
-
 def request(tolerance: float | None = None, order: Any = None, **groups: Mapping[str, Any]) -> Settings:
     """The settings of an operation: a tolerance chooses the harmonics, an order fixes them."""
     if tolerance is not None and order is not None:
         raise ModelError("give a tolerance, which chooses the harmonics, or an order, which fixes them; not both")
-    given: dict[str, Mapping[str, Any] | None] = dict(groups)
+    given: dict[str, Any] = dict(groups)
     if order is not None:
         given.update(harmonics={"order": order}, accuracy=None)
     elif tolerance is not None:
         given.update(accuracy={"tolerance": tolerance}, harmonics=dict.fromkeys(SETS))
-    return Settings.of(given)
+    return {name: None if keys is None else {key: plain(value) for key, value in keys.items()} for name, keys in given.items()}
 
 
 def curve_range(start: Any, stop: Any, keys: Mapping[str, Any]) -> dict[str, Any]:

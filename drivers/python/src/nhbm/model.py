@@ -16,7 +16,7 @@ from nhbm._library import Motion, library
 from nhbm.description import CHECKED_DOFS, CutCurve, answering, exclusive, place_of, size_of
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError
-from nhbm.groups import FILE_KEYS, SETS, Group, Settings, changed_values, curve_range, described, request
+from nhbm.groups import FILE_KEYS, SETS, Group, changed_values, curve_range, described, request
 from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.paths import identifier, path_of
@@ -98,12 +98,12 @@ class Model(Peaks):
             A law exerts no force, or values of the model suggest a mistake.
         """
         session = self._begin(request(tolerance, order))
-        self._solved = self._used
         session.solve(warm, points=self._sharing(1))
         session.clear_rows()
         session.add_row()
         rows = session.rows()
         motion = dataset.motion_of(rows, self._source(session, rows, is_written_later=True), self._attributes())
+        self._solved = motion
         doubts.warn_of(session)
         doubts.warn_of_idle_laws(session.idle_laws())
         return motion
@@ -242,7 +242,7 @@ class Model(Peaks):
             session = self._begin(settings)
             session.begin_curve()
         else:
-            session, parts, doubtful, idle = cut.live.session, [cut.rows], cut.doubtful, cut.idle
+            session, parts, doubtful, idle = self._ready(settings), [cut.rows], cut.doubtful, cut.idle
         session.clear_rows()
         with Progress(progress, "curve") as bar:
             for _ in range(sum(map(len, parts))):
@@ -272,7 +272,7 @@ class Model(Peaks):
             values = rows.values.get(identifier(path), np.zeros(0))
             has_warned = doubts.warn_of_end(session, path, values[np.isfinite(values)].tolist(), stop - start)
             if has_warned and session.reason == "points":
-                self._cut = CutCurve(self._sessions[self._used], rows, [*doubtful], idle)
+                self._cut = CutCurve(settings, session.serial, rows, [*doubtful], idle)
         source = self._source(session, rows)
         source.is_complete = not is_stopped
         found = self._on_curve(rows, path, source)
@@ -395,7 +395,7 @@ class Model(Peaks):
             raise ModelError(f"duration must be above 0, the length of the record [s], not {duration}")
         check_keys("integration", keys)
         given = {key: value for key, value in given.items() if value is not None}
-        session = self._live(request(None, order, integration=given)).session
+        session = self._ready(request(None, order, integration=given))
         session.integrate()
         return dataset.record_of(session)
 
@@ -429,17 +429,11 @@ class Model(Peaks):
         limit = numbers_of("time_limit", time_limit)[0]
         if limit < 0.0:
             raise ModelError(f"time_limit must be a time [s], or 0 for no limit, not {time_limit!r}")
-        if motion is not None:
-            found = self._verify_motion(motion, int(periods), limit, progress)
-        else:
-            live = None if self._solved is None else self._sessions.get(self._solved)
-            if live is None:
-                raise ModelError("there is no motion of `solve` that can be verified")
-            live.session.limit_verification(limit)
-            with Progress(progress, "verify", unit="step") as bar, live.session.reporting(bar.reach):
-                live.session.verify(int(periods))
-            found = dataset.record_of(live.session)
-        return found
+        if motion is None:
+            motion = self._solved
+        if motion is None:
+            raise ModelError("there is no motion of `solve` that can be verified")
+        return self._verify_motion(motion, int(periods), limit, progress)
 
     def _verify_motion(self, motion: xr.Dataset, periods: int, limit: float, progress: Any) -> xr.Dataset:
         """The verdict on a motion, at the values for which it was found."""
@@ -469,7 +463,8 @@ class Model(Peaks):
         numbers = {name: float(motion.get(name, np.nan)) for name in ("truncation_estimate", "aliasing_estimate")}
         has_own_tuples = "tuples" in motion.coords or dataset.has_own_tuples(motion)
         order = None if has_own_tuples else abs(parts["tuples"]).max(axis=0).tolist()
-        session = here._live(request(None, order)).session
+        session = here._ready(request(None, order))
+        session.check()
         sizes = {"n_tones": len(parts["frequency"]), "n_harmonics": n, "n_dofs": len(parts["coefficients"])}
         words = {"status": session.words_of("status").index(motion["status"].item()), "n_unstable": int(motion["n_unstable"])}
         addresses = {name: part.ctypes.data for name, part in parts.items()}
@@ -516,7 +511,7 @@ class Model(Peaks):
         >>> model.check()
         ['no load acts and no tone is unknown: only laws can cause a motion']
         """
-        return self._live(Settings()).session.warnings()
+        return self._ready({}).warnings()
 
     @exclusive
     def natural_frequencies(self, n: int | None = None) -> Any:
@@ -541,7 +536,7 @@ class Model(Peaks):
         """
         if n is not None and (isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1):
             raise ModelError(f"n must be a whole number, 1 or more, not {n!r}")
-        found = self._live(Settings()).session.natural_frequencies()
+        found = self._ready({}).natural_frequencies()
         group = self._groups.first("structure")
         structure = None if group is None else group.keys.get("file")
         if not len(found) and isinstance(structure, str):
@@ -586,7 +581,8 @@ class Model(Peaks):
 
         def write() -> tuple[str, str]:
             again = Session()
-            again.read(snapshot.text(), place)
+            again.hold(snapshot, place)
+            again.check()
             return again.input(), again.libraries()
 
         return write
@@ -610,7 +606,7 @@ class Model(Peaks):
 
     def _ending(self) -> tuple[str, str, str]:
         """Status, message and doubt of the last solution; converged if there was none."""
-        live = self._sessions.get(self._used)
-        if live is None or not live.session.has_motion:
+        session = self._session
+        if session is None or not session.has_motion:
             return "converged", "", ""
-        return live.session.status, live.session.message, doubts.doubt_of(live.session)
+        return session.status, session.message, doubts.doubt_of(session)

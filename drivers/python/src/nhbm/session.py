@@ -10,9 +10,9 @@ import math
 import signal
 import threading
 import weakref
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,9 +36,13 @@ from nhbm._library import (
 )
 from nhbm._library import Column as _Column
 from nhbm.errors import ModelError
+from nhbm.keys import repeated_groups
 from nhbm.rows import ColumnInfo, Layout, Rows
 from nhbm.structure import Structure, dofs_of_sets
-from nhbm.values import as_input
+from nhbm.values import flat, plain
+
+if TYPE_CHECKING:
+    from nhbm.groups import Group
 
 try:  # the functions of `signal` look each handler up among its enumerations, which takes a third of a small solution
     from _signal import getsignal as _getsignal  # type: ignore[import-not-found, unused-ignore]
@@ -49,6 +53,7 @@ except ImportError:
 
 _MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
 _WORDS: dict[str, list[str]] = {}  # names of the numbers in columns, of the library, from the first use on
+_NO_NUMBERS, _HUGE = np.zeros(0), 2**31 - 1
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 
 
@@ -125,6 +130,20 @@ class Column:
         return {"units": self.unit or "1", **self.describe()}
 
 
+@dataclass
+class _Held:
+    """A group of the library: the group of Python that it is like, its handle, and the values that it has."""
+
+    group: Group
+    handle: int
+    keys: dict[str, Any] = field(default_factory=dict)
+
+
+def _identity(group: Group) -> Any:
+    """What tells a group from others: its name if it occurs once."""
+    return id(group) if group.name == "sweep" or group.name in repeated_groups() else group.name
+
+
 class Session:
     """An input that is solved in this process. Raises ModelError with group, key and a suggestion for an invalid input.
 
@@ -139,6 +158,9 @@ class Session:
         self._n_points = 1
         self.has_motion = False  # of the present input
         self.laws: list[laws.Law] = []  # that the library may call
+        self.serial = 0  # counts changes of values, and computations
+        self._held: dict[Any, _Held] = {}  # groups of the library
+        self._folder, self._is_torn = "", False
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self._declaration: tuple[int, list[ColumnInfo], dict[str, list[str]]] = (-1, [], {})  # of the table of motions
         self._layouts: dict[bytes, Layout] = {}  # of this declaration
@@ -160,25 +182,101 @@ class Session:
         named = laws.laws_in(text)
         self.has_motion = False
         self.places.clear()
+        self._held.clear()
         self._call("read_input", text.encode(), name.encode())
         self.laws = named
 
-    def set(self, path: str, value: Any) -> None:
-        """Sets a key like --set of the command: numbers, texts, lists."""
+    def hold(self, groups: Iterable[Group], folder: str = "") -> None:
+        """Gives the library these groups: what differs from those that it has. The next computation reports invalid values.
+
+        Files that groups name are relative to `folder`, which ends with a slash."""
+        if folder != self._folder or self._is_torn:
+            self._call("clear", folder.encode())
+            self._held, self._folder = {}, folder
+        self._is_torn = True  # by an error or an interrupt
+        wanted = {_identity(group): group for group in groups}
+        for key in [key for key in self._held if key not in wanted]:
+            self._alter("remove_group", self._held.pop(key).handle)
+        for key, group in wanted.items():
+            held = self._held.get(key)
+            if held is None:
+                handle = ctypes.c_int()
+                self._alter("add_group", group.name.encode(), ctypes.byref(handle))
+                held = self._held[key] = _Held(group, handle.value)
+            if held.keys != group.keys:
+                self._update(held, group)
+        self._is_torn = False
+
+    def put(self, group: Group, key: str, value: Any) -> None:
+        """Sets a value, "gap" or "frequency(2)", where it has already been set in the group."""
+        held = self._held.get(_identity(group))
+        if held is not None:
+            self._set(held.handle, key, value)
+            held.keys = dict(group.keys)
+
+    def check(self, group: Group | None = None) -> None:
+        """Raises what is wrong with the groups, or with one of them on the structure and the tones alone."""
+        if group is None:
+            self._call("check")
+        else:
+            self._call("check_group", self._held[_identity(group)].handle)
+
+    def _update(self, held: _Held, group: Group) -> None:
+        """Sets all keys of a group that differ."""
+        gone = {key.partition("(")[0] for key in held.keys if key not in group.keys}
+        for stem in gone:
+            self._alter("set_reals", held.handle, stem.encode(), 0, _NO_NUMBERS)
+        for key in sorted(group.keys, key="type".__ne__):
+            value = group.keys[key]
+            if key not in held.keys or key.partition("(")[0] in gone or held.keys[key] != value:
+                self._set(held.handle, key, value)
+                if isinstance(value, laws.Law):
+                    self.laws.append(value)
+        held.group, held.keys = group, dict(group.keys)
+
+    def _set(self, handle: int, key: str, value: Any) -> None:
+        """Sets a key of a group to a number, text, truth or list of them."""
+        if type(value) is float:
+            self.serial += 1
+            status = self._library.nhbm_set_real(self._handle, handle, key.encode(), value)
+            if status:
+                self._check(status)
+            return
+        values = flat(value)
+        kinds = set(map(type, values))
+        name, n = key.encode(), len(values)
+        if kinds <= {bool}:
+            self._alter("set_logicals", handle, name, n, np.array(values, np.int32))
+        elif kinds <= {int} and all(-_HUGE <= one <= _HUGE for one in values):
+            self._alter("set_integers", handle, name, n, np.array(values, np.int32))
+        elif kinds <= {int, float}:
+            self._alter("set_reals", handle, name, n, np.array(values, float))
+        elif kinds.isdisjoint({bool, int, float}):
+            words = [str(getattr(one, "input_name", one)).encode() for one in values]
+            self._alter("set_texts", handle, name, n, (ctypes.c_char_p * n)(*words))
+        else:
+            for k, one in enumerate(values, start=1):
+                self._set(handle, f"{key}({k})", one)
+
+    def _alter(self, name: str, *arguments: Any) -> None:
+        """Changes groups, or values that are not single numbers."""
         self.places.clear()
-        self._call("set_key", path.encode(), as_input(value).encode())
+        self.serial += 1
+        self._call(name, *arguments)
 
-    def parameter(self, path: str) -> int:
-        """Returns a handle for a number that is set repeatedly."""
+    def set(self, path: str, value: Any) -> None:
+        """Sets the value at a path of the input, "law(stop)%gap": a number, text, truth or list of them."""
+        self._set(*self.parameter(path), plain(value))
+
+    def parameter(self, path: str) -> tuple[int, str]:
+        """The group of a value, and its key; raises what is wrong with the path."""
         handle = ctypes.c_int()
-        self._call("find_parameter", path.encode(), ctypes.byref(handle))
-        return handle.value
+        self._call("find_group", path.encode(), ctypes.byref(handle))
+        return handle.value, path.rpartition("%")[2].strip()
 
-    def set_parameter(self, handle: int, value: float) -> None:
-        """Sets that number, in the unit of the input."""
-        status = self._library.nhbm_set_parameter(self._handle, handle, value)
-        if status:
-            self._check(status)
+    def set_parameter(self, parameter: tuple[int, str], value: float) -> None:
+        """Sets such a value, in the unit of the input."""
+        self._set(*parameter, float(value))
 
     def solve(self, warm: bool = False, points: int = 1) -> None:
         """Computes the motion with the current values, from the last one if `warm`.
@@ -186,6 +284,7 @@ class Session:
         `points` share the time budget of a run for stability, half a second in all; 0: none beside their own share.
         """
         self._share(points)
+        self.serial += 1
         with self._interrupts:
             self._check(self._library.nhbm_solve(self._handle, int(bool(warm))))
         self.has_motion = True
@@ -201,7 +300,7 @@ class Session:
         stability that those of a run share."""
         self._share(int(has_budget))
         sweep = Sweep()
-        self._call("sweep_begin", ctypes.byref(sweep))
+        self._alter("sweep_begin", ctypes.byref(sweep))
         return sweep.n_chains
 
     def select_chains(self, first: int, n: int) -> None:
@@ -227,7 +326,7 @@ class Session:
 
     def begin_curve(self) -> None:
         """Starts the curve of the group &curve."""
-        self._call("curve_begin")
+        self._alter("curve_begin")
 
     def lengthen_curve(self, points: int) -> bool:
         """Gives a curve that has ended at its number of points more of them; false if the last one has not ended so."""
@@ -235,6 +334,7 @@ class Session:
             self._call("curve_lengthen", points)
         except ModelError:
             return False
+        self._held["curve"].keys["points"] = points
         return True
 
     def next(self) -> bool:
@@ -249,7 +349,7 @@ class Session:
         """Searches for all coexisting motions; `select` makes one of them the last motion."""
         census = Census()
         with self._interrupts:
-            self._call("take_census", n_starts, seed, time_limit, ctypes.byref(census))
+            self._alter("take_census", n_starts, seed, time_limit, ctypes.byref(census))
         return census
 
     @contextlib.contextmanager
@@ -284,7 +384,7 @@ class Session:
     def integrate(self) -> None:
         """Integrates the model in time with the settings of the group &integration; `time_column` returns the record."""
         with self._interrupts:
-            self._call("integrate")
+            self._alter("integrate")
 
     def limit_verification(self, seconds: float) -> None:
         """Processor time [s] after which a verification ends undecided; 0: no limit."""
@@ -293,12 +393,12 @@ class Session:
     def verify(self, n_periods: int = 0) -> None:
         """Verifies the last motion by time integration; `time_column` returns the verdict."""
         with self._interrupts:
-            self._call("verify", n_periods)
+            self._alter("verify", n_periods)
 
     def verify_motion(self, motion: Motion, n_periods: int = 0) -> None:
         """Verifies a motion of the model with its present values, which need not be the last one."""
         with self._interrupts:
-            self._call("verify_motion", ctypes.byref(motion), n_periods)
+            self._alter("verify_motion", ctypes.byref(motion), n_periods)
 
     def warnings(self) -> list[str]:
         """Warnings about the model with its present values."""

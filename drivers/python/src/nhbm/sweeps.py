@@ -110,13 +110,13 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
     model = copy.copy(self)  # keeps its values
     settings = request(tolerance, order)
-    given = [path for path in grid if settings.has(path_of(path))]
+    given = [path for path in grid for at in [path_of(path)] if at.group in settings and at.key in (settings[at.group] or [at.key])]
     if given:
         raise ModelError(f"'{given[0]}' is swept, and given as an argument: leave one of them out")
-    live = model._live(settings)
+    model._ready(settings)
     for path, value in zip(grid, points[0]):
         model[path] = value  # what is wrong is raised here, not by a worker
-    doubts.warn_of_model(live.session, self._warned)
+    doubts.warn_of_model(model._ready(settings), self._warned)
     names = [identifier(path) for path in grid]
     coordinates = {
         name: ([point[k] for point in points], model._described(path)) for k, (name, path) in enumerate(zip(names, grid))
@@ -221,7 +221,8 @@ class _Chains(_Work):
         self.model, self.of, self.settings = model, of, settings
         self.groups = [Group("sweep", {"axis": 1 if paired else axis, "parameter": path, **_values_of(line)})
                        for axis, (path, line) in enumerate(grid.items(), start=1)]  # fmt: skip
-        self.first_guess = {None: None, True: "neighbour", False: "linear"}[warm]
+        if warm is not None:
+            self.settings = {**settings, "solver": {"first_guess": "neighbour" if warm else "linear"}}
         self._session: Session | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -236,8 +237,8 @@ class _Chains(_Work):
         return self._session
 
     def begin(self) -> int:
-        """Begins the sweep in a session of its own; returns the number of chains."""
-        self._session = self.model._session_of(self.settings, self.groups, self.first_guess)
+        """Begins the sweep; returns the number of chains."""
+        self._session = self.model._ready(self.settings, *self.groups)
         return self._session.begin_sweep(self.of is None and self.model._sharing(1) > 0)
 
     def _copied(self) -> Self:

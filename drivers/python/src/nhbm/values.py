@@ -27,7 +27,7 @@ def plain(value: Any) -> Any:
         value = value.item()
     if isinstance(value, (Real, Decimal)) and not isinstance(value, (bool, int, float)):
         value = float(value)
-    if isinstance(value, str) and "\n" in value:
+    if isinstance(value, str) and ("\n" in value or "\0" in value):
         raise ModelError(f"a text of an input has one line, not {value!r}")
     if value is None or isinstance(value, (bool, int, float, str)) or hasattr(value, "input_name"):
         return value
@@ -48,6 +48,11 @@ def as_input(value: Any) -> str:
     if value is None:
         raise ModelError(f"{_EXPECTED} {value!r}")
     return repr(value)
+
+
+def flat(value: Any) -> list[Any]:
+    """The values of a list of plain values, row by row, or a single one."""
+    return [one for part in value for one in flat(part)] if isinstance(value, tuple) else [value]
 
 
 def _flat(values: Any) -> list[Any]:
