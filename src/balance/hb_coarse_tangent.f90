@@ -5,6 +5,7 @@
 !> processors take many times as long for gradual underflow, and slopes without kinks have such coefficients.
 module hb_coarse_tangent
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_assert, only: assert, asserts_are_on
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: sp, wp
@@ -45,6 +46,8 @@ contains
       integer, intent(in) :: retained(:), n_dofs, half_bandwidth
       type(error_t), allocatable :: error
 
+      if (asserts_are_on) call assert(all(retained(2:) > retained(:size(retained) - 1)), "new_coarse_tangent", &
+                                      "ascending harmonics")
       self%retained = retained
       call new_harmonics(self%set, full%tuples(:, retained), error)   ! cannot fail: part of an existing set
       self%positions = [full%indices_of(self%set, 1)]

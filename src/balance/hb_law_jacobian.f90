@@ -5,6 +5,7 @@
 !> depend. Laws with memory have no pairs: their forces depend on all samples. Source: docs/why/theory.md, sections
 !> 5.3 and 5.4.
 module hb_law_jacobian
+   use hb_assert, only: assert, asserts_are_on
    use hb_block_pattern, only: block_pattern_t
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
@@ -177,6 +178,7 @@ contains
          end if
       end do
       pair = self%order(first)
+      if (asserts_are_on) call assert(self%column(pair) == k, "law_jacobian_pair_at", "a pair that the laws couple")
    end function law_jacobian_pair_at
 
    !> Whether derivatives are allocated.

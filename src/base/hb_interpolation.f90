@@ -3,6 +3,7 @@
 !> Source: Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246: three-point slopes, limited to the circle of radius
 !> 3 in their figure 2; docs/why/theory.md, section 5.1.
 module hb_interpolation
+   use hb_assert, only: assert, asserts_are_on
    use hb_kinds, only: wp
    implicit none
    private
@@ -38,6 +39,8 @@ contains
       real(wp), intent(in) :: values(:)                               !! as nodes
       logical, intent(in) :: is_constant_beyond                       !! otherwise it continues with the slope of the end
 
+      if (asserts_are_on) call assert(size(nodes) >= 2 .and. size(values) == size(nodes) .and. is_ascending(nodes), &
+                                      "new_monotone_cubic", "two or more ascending nodes, with a value each")
       self%nodes = nodes
       self%values = values
       allocate (self%slopes(size(nodes)), self%entering(size(nodes)))

@@ -4,6 +4,7 @@
 !> until the remainder is below a permitted tail. Source: Grolet and Thouverez, MSSP 30 (2012), who select among the
 !> harmonics of one tone.
 module hb_tuple_choice
+   use hb_assert, only: assert, asserts_are_on
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_harmonics
    use hb_kinds, only: int64, wp
@@ -265,6 +266,7 @@ contains
       class(tuple_union_t), intent(in) :: self
       integer, allocatable :: tuples(:, :)
 
+      if (asserts_are_on) call assert(self%n >= 1, "tuple_union_list", "at least one tuple")
       tuples = self%entries(:, :self%n)
    end function tuple_union_list
 

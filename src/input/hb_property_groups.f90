@@ -1,6 +1,7 @@
 !> The groups of a document: a list in the order of the input, and the groups of each name by their number. The handle of a group
 !> identifies it, whatever is added or removed.
 module hb_property_groups
+   use hb_assert, only: assert, asserts_are_on
    use hb_name_table, only: name_table_t
    use hb_properties, only: new_properties, properties_t
    use hb_text, only: lower
@@ -148,6 +149,7 @@ contains
       character(*), intent(in) :: name
       integer, intent(in) :: i
 
+      if (asserts_are_on) call assert(i >= 1 .and. i <= self%count(name), "groups_position_of", "a group that exists")
       position = self%positions(self%names%find(lower(trim(name))))%of(i)
    end function groups_position_of
 end module hb_property_groups

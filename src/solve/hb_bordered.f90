@@ -10,6 +10,7 @@
 !> and D the functionals. Source: docs/why/theory.md, section 6.6.
 module hb_bordered
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_assert, only: assert, asserts_are_on
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_problem, only: problem_t
@@ -98,6 +99,8 @@ contains
       real(wp), intent(in) :: values(:)                               !! (parameters)
       class(row_t), intent(in), optional :: row                       !! for the last value; its functional is arbitrary
 
+      if (asserts_are_on) call assert(size(functionals, 2) == size(which) .and. size(values) == size(which), &
+                                      "new_bordered_problem", "as many functionals and values as parameters")
       self%base => base
       self%which = which
       self%n_base = base%n_unknowns

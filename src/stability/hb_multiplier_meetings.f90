@@ -1,6 +1,7 @@
 !> Where multipliers that move along a curve may meet: a pair its conjugate, or another pair. There they can leave the unit circle,
 !> and return before the end of a step. Source: docs/why/theory.md, section 8.
 module hb_multiplier_meetings
+   use hb_assert, only: assert, asserts_are_on
    use hb_kinds, only: two_pi, wp
    implicit none
    private
@@ -18,6 +19,7 @@ contains
       real(wp), parameter :: as_close = 3.0_wp                        ! two of them move, and faster than before
       real(wp) :: gaps(2)
 
+      if (asserts_are_on) call assert(size(before) == size(behind), "meeting", "the same multipliers at both ends")
       gaps = [gap_behind(before, i), gap_behind(behind, i)]
       meeting = 0.0_wp
       if (.not. sum(gaps) > 0.0_wp) return                            ! one multiplier twice, as of equal parts

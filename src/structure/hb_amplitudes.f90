@@ -1,6 +1,7 @@
 !> Complex amplitudes c = cos - i sin of all degrees of freedom, of loads or of a motion. Only harmonics with nonzero
 !> amplitudes are stored.
 module hb_amplitudes
+   use hb_assert, only: assert, asserts_are_on
    use hb_error, only: error_t, fail
    use hb_harmonics, only: canonical_sign, harmonics_t, tuple_text
    use hb_kinds, only: wp
@@ -102,6 +103,7 @@ contains
       real(wp), intent(in) :: factors(:)                              !! (n_harmonics)
       integer :: k
 
+      if (asserts_are_on) call assert(size(other%values, 1) == size(self%values, 1), "amplitudes_add_scaled", "the same dofs")
       do k = 1, size(other%harmonics)
          call self%add(other%harmonics(k), factors(other%harmonics(k))*other%values(:, k))
       end do

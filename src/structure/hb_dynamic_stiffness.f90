@@ -13,6 +13,7 @@
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
+   use hb_assert, only: assert, asserts_are_on
    use hb_band_factors, only: factorise_band, solve_band
    use hb_block_pattern, only: block_pattern_t
    use hb_block_solver, only: probe_vector, suspicious_growth
@@ -173,6 +174,8 @@ contains
       class(dynamic_stiffness_t), intent(in) :: self
       integer, intent(in) :: i, k, h
 
+      if (asserts_are_on) call assert(i >= self%pattern%first(k) .and. i <= self%pattern%last(k), &
+                                      "dynamic_stiffness_entry", "an entry of the pattern")
       if (allocated(self%shared)) then
          entry = self%shared%entry(i, k, h)
       else
