@@ -20,7 +20,8 @@ from nhbm import ModelError, Structure, import_structure, meshes
 from nhbm.command import main
 
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "why" / "programs.md"
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = ROOT / "docs" / "why" / "programs.md"
 
 
 def package(name):
@@ -466,6 +467,25 @@ def test_barc_as_visualdynamics_makes_it():
     operator = LinearOperator((n, n), matvec=lambda x: factors.solve(structure.mass @ x))
     found = np.sqrt(np.sort(np.abs(1 / eigs(operator, 9, return_eigenvectors=False).real - shift))) / (2 * np.pi)
     np.testing.assert_allclose(found[6:], [196.29, 217.83, 277.96], rtol=1e-4)
+
+
+@pytest.mark.long
+def test_bolts_of_the_barc_may_slip():
+    """Where all nodes of its bolts stick, drivers/examples/barc.py has the modes of its rigid links; softer contacts lower each of
+    them, and so does slip, which dissipates."""
+    package("visualdynamics")
+    example = ROOT / "drivers" / "examples" / "barc.py"
+    found = importlib.util.spec_from_file_location("barc_example", example)
+    barc = importlib.util.module_from_spec(found)
+    found.loader.exec_module(barc)
+    structure = barc.structure()
+    stuck = [barc.frequencies(structure, contact) for contact in (1e12, 1e9, 2e7)]
+    np.testing.assert_allclose(stuck[0][:3], [196.29, 217.83, 277.96], rtol=2e-4)
+    assert np.all(np.diff(stuck, axis=0) < 0.0)
+    barc.FORCES = [0.5, 8.0]
+    slipping = barc.backbone(structure)
+    assert np.all(np.diff(slipping["omega"]) <= 1e-6 * slipping["omega"].values[1:])
+    assert slipping["ratio"][-1] > 1.1 * slipping["ratio"][0]
 
 
 # What belongs to what
