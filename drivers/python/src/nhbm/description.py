@@ -144,6 +144,7 @@ class Description(Laws):
         self._groups = Groups()
         self._session: Session | None = None  # which has the groups, from the first use on
         self._used: Settings = {}  # of the last operation
+        self._is_held = False  # the session has the present values, with these settings
         self._warned: set[str] = set()  # warnings about the model that were issued
         self._is_trial = False  # its values are those of a search, of which no warning is issued
         self._solved: Any = None  # the motion of the last `solve`
@@ -515,10 +516,11 @@ class Description(Laws):
         session, group = self._ready(self._used), self._groups.find(at)
         if group is None or key is None or (self._groups.first("tie") and at.group not in self._used):
             session.parameter(str(at))  # raises what is wrong with the path
-        group, value = group or self._groups.single(at.group), plain(value)
-        keyed = group.put(at.keyed, value)
-        if at.group not in self._used:
+        self._is_held, value = False, plain(value)
+        keyed = (group or self._groups.single(at.group)).put(at.keyed, value)
+        if group is not None and at.group not in self._used:
             session.put(group, keyed, value)
+            self._is_held = True
 
     @exclusive
     def __getitem__(self, path: str) -> Any:
@@ -610,6 +612,7 @@ class Description(Laws):
             self._check(group)
         except ModelError:
             self._groups.remove(group)
+            self._forget()
             raise
 
     def _check(self, group: Group) -> None:
@@ -664,15 +667,18 @@ class Description(Laws):
 
     def _forget(self) -> None:
         """Forgets the motions that were found: this is another model now."""
+        self._is_held = False
         if self._session is not None and self._session.has_motion:
             self._session = None
 
     def _ready(self, settings: Settings, *further: Group) -> Session:
         """The session, with the present values, the settings of an operation, and its further groups."""
         if self._session is None:
-            self._session = Session(self._find_structure)
-        self._used = settings
-        self._session.hold([*self._groups.with_settings(settings), *further], place_of(self._folder))
+            self._session, self._is_held = Session(self._find_structure), False
+        if not self._is_held or settings != self._used or further:
+            self._is_held, self._used = False, settings
+            self._session.hold([*self._groups.with_settings(settings), *further], place_of(self._folder))
+            self._is_held = not further
         return self._session
 
     def _find_structure(self, name: str) -> Structure:
@@ -706,6 +712,7 @@ def size_of(structure: Group) -> int:
     return max([int(value) for key, value in structure.keys.items() if key in _SIZES and isinstance(value, int)], default=0)
 
 
+@functools.lru_cache(maxsize=100)
 def place_of(folder: Path) -> str:
     """A folder as the name of an input that is not a file."""
     return "" if folder == Path() else f"{folder}/"

@@ -115,11 +115,15 @@ def missing_key(group: str, given: Mapping[str, Any]) -> str:
 
 
 def _check_word(subject: str, key: Key, value: str) -> None:
-    if not key.type.startswith("text") or not _WORDS.fullmatch(key.range):
-        return
-    known = re.findall(r"'([^']*)'", key.range)
-    if value.lower() not in known:
+    known = _choices(key.range) if key.type.startswith("text") else ()
+    if known and value.lower() not in known:
         raise ModelError(f"{subject}: {key.name} = '{value}' is not known{among(value, known)}")
+
+
+@functools.lru_cache(maxsize=None)
+def _choices(words: str) -> tuple[str, ...]:
+    """The words of a range of nothing but words."""
+    return tuple(re.findall(r"'([^']*)'", words)) if _WORDS.fullmatch(words) else ()
 
 
 _NUMBER = r"[-+]?[\d.]+(?:e[-+]?\d+)?"
@@ -160,6 +164,8 @@ def check_numbers(subject: str, name: str, key: Key, values: Any) -> None:
     if values is None or not (is_whole or "real" in key.type):
         return
     limits = limits_of(key.range)
+    if type(values) is float and not is_whole and limits.minimum <= values <= limits.maximum and limits.above < values < math.inf:
+        return
     array = np.asarray(values)
     if array.dtype.kind in "iuf"[: 2 if is_whole else 3] and array.size and np.isfinite(array).all():  # all at once
         if array.min() >= limits.minimum and array.min() > limits.above and array.max() <= limits.maximum:

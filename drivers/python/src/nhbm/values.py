@@ -15,6 +15,8 @@ _EXPECTED = "expected a real number, string, bool or list of them, not"
 
 def plain(value: Any) -> Any:
     """A value as Python has it, hashable: numbers, texts, truths, tuples of them; objects that the input names stay as they are."""
+    if value is None or type(value) in (bool, int, float):
+        return value
     if np.ma.is_masked(value):
         raise ModelError("a masked value is none: fill it, or leave it out")
     if hasattr(value, "__array__"):  # of NumPy, xarray, pandas
