@@ -19,6 +19,7 @@ module hb_curve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: agreement
+   use hb_zero_bracket, only: new_zero_bracket, zero_bracket_t
    implicit none
    private
    public :: curve_config_t, curve_t, event_t, new_curve, path_t
@@ -280,8 +281,7 @@ contains
       self%length = self%last%length + step
    end subroutine curve_locate
 
-   !> As `locate`, without changing the curve: by false position, in which the weight of the older end falls from step
-   !> to step, and by bisection where that is slow. When the bracket cannot shrink further, by rounding or since no
+   !> As `locate`, without changing the curve. When the bracket cannot shrink further, by rounding or since no
    !> point in it can be computed, the remaining changes of the function and of x distinguish a jump from a zero, and a leap to
    !> another curve from both.
    subroutine curve_find_zero(self, event, positions, values, x, step, is_found)
@@ -293,89 +293,61 @@ contains
       real(wp), intent(out) :: step                                   !! its position on the step, from the last point on
       logical, intent(out) :: is_found
       integer, parameter :: max_steps = 80, fast_steps = 24
-      real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
-      real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both ends of the bracket
-      real(wp), parameter :: close = 1.0e-2_wp                        ! of the step; farther guesses may lead to the crossing curve
-      real(wp) :: at_ends(2), bracket(2), position(2), value, weights(2), x_at(size(x), 2)
-      integer :: i, near
+      real(wp), parameter :: min_length = 4.0_wp*epsilon(1.0_wp)      ! of the bracket [steps]
+      real(wp), parameter :: max_close_length = 1.0e-2_wp             ! likewise; farther guesses may lead to the crossing curve
+      type(zero_bracket_t) :: bracket
+      real(wp) :: value
+      integer :: i
       logical :: is_close, is_on_curve
 
-      bracket = positions
-      at_ends = values
-      x_at(:, 1) = self%last%x
-      x_at(:, 2) = self%x
-      position = [0.0_wp, self%last%step]                             ! of these two points
-      weights = 1.0_wp                                                ! weights of the values, for false position
-      near = 0
+      call new_zero_bracket(bracket, positions, values, self%last%x, self%x, self%last%step)
       is_found = .false.
       do i = 1, max_steps
-         step = 0.5_wp*sum(bracket)
-         associate (low => weights(1)*at_ends(1), high => weights(2)*at_ends(2))
-            if (modulo(i, 4) > 0 .and. i <= fast_steps .and. abs(high - low) > 0.0_wp) &
-               step = bracket(1) + (bracket(2) - bracket(1))*min(0.999_wp, max(0.001_wp, -low/(high - low)))
-         end associate
-         is_close = i > fast_steps .or. bracket(2) - bracket(1) <= close*self%last%step
-         call find_point(event%may_jump .and. is_close, is_on_curve)
+         step = bracket%inside(is_middle=modulo(i, 4) == 0 .or. i > fast_steps)
+         is_close = i > fast_steps .or. bracket%length() <= max_close_length*self%last%step
+         call find_point_inside(self, bracket, is_close, event%may_jump, step, x, is_on_curve)
          if (self%status /= outcome%pending) return
          if (.not. is_on_curve) then                                  ! the bracket cannot shrink further
-            near = minloc(abs(at_ends), dim=1)
-            step = position(near)
-            x = x_at(:, near)
-            is_found = is_close .and. is_zero_between()
+            call bracket%get_nearest(step, x)
+            is_found = is_close .and. bracket%has_zero(self%units, self%last%step, event%may_jump)
             return
          end if
          value = event%value(self, x)
          if (ieee_is_nan(value)) return
          is_found = abs(value) <= event%tolerance
-         if (is_found) return
-         if (bracket(2) - bracket(1) <= smallest_bracket*self%last%step) then
-            is_found = is_zero_between()
-            return
+         if (.not. is_found .and. bracket%length() > min_length*self%last%step) then
+            call bracket%insert(step, x, value)
+            cycle
          end if
-         if (near == merge(1, 2, value*values(1) > 0.0_wp)) weights(3 - near) = 0.5_wp*weights(3 - near)
-         near = merge(1, 2, value*values(1) > 0.0_wp)
-         bracket(near) = step
-         position(near) = step
-         at_ends(near) = value
-         x_at(:, near) = x
-         weights(near) = 1.0_wp
+         if (.not. is_found) is_found = bracket%has_zero(self%units, self%last%step, event%may_jump)
+         return
       end do
-
-   contains
-
-      !> Point of the curve at `step`, or where the corrector fails there, at another position in the bracket: next to a kink it may
-      !> succeed at one of two neighbouring positions alone.
-      subroutine find_point(begins_between, is_there)
-         logical, intent(in) :: begins_between                        !! where the residual is small is near enough
-         logical, intent(out) :: is_there                             !! `step` is its position
-         real(wp), parameter :: shares(3) = [0.5_wp, 0.25_wp, 0.75_wp]
-         integer :: k
-
-         if (begins_between) then
-            call self%point_at(step, x, is_there, between())
-         else
-            call self%point_at(step, x, is_there)
-         end if
-         do k = 1, size(shares)
-            if (is_there .or. .not. is_close .or. self%status /= outcome%pending) return   ! farther away the curve may leap
-            step = bracket(1) + shares(k)*(bracket(2) - bracket(1))
-            call self%point_at(step, x, is_there, between())
-         end do
-      end subroutine find_point
-
-      !> The line between the nearest points, at `step`.
-      function between()
-         real(wp) :: between(size(x))
-
-         between = x_at(:, 1) + (step - position(1))/(position(2) - position(1))*(x_at(:, 2) - x_at(:, 1))
-      end function between
-
-      !> Whether the curve passes through the bracket without a leap, and the function has a zero there, or may jump.
-      logical function is_zero_between()
-         is_zero_between = norm2((x_at(:, 2) - x_at(:, 1))/self%units) <= jump*self%last%step .and. &
-            (event%may_jump .or. abs(at_ends(2) - at_ends(1)) <= jump*abs(values(2) - values(1)))
-      end function is_zero_between
    end subroutine curve_find_zero
+
+   !> Point of the curve in a bracket, or where the corrector fails there, at another position in it: next to a kink it may
+   !> succeed at one of two neighbouring positions alone.
+   subroutine find_point_inside(self, bracket, is_close, may_jump, step, x, is_there)
+      class(curve_t), intent(inout) :: self
+      type(zero_bracket_t), intent(in) :: bracket
+      logical, intent(in) :: is_close                                 !! otherwise the curve may leap
+      logical, intent(in) :: may_jump                                 !! where the residual is small is near enough
+      real(wp), intent(inout) :: step                                 !! its position
+      real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_there
+      real(wp), parameter :: shares(3) = [0.5_wp, 0.25_wp, 0.75_wp]
+      integer :: k
+
+      if (is_close .and. may_jump) then
+         call self%point_at(step, x, is_there, bracket%between(step))
+      else
+         call self%point_at(step, x, is_there)
+      end if
+      do k = 1, merge(size(shares), 0, is_close)
+         if (is_there .or. self%status /= outcome%pending) return
+         step = bracket%ends(1) + shares(k)*bracket%length()
+         call self%point_at(step, x, is_there, bracket%between(step))
+      end do
+   end subroutine find_point_inside
 
    !> Sets the last equation to the plane at a distance from a point.
    subroutine curve_set_plane(self, x, direction, distance)
