@@ -8,15 +8,15 @@ module hb_curve_runner
    use hb_curve_jumps, only: curve_jumps_t
    use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
-   use hb_impact_curve, only: new_curve_of
    use hb_kinds, only: wp
    use hb_level, only: estimate_of
    use hb_model, only: model_t
-   use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
+   use hb_new_curve, only: new_curve_of
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point_kinds, only: curve_kind
+   use hb_solution_curve, only: solution_curve_t
    use hb_solver_types, only: attempt_t
    use hb_system, only: system_t
    use hb_text, only: rounded_to, to_text
@@ -30,7 +30,7 @@ module hb_curve_runner
       type(model_t) :: model                                          !! at the start
       type(curve_request_t) :: request
       logical :: is_done = .false.                                    !! there is no further point
-      class(motion_curve_t), allocatable, private :: curve
+      class(solution_curve_t), allocatable, private :: curve
       type(curve_request_t), private :: part                          ! of the present part, if the curve jumps
       type(curve_jumps_t), private :: jumps
       logical, private :: may_integrate = .true.                      ! of the model, before an attempt has changed it

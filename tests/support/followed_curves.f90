@@ -93,9 +93,12 @@ contains
       if (.not. present(break)) return
       call other%continue_from(model, requested, followed%position(:break), error)
       if (failed()) return
-      is_same = size(curve%reported) == size(other%reported) .and. size(curve%origins) == size(other%origins)
-      if (is_same) is_same = all(curve%origins%is_apart .eqv. other%origins%is_apart) .and. &
-                             abs(sum(curve%reported%length) - sum(other%reported%length)) <= 1.0e-12_wp
+      associate (seen => curve%course%reported, again => other%course%reported, origins => curve%branches%origins, &
+                 restored => other%branches%origins)
+         is_same = size(seen) == size(again) .and. size(origins) == size(restored)
+         if (is_same) is_same = all(origins%is_apart .eqv. restored%is_apart) .and. &
+                                abs(sum(seen%length) - sum(again%length)) <= 1.0e-12_wp
+      end associate
       if (.not. is_same) followed%problem = "the folds, peaks or branch points so far differ"
       do while (.not. other%is_done)
          call other%next(result, error)

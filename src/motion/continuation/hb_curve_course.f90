@@ -4,6 +4,7 @@
 !> function of the value of the curve; where the tones are commensurate without locking, f itself is one. Source: Guckenheimer
 !> and Holmes, Nonlinear Oscillations, Dynamical Systems, and Bifurcations of Vector Fields (1983), sections 2.1 and 3.4.
 module hb_curve_course
+   use hb_curve_points, only: reported_extreme_t
    use hb_error_estimate, only: near_commensurate
    use hb_kinds, only: wp
    use hb_level, only: level_t
@@ -29,6 +30,7 @@ module hb_curve_course
       logical :: is_retraced = .false.                                !! the branch has come back to one of them
       integer, allocatable :: locked(:)                               !! combination of tones that vanishes ahead, if any
       real(wp) :: locked_at = 0.0_wp                                  !! value where it does
+      type(reported_extreme_t), allocatable :: reported(:)
       integer :: n_unreliable = 0                                     !! last steps whose errors are not known
       integer :: n_exhausted = 0                                      !! last steps that took the work of a point
       real(wp), allocatable, private :: values(:)                     ! of the last ends of steps
@@ -47,6 +49,7 @@ contains
       class(curve_course_t), intent(inout) :: self
 
       self%folds = [passed_fold_t ::]
+      self%reported = [reported_extreme_t ::]
       self%is_retraced = .false.
       if (allocated(self%locked)) deallocate (self%locked)
       self%n_unreliable = 0

@@ -1,8 +1,10 @@
 !> Where and why a branch of a curve ends, other than at the end of its range: the values ahead are not possible, its tones lock,
 !> its points are no longer reliable or use up their work, or it has come back to one of its folds.
 module hb_curve_end
-   use hb_curve_points, only: waiting_t
-   use hb_followed_motion, only: followed_motion_t
+   use hb_curve, only: curve_t
+   use hb_curve_course, only: curve_course_t
+   use hb_curve_points, only: curve_point_t
+   use hb_followed, only: followed_t, step_accuracy_t
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, estimate_of_motion
@@ -26,62 +28,59 @@ module hb_curve_end
 contains
 
    !> Counts the last steps whose errors are not known, or that have used up the work of a point.
-   subroutine count_doubtful_steps(self, result)
-      class(followed_motion_t), intent(inout) :: self
-      type(motion_result_t), intent(in) :: result                     !! at the end of a step
+   subroutine count_doubtful_steps(course, requested, step, result)
+      type(curve_course_t), intent(inout) :: course
+      type(accuracy_t), intent(in) :: requested
+      type(step_accuracy_t), intent(in) :: step                       !! of the last step
+      type(motion_result_t), intent(in) :: result                     !! at its end
 
-      associate (accuracy => self%model%options%accuracy, course => self%course)
-         course%n_unreliable = merge(course%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result), accuracy))
-         course%n_exhausted = merge(course%n_exhausted + 1, 0, self%is_out_of_work .and. estimate_of(result) > accuracy%tolerance)
-      end associate
+      course%n_unreliable = merge(course%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result), requested))
+      course%n_exhausted = merge(course%n_exhausted + 1, 0, step%is_out_of_work .and. estimate_of(result) > requested%tolerance)
    end subroutine count_doubtful_steps
 
-   !> Ends the branch if nothing is gained by a further step.
-   subroutine end_if_doubtful(self, has_ended)
-      class(followed_motion_t), intent(inout) :: self
-      logical, intent(out) :: has_ended
+   !> How the branch ends if nothing is gained by a further step; otherwise pending.
+   pure integer function end_if_doubtful(course) result(status)
+      type(curve_course_t), intent(in) :: course
 
-      associate (course => self%course)
-         has_ended = .true.
-         if (course%n_unreliable >= max_unreliable .or. course%n_exhausted >= max_exhausted) then
-            self%curve%status = outcome%out_of_budget
-         else if (allocated(course%locked)) then
-            self%curve%status = outcome%locked
-         else
-            has_ended = .false.
-         end if
-      end associate
-   end subroutine end_if_doubtful
+      status = outcome%pending
+      if (allocated(course%locked)) status = outcome%locked
+      if (course%n_unreliable >= max_unreliable .or. course%n_exhausted >= max_exhausted) status = outcome%out_of_budget
+   end function end_if_doubtful
 
    !> Status, reason and message where the curve cannot be followed.
-   subroutine describe_end(self, result)
-      class(followed_motion_t), intent(in) :: self
+   subroutine describe_end(followed, curve, course, result)
+      class(followed_t), intent(in) :: followed
+      type(curve_t), intent(in) :: curve
+      type(curve_course_t), intent(in) :: course
       type(motion_result_t), intent(inout) :: result
+      character(500) :: fault
 
-      result%status = self%curve%status
-      result%reason = reason%lost_curve
-      if (is_refused(self) .or. len_trim(fault_of_laws(self)) > 0) then
-         result%status = outcome%failed
-         result%reason = reason%error
-      else if (any(result%status == [outcome%collapsed, outcome%locked])) then
-         result%reason = reason%none
-      end if
-      result%message = trim(end_text(self))
+      associate (n => size(curve%x))
+         fault = followed%fault_near(curve%x(n), next_to_none*curve%units(n))
+         result%status = curve%status
+         result%reason = reason%lost_curve
+         if (len_trim(fault) > 0) then
+            result%status = outcome%failed
+            result%reason = reason%error
+            result%message = "continuation failed at the value "//to_text(curve%x(n))//": "//trim(fault)
+            return
+         end if
+      end associate
+      if (any(result%status == [outcome%collapsed, outcome%locked])) result%reason = reason%none
+      result%message = trim(end_text(curve, course, followed%model%options%accuracy))
    end subroutine describe_end
 
    !> Where and why the curve cannot be followed, for people.
-   function end_text(self) result(text)
-      class(followed_motion_t), intent(in) :: self
+   function end_text(curve, course, accuracy) result(text)
+      type(curve_t), intent(in) :: curve
+      type(curve_course_t), intent(in) :: course
+      type(accuracy_t), intent(in) :: accuracy
       character(500) :: text
 
-      associate (value => self%curve%x(size(self%curve%x)), accuracy => self%model%options%accuracy, course => self%course)
-         if (is_refused(self)) then
-            text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
-         else if (len_trim(fault_of_laws(self)) > 0) then
-            text = "continuation failed at the value "//to_text(value)//": "//fault_of_laws(self)
-         else if (self%curve%status == outcome%collapsed) then
+      associate (value => curve%x(size(curve%x)))
+         if (curve%status == outcome%collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
-         else if (self%curve%status == outcome%locked) then
+         else if (curve%status == outcome%locked) then
             text = "the tones lock near the value "//to_text(rounded_to(course%locked_at, n_digits_of_lock))//", where "// &
                    tuple_text(course%locked)//" vanishes: beyond it the motion is periodic"
          else if (course%n_exhausted >= max_exhausted) then
@@ -96,30 +95,10 @@ contains
                text = trim(text)//" too large to be meaningful"
             end if
          else
-            text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%curve%length)
+            text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(curve%length)
          end if
       end associate
    end function end_text
-
-   !> Whether the values ahead are not possible.
-   pure logical function is_refused(self)
-      class(followed_motion_t), intent(in) :: self
-
-      is_refused = allocated(self%problem%refusal%text)
-      associate (n => size(self%curve%x))
-         if (is_refused) is_refused = abs(self%problem%refusal%value - self%curve%x(n)) <= next_to_none*self%curve%units(n)
-      end associate
-   end function is_refused
-
-   !> Why a law cannot continue, here or on the set of odd motions; empty if all laws can.
-   pure function fault_of_laws(self) result(text)
-      class(followed_motion_t), intent(in) :: self
-      character(400) :: text
-
-      text = ""
-      if (allocated(self%odd_problem)) text = self%odd_problem%fault_of_laws()
-      if (len_trim(text) == 0) text = self%problem%fault_of_laws()
-   end function fault_of_laws
 
    !> Whether an estimated error has no meaning, except that it is large: at a given order. By a tolerance, whether it is far above
    !> that.
@@ -133,10 +112,10 @@ contains
 
    !> The end of a branch that has come back to a fold.
    pure function end_at_fold(fold) result(point)
-      type(waiting_t), intent(in) :: fold
-      type(waiting_t) :: point
+      type(curve_point_t), intent(in) :: fold
+      type(curve_point_t) :: point
 
-      point = waiting_t(curve_kind%end, fold%position, fold%x)
+      point = curve_point_t(curve_kind%end, fold%position, fold%x)
       point%is_crossing = .true.                                      ! there the value alone does not select a motion
    end function end_at_fold
 end module hb_curve_end

@@ -3,7 +3,6 @@
 !> A motion grazes where the smallest or the largest value of a switch of a law over all phases (hb_switch_extremes) is zero:
 !> a contact begins, or becomes permanent.
 module hb_curve_events
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
    use hb_kinds, only: wp
    use hb_model_problem, only: model_problem_t
@@ -12,16 +11,15 @@ module hb_curve_events
    use hb_switch_extremes, only: extremes_of_switches
    implicit none
    private
-   public :: branch_event_t, event_values_t, find_extremes, find_motion, find_stability, fold_event_t, grazing_event_t, &
-      value_event_t
+   public :: branch_event_t, event_values_t, find_extremes, find_motion, find_stability, fold_event_t, value_event_t
 
    !> Quantities at the point of the curve that events compare with those at the end of the next step.
    type :: event_values_t
       real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
-      real(wp), allocatable :: functions(:)                           !! of the responses, hb_observed_motion
+      real(wp), allocatable :: functions(:)                           !! of the responses, hb_followed
       real(wp), allocatable :: squares(:)                             !! of the responses
       real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
-      integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_impact_curve)
+      integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_orbit_branch)
       type(stability_t) :: stability                                  !! without multipliers if none are searched for
       real(wp) :: speed = -1.0_wp                                     !! of the multipliers on the step to here; -1: not known
    end type event_values_t
@@ -44,15 +42,6 @@ module hb_curve_events
    contains
       procedure :: value => value_event_value
    end type value_event_t
-
-   !> A zero of an extremum of a switching function of a law.
-   type, extends(event_t) :: grazing_event_t
-      type(model_problem_t), pointer :: problem => null()
-      integer :: extreme = 0, switch = 0                              ! in the list of `find_extremes`
-      real(wp) :: unit = 1.0_wp
-   contains
-      procedure :: value => grazing_event_value
-   end type grazing_event_t
 
 contains
 
@@ -85,17 +74,6 @@ contains
       if (allocated(c)) call extremes_of_switches(problem%model%system%laws, problem%harmonics%tuples, problem%omega, c, &
                                                   extremes)
    end subroutine find_extremes
-
-   real(wp) function grazing_event_value(self, curve, x) result(value)
-      class(grazing_event_t), intent(inout) :: self
-      class(curve_t), intent(inout) :: curve
-      real(wp), intent(in) :: x(:)
-      real(wp), allocatable :: extremes(:, :)
-
-      call find_extremes(self%problem, x, extremes)
-      value = ieee_value(value, ieee_quiet_nan)
-      if (size(extremes, 2) >= self%switch) value = extremes(self%extreme, self%switch)/self%unit
-   end function grazing_event_value
 
    real(wp) function fold_event_value(self, curve, x) result(value)
       class(fold_event_t), intent(inout) :: self

@@ -7,18 +7,18 @@
 !> inverse iteration. The multipliers determine the frequency of an additional tone only up to a multiple of the given
 !> tone: the frequency with the largest fundamental is chosen. Source: docs/why/theory.md, section 6.7.
 module hb_curve_origin
+   use hb_balance_branch, only: balance_branch_t
    use hb_bifurcation, only: bifurcation, bifurcation_value
-   use hb_curve_points, only: origin_t
+   use hb_curve_branches, only: origin_t
    use hb_curve_request, only: curve_origin_t
-   use hb_curve_step, only: longest_chord
+   use hb_curve_step, only: max_chord
    use hb_kinds, only: two_pi, wp
    use hb_model_problem, only: model_problem_t
-   use hb_observed_motion, only: observed_motion_t
    use hb_stability, only: stability_t
    use hb_tangent_solver, only: find_null_vector
    implicit none
    private
-   public :: find_first
+   public :: find_leaving_motion
 
    integer, parameter :: max_halvings = 12                            ! of the distance from the origin
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
@@ -91,8 +91,8 @@ contains
    end subroutine iterate
 
    !> Finds the first motion of a curve that leaves another one at the origin of its request, and the direction there.
-   subroutine find_first(self, first, is_found)
-      class(observed_motion_t), intent(inout), target :: self         !! prepared for the origin
+   subroutine find_leaving_motion(self, first, is_found)
+      class(balance_branch_t), intent(inout), target :: self         !! prepared for the origin
       type(origin_t), intent(inout) :: first                          !! receives the motion and the direction
       logical, intent(out) :: is_found
       real(wp) :: across(self%problem%n_unknowns), joined
@@ -112,15 +112,15 @@ contains
       do i = 1, size(first_parts)                                     ! for forces with kinks there may be none very close to it
          first%x = from + first_parts(i)*first%direction
          call self%correct_on_plane(first%x, first%direction, is_found)
-         if (is_found) is_found = norm2((first%x - from)/self%units_at(from)) <= longest_chord*first_parts(i)
+         if (is_found) is_found = norm2((first%x - from)/self%units_at(from)) <= max_chord*first_parts(i)
          if (is_found) exit
       end do
       if (is_found) call move_before_events(self, from, first)
-   end subroutine find_first
+   end subroutine find_leaving_motion
 
    !> Moves the first motion closer to the origin as long as there are period doublings between them.
    subroutine move_before_events(self, from, first)
-      class(observed_motion_t), intent(inout), target :: self
+      class(balance_branch_t), intent(inout), target :: self
       real(wp), intent(in) :: from(:)                                 !! the origin
       type(origin_t), intent(inout) :: first
       type(stability_t) :: at_first, at_origin

@@ -1,25 +1,16 @@
-!> The points that a curve notes: those that are found on a step, origins of branches, reported extremes.
+!> The points that are found on a step of a curve, and reported extremes.
 module hb_curve_points
    use hb_curve, only: path_t
    use hb_kinds, only: wp
-   use hb_level, only: level_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_point_kinds, only: curve_kind
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: add_origin, add_waiting, origin_t, path_of, reported_extreme_t, store_path, waiting_t
-
-   !> A motion with the direction of a curve there.
-   type :: origin_t
-      logical :: is_apart = .false. !! separate from the previous curves; otherwise an intersection with another curve
-      logical :: is_traced = .false.                                  !! another branch has come here: this one is the same
-      real(wp), allocatable :: x(:), direction(:)
-      type(level_t) :: level                                          !! set and grid of both
-   end type origin_t
+   public :: add_point, curve_point_t, path_of, reported_extreme_t, store_path
 
    !> A point that was found on a step.
-   type :: waiting_t
+   type :: curve_point_t
       integer :: kind = curve_kind%none
       real(wp) :: position = 0.0_wp                                   !! position on the step
       real(wp), allocatable :: x(:)
@@ -33,7 +24,7 @@ module hb_curve_points
       integer :: extreme = 0, switch = 0                              !! that is zero there, of `extremes_of_switches`, if it grazes
       character(200) :: unlocated = ""                                !! events before it on the step that were not located
       real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the function that vanishes
-   end type waiting_t
+   end type curve_point_t
 
    !> A fold, peak or minimum that was reported.
    type :: reported_extreme_t
@@ -44,13 +35,13 @@ module hb_curve_points
 contains
 
    !> Adds a point to those of a step. (gfortran 12 leaks the components of a structure constructor within an array
-   !> constructor, here and below.)
-   subroutine add_waiting(list, kind, position, x, response)
-      type(waiting_t), allocatable, intent(inout) :: list(:)
+   !> constructor.)
+   subroutine add_point(list, kind, position, x, response)
+      type(curve_point_t), allocatable, intent(inout) :: list(:)
       integer, intent(in) :: kind
       real(wp), intent(in) :: position, x(:)
       integer, intent(in), optional :: response
-      type(waiting_t) :: point
+      type(curve_point_t) :: point
 
       point%kind = kind
       point%position = position
@@ -58,7 +49,7 @@ contains
       if (present(response)) point%response = response
       if (.not. allocated(list)) allocate (list(0))
       list = [list, point]
-   end subroutine add_waiting
+   end subroutine add_point
 
    !> Stores in a row what a curve needs to continue from there, besides its point and direction.
    pure subroutine store_path(path, position)
@@ -77,19 +68,4 @@ contains
       path = path_t(position%unknowns, position%direction, position%orientation, position%step, abs(position%length), &
                     position%largest_motion)
    end function path_of
-
-   !> Adds an origin of a branch.
-   subroutine add_origin(list, is_apart, x, direction, level)
-      type(origin_t), allocatable, intent(inout) :: list(:)
-      logical, intent(in) :: is_apart
-      real(wp), intent(in) :: x(:), direction(:)
-      type(level_t), intent(in) :: level
-      type(origin_t) :: origin
-
-      origin%is_apart = is_apart
-      origin%x = x
-      origin%direction = direction
-      origin%level = level
-      list = [list, origin]
-   end subroutine add_origin
 end module hb_curve_points

@@ -8,36 +8,37 @@
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: cancellation_t, work_is_over
-   use hb_curve_points, only: waiting_t
+   use hb_curve, only: curve_t
+   use hb_curve_branches, only: branches_t
+   use hb_curve_events, only: event_values_t
+   use hb_curve_points, only: curve_point_t
    use hb_curve_step, only: step
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: curve_state_t
+   use hb_followed, only: curve_state_t, followed_t, step_accuracy_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
    use hb_level, only: choose_next, choose_smaller, estimate_of, join, level_t, margin, max_failures, min_goal, transferred
    use hb_motion_result, only: motion_result_t
-   use hb_observed_motion, only: observed_motion_t
-   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
    use hb_point_kinds, only: curve_kind
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_solver_types, only: report_t
-   use hb_system, only: system_t
    implicit none
    private
    public :: step_to_tolerance, transfer_motion
 
    integer, parameter :: max_idle = 2                                ! consecutive ones without improvement
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
-   real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: below it a smaller set is sufficient;
+   real(wp), parameter :: max_estimate_to_shrink = 0.01_wp            ! of the tolerance: below it a smaller set is sufficient;
                                                                       ! with 0.03 a curve that has left its stop keeps 12
                                                                       ! harmonics, not 8
 
    !> A curve that is refined. Its set and grid are those of the motion that is followed.
    type, abstract, extends(refinable_t) :: refined_curve_t
-      class(observed_motion_t), pointer :: motion => null()
+      class(followed_t), pointer :: followed => null()
+      type(curve_t), pointer :: curve => null()
       type(discretisation_t) :: whole                                 ! in which all tuples of the lowest set are required
       type(level_t) :: next
       logical :: is_ended = .false.                                   ! there is no further step
@@ -51,8 +52,11 @@ module hb_curve_sets
 
    !> A step from a point to the next one.
    type, extends(refined_curve_t) :: refined_step_t
+      type(event_values_t), pointer :: at_point => null()             ! of the curve
+      type(branches_t), pointer :: branches => null()
+      type(step_accuracy_t), pointer :: accuracy => null()
       type(curve_state_t) :: here                                     ! at the point, on the level tried last
-      type(waiting_t), allocatable :: points(:)                       ! of the step
+      type(curve_point_t), allocatable :: points(:)                       ! of the step
       integer :: worst = 1                                            ! of them, the least accurate
       logical :: is_stalled = .false.                                 ! no step is possible on that level
    contains
@@ -75,32 +79,39 @@ contains
    ! Steps
 
    !> Performs one step on a set and a grid on which all of its points have the requested accuracy, if there is one.
-   subroutine step_to_tolerance(self, points, error)
-      class(observed_motion_t), intent(inout), target :: self
-      type(waiting_t), allocatable, intent(out) :: points(:)
+   subroutine step_to_tolerance(followed, curve, at_point, branches, accuracy, points, error)
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout), target :: curve
+      type(event_values_t), intent(inout), target :: at_point
+      type(branches_t), intent(inout), target :: branches
+      type(step_accuracy_t), intent(inout), target :: accuracy
+      type(curve_point_t), allocatable, intent(out) :: points(:)
       type(error_t), allocatable, intent(out) :: error
       type(refined_step_t) :: refined
       type(curve_state_t) :: first
       type(cancellation_t), target :: effort
       integer :: ending
 
-      call refined%prepare(self)
+      call refined%prepare(followed, curve)
+      refined%at_point => at_point
+      refined%branches => branches
+      refined%accuracy => accuracy
       refined%effort => effort
       refined%max_failures = max_failures + 1
-      if (self%estimate <= ample*self%model%options%accuracy%tolerance) &
-         call shrink(self, self%model%system, refined%whole, self%model%options, error)
+      if (accuracy%estimate <= max_estimate_to_shrink*followed%model%options%accuracy%tolerance) call shrink(refined, error)
       if (allocated(error)) return
-      first = self%state()
+      first = state_of(followed, curve, at_point)
       call effort%enter(huge(1.0_wp))
       call refine(refined, ending)
       call effort%leave()
-      self%is_out_of_work = ending /= refinement_end%accurate .and. effort%budget%spent > self%model%options%max_work()
+      accuracy%is_out_of_work = ending /= refinement_end%accurate .and. &
+                                effort%budget%spent > followed%model%options%max_work()
       if (ending == refinement_end%idle) then                         ! no set improves it: the point is reported unchanged
-         call restore_curve(self, first, refined%error)
-         self%n_levels = 1
+         call restore_curve(refined, first)
+         followed%n_levels = 1
          if (.not. allocated(refined%error)) call step_here(refined)
-      else if (refined%n_levels > 1 .and. self%curve%status == outcome%pending .and. .not. allocated(refined%error)) then
-         call find_passed_events(self, first, refined%here, refined%points)
+      else if (refined%n_levels > 1 .and. curve%status == outcome%pending .and. .not. allocated(refined%error)) then
+         call find_passed_events(followed, curve, branches, first, refined%here, refined%points)
       end if
       call move_alloc(refined%points, points)
       call move_alloc(refined%error, error)
@@ -116,10 +127,10 @@ contains
          call change_level(self, is_solved)
          if (allocated(self%error) .or. .not. is_solved) return
       end if
-      self%motion%n_levels = self%n_levels + 1
-      self%here = self%motion%state()
+      self%followed%n_levels = self%n_levels + 1
+      self%here = state_of(self%followed, self%curve, self%at_point)
       call step_here(self)
-      associate (status => self%motion%curve%status)
+      associate (status => self%curve%status)
          self%is_stalled = status == outcome%stalled
          self%is_ended = .not. (self%is_stalled .or. status == outcome%pending)
          is_solved = status == outcome%pending
@@ -132,17 +143,17 @@ contains
       type(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_found
 
-      call restore_curve(self%motion, self%here, self%error)
+      call restore_curve(self, self%here)
       if (allocated(self%error)) return
-      call change_set(self%motion, self%next, is_found, self%error)
+      call change_set(self, self%next, is_found)
       if (allocated(self%error)) return
-      associate (curve => self%motion%curve)
+      associate (curve => self%curve)
          if (is_found) then
             if (self%is_stalled) curve%step = curve%config%first_step
             return
          end if
          self%is_ended = .true.
-         call restore_curve(self%motion, self%here, self%error)
+         call restore_curve(self, self%here)
          if (allocated(self%error)) return
          if (self%is_stalled) then
             curve%status = outcome%stalled
@@ -156,9 +167,8 @@ contains
    subroutine step_here(self)
       type(refined_step_t), intent(inout) :: self
 
-      call step(self%motion, self%points)
-      if (self%motion%curve%status == outcome%pending) &
-         call describe_all(self%motion, self%points, self%worst, self%estimate, self%error)
+      call step(self%followed, self%curve, self%at_point, self%branches, self%points)
+      if (self%curve%status == outcome%pending) call describe_all(self)
    end subroutine step_here
 
    !> Chooses the next level from the least accurate point or, if no step is possible, from the first point of the
@@ -167,25 +177,25 @@ contains
       class(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_there
       type(motion_result_t) :: result
-      type(waiting_t) :: here
+      type(curve_point_t) :: here
 
-      associate (motion => self%motion)
+      associate (followed => self%followed, curve => self%curve)
          if (self%is_stalled) then
             is_there = .false.
-            call restore_curve(motion, self%here, self%error)
+            call restore_curve(self, self%here)
             if (allocated(self%error)) return
-            here = waiting_t(curve_kind%regular, 0.0_wp, motion%curve%x)
-            call motion%describe(here, motion%plane_at(here), result, self%error)
+            here = curve_point_t(curve_kind%regular, 0.0_wp, curve%x)
+            call followed%describe(curve, here, followed%plane_at(curve, here), result, self%error)
             if (allocated(self%error)) return
-            call self%choose_for(result, motion%curve%x, 0.0_wp, is_there)
+            call self%choose_for(result, curve%x, 0.0_wp, is_there)
             if (is_there) return
-            call restore_curve(motion, self%here, self%error)
-            motion%curve%status = outcome%stalled
+            call restore_curve(self, self%here)
+            curve%status = outcome%stalled
             return
          end if
          associate (point => self%points(self%worst))
             if (refined_curve_is_accurate(self)) then              ! the other motions may contain tuples that this one lacks
-               self%next = level_at(motion, point%x)
+               self%next = level_at(followed, point%x)
                call fill(self%next, is_there)
             else
                call self%choose_for(point%result, point%x, goal_ahead, is_there)
@@ -208,13 +218,14 @@ contains
 
    !> Transfers a motion to a set and a grid on which it has the requested accuracy, if there is one, in the plane
    !> across a direction. The problem uses these afterwards.
-   subroutine transfer_motion(self, x, direction, error)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine transfer_motion(followed, x, direction, error)
+      class(followed_t), intent(inout), target :: followed
       real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the present set, before and afterwards
       type(error_t), allocatable, intent(out) :: error
+      type(curve_t), target :: curve
       type(refined_crossing_t) :: refined
 
-      call refined%prepare(self)
+      call refined%prepare(followed, curve)
       call move_alloc(x, refined%x)
       call move_alloc(direction, refined%direction)
       call refine(refined)
@@ -228,31 +239,31 @@ contains
       class(refined_crossing_t), intent(inout) :: self
       logical, intent(out) :: is_solved
       type(level_t) :: before
-      type(waiting_t) :: here
+      type(curve_point_t) :: here
       real(wp), allocatable :: direction(:), x(:)
 
-      associate (motion => self%motion)
+      associate (followed => self%followed)
          is_solved = self%n_levels == 0
          if (.not. is_solved) then
-            before = motion%level
-            x = transferred(before%set, self%next%set, self%x, size(motion%problem%which))
-            direction = transferred(before%set, self%next%set, self%direction, size(motion%problem%which))
-            call motion%adopt_level(self%next, self%error)
+            before = followed%level
+            x = transferred(before%set, self%next%set, self%x, followed%n_further)
+            direction = transferred(before%set, self%next%set, self%direction, followed%n_further)
+            call followed%adopt_level(self%next, self%error)
             if (allocated(self%error)) return
-            call motion%correct_on_plane(x, direction, is_solved)
+            call followed%correct_on_plane(x, direction, is_solved)
             if (.not. is_solved) then
-               call motion%adopt_level(before, self%error)
+               call followed%adopt_level(before, self%error)
                return
             end if
             call move_alloc(x, self%x)
             call move_alloc(direction, self%direction)
          end if
-         motion%n_levels = self%n_levels + 1
-         call motion%make_curve(self%x, self%direction)
+         followed%n_levels = self%n_levels + 1
+         call followed%begin_curve(self%curve, self%x, self%direction)
          if (allocated(self%result)) deallocate (self%result)
          allocate (self%result)
-         here = waiting_t(curve_kind%regular, 0.0_wp, self%x)
-         call motion%describe(here, motion%plane_at(here), self%result, self%error)
+         here = curve_point_t(curve_kind%regular, 0.0_wp, self%x)
+         call followed%describe(self%curve, here, followed%plane_at(self%curve, here), self%result, self%error)
          self%estimate = estimate_of(self%result)
       end associate
    end subroutine refined_crossing_solve
@@ -267,12 +278,14 @@ contains
    ! Both
 
    !> Prepares the levels of a motion that is followed.
-   subroutine refined_curve_prepare(self, motion)
+   subroutine refined_curve_prepare(self, followed, curve)
       class(refined_curve_t), intent(inout) :: self
-      class(observed_motion_t), intent(inout), target :: motion
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout), target :: curve
 
-      self%motion => motion
-      self%whole = motion%model%discretisation
+      self%followed => followed
+      self%curve => curve
+      self%whole = followed%model%discretisation
       self%whole%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%whole%loads%n_dofs), 2, &
                                               self%whole%loads%n_harmonics)) ! tuples with loads are required
       self%max_idle = max_idle
@@ -286,8 +299,8 @@ contains
       real(wp), intent(in) :: least                                   !! of the tolerance: a sufficiently small error
       logical, intent(out) :: is_there
 
-      associate (options => self%motion%model%options)
-         call choose_next(self%motion%model%system, self%whole, options, result, level_at(self%motion, x), &
+      associate (options => self%followed%model%options)
+         call choose_next(self%followed%model%system, self%whole, options, result, level_at(self%followed, x), &
                           max(min_goal*estimate_of(result), least*options%accuracy%tolerance), 0, self%next)
          is_there = allocated(self%next%unknowns)
       end associate
@@ -296,14 +309,14 @@ contains
    logical function refined_curve_is_accurate(self) result(is_accurate)
       class(refined_curve_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= margin*self%motion%model%options%accuracy%tolerance
+      is_accurate = self%estimate <= margin*self%followed%model%options%accuracy%tolerance
    end function refined_curve_is_accurate
 
    logical function refined_curve_is_over(self) result(is_over)
       class(refined_curve_t), intent(inout) :: self
 
       is_over = self%is_ended .or. work_is_over()
-      if (associated(self%effort)) is_over = is_over .or. self%effort%budget%spent > self%motion%model%options%max_work()
+      if (associated(self%effort)) is_over = is_over .or. self%effort%budget%spent > self%followed%model%options%max_work()
    end function refined_curve_is_over
 
    ! Sets
@@ -329,115 +342,117 @@ contains
    end function is_without_gaps
 
    !> The present set and grid with a motion.
-   function level_at(self, x) result(level)
-      class(observed_motion_t), intent(in) :: self
+   function level_at(followed, x) result(level)
+      class(followed_t), intent(in) :: followed
       real(wp), intent(in) :: x(:)                                    !! its unknowns, and those of the curve
       type(level_t) :: level
 
-      level = self%level
-      level%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%model%system%tones%omega]
+      level = followed%level
+      level%unknowns = [x(:size(x) - followed%n_further), 0.0_wp*followed%model%system%tones%omega]
    end function level_at
 
    !> Changes to a smaller set or a coarser grid, if one is sufficient.
-   subroutine shrink(self, system, discretisation, options, error)
-      class(observed_motion_t), intent(inout), target :: self
-      type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
-      type(options_t), intent(in) :: options
+   subroutine shrink(self, error)
+      type(refined_step_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
       type(curve_state_t) :: here
       type(level_t) :: smaller
       type(set_differences_t) :: differences
       logical :: is_filled, is_found, is_smaller
 
-      smaller = level_at(self, self%curve%x)
-      call choose_smaller(system, discretisation, options, smaller, is_smaller)
-      if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
-      if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
-      here = self%state()
-      call change_set(self, smaller, is_found, error)
-      if (allocated(error)) return
-      if (is_found) then                                              ! otherwise an event would be reported twice, or never
-         call find_differences(here, self%state(), differences)
-         is_found = .not. differences%any()
-      end if
-      if (.not. is_found) call restore_curve(self, here, error)
+      associate (followed => self%followed, curve => self%curve)
+         smaller = level_at(followed, curve%x)
+         call choose_smaller(followed%model%system, self%whole, followed%model%options, smaller, is_smaller)
+         if (is_without_gaps(followed%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
+         if (.not. is_smaller .or. 2*smaller%set%n_harmonics > followed%level%set%n_harmonics) return  ! too small a saving
+         here = state_of(followed, curve, self%at_point)
+         call change_set(self, smaller, is_found)
+         if (is_found .and. .not. allocated(self%error)) then         ! otherwise an event would be reported twice, or never
+            call find_differences(here, state_of(followed, curve, self%at_point), differences)
+            is_found = .not. differences%any()
+         end if
+         if (.not. (is_found .or. allocated(self%error))) call restore_curve(self, here)
+      end associate
+      call move_alloc(self%error, error)
    end subroutine shrink
 
+   !> The state at the point of a curve. (gfortran 12 loses allocatable components in a constructor.)
+   function state_of(followed, curve, at_point) result(state)
+      class(followed_t), intent(in) :: followed
+      type(curve_t), intent(in) :: curve
+      type(event_values_t), intent(in) :: at_point
+      type(curve_state_t) :: state
+
+      state%level = followed%level
+      state%path = curve%path_t
+      state%at_point = at_point
+   end function state_of
+
    !> Describes all points of a step, and finds the least accurate one.
-   subroutine describe_all(self, points, worst, estimate, error)
-      class(observed_motion_t), intent(inout), target :: self
-      type(waiting_t), intent(inout) :: points(:)
-      integer, intent(out) :: worst
-      real(wp), intent(out) :: estimate                               !! its estimated error
-      type(error_t), allocatable, intent(out) :: error
+   subroutine describe_all(self)
+      type(refined_step_t), intent(inout) :: self
       integer :: i
 
-      worst = 1
-      estimate = 0.0_wp
-      do i = 1, size(points)
-         associate (point => points(i))
+      self%worst = 1
+      self%estimate = 0.0_wp
+      do i = 1, size(self%points)
+         associate (point => self%points(i), followed => self%followed)
             allocate (point%result)
-            call self%describe(point, self%plane_at(point), point%result, error)
-            if (allocated(error)) return
-            if (point%kind == curve_kind%regular) self%estimate = estimate_of(point%result)
-            if (.not. estimate_of(point%result) > estimate) cycle
-            worst = i
-            estimate = estimate_of(point%result)
+            call followed%describe(self%curve, point, followed%plane_at(self%curve, point), point%result, self%error)
+            if (allocated(self%error)) return
+            if (point%kind == curve_kind%regular) self%accuracy%estimate = estimate_of(point%result)
+            if (.not. estimate_of(point%result) > self%estimate) cycle
+            self%worst = i
+            self%estimate = estimate_of(point%result)
          end associate
       end do
    end subroutine describe_all
 
    !> Restores a state of the curve on its set; the work remains counted.
-   subroutine restore_curve(self, here, error)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine restore_curve(self, here)
+      type(refined_step_t), intent(inout) :: self
       type(curve_state_t), intent(in) :: here
-      type(error_t), allocatable, intent(out) :: error
 
-      call self%adopt_level(here%level, error)
-      if (allocated(error)) return
-      call self%transfer_start()
-      call self%restore(here%path)
+      call self%followed%adopt_level(here%level, self%error)
+      if (allocated(self%error)) return
+      self%branches%start_on_set = self%followed%on_level(self%branches%start)
+      call self%followed%place(self%curve, here%path)
       self%at_point = here%at_point
    end subroutine restore_curve
 
    !> Changes the set and the grid of the curve at its point; `is_found` is false if the motion is not found there.
-   subroutine change_set(self, level, is_found, error)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine change_set(self, level, is_found)
+      type(refined_step_t), intent(inout) :: self
       type(level_t), intent(in) :: level
       logical, intent(out) :: is_found
-      type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
       real(wp), allocatable :: direction(:), x(:)
       real(wp) :: step, roughness
       logical :: is_at_branch_point, is_rough
 
-      step = self%curve%step
-      report = self%curve%report
-      x = transferred(self%level%set, level%set, self%curve%x, size(self%problem%which))
-      direction = transferred(self%level%set, level%set, self%curve%direction, size(self%problem%which))
-      is_found = .false.
-      call self%adopt_level(level, error)
-      if (allocated(error)) return
-      is_at_branch_point = self%has_left_branch() .and. self%curve%length <= 0.0_wp   ! there are two tangents
-      is_found = is_at_branch_point
-      roughness = self%roughness ! a curve that continues from a stored row has the roughness of the start
-      is_rough = self%is_rough
-      if (.not. is_found) call self%correct_on_plane(x, direction, is_found)
-      self%roughness = roughness
-      self%is_rough = is_rough
-      if (.not. is_found) return
-      call self%make_curve(x, direction)
-      if (is_at_branch_point) then
-         self%curve%direction = direction
-         self%curve%orientation = 0.0_wp
-         self%curve%status = outcome%pending
-         call self%restrict_to_symmetry()
-      end if
-      self%curve%step = step
-      self%curve%report = report
-      call self%transfer_start()
-      call self%update_units()
-      call self%evaluate_here(self%at_point)
+      associate (followed => self%followed, curve => self%curve, branches => self%branches)
+         step = curve%step
+         report = curve%report
+         x = transferred(followed%level%set, level%set, curve%x, followed%n_further)
+         direction = transferred(followed%level%set, level%set, curve%direction, followed%n_further)
+         is_found = .false.
+         call followed%adopt_level(level, self%error)
+         if (allocated(self%error)) return
+         is_at_branch_point = branches%leaves_another() .and. curve%length <= 0.0_wp   ! there are two tangents
+         is_found = is_at_branch_point
+         roughness = followed%roughness ! a curve that continues from a stored row has the roughness of the start
+         is_rough = followed%is_rough
+         if (.not. is_found) call followed%correct_on_plane(x, direction, is_found)
+         followed%roughness = roughness
+         followed%is_rough = is_rough
+         if (.not. is_found) return
+         call followed%begin_curve(curve, x, direction)
+         if (is_at_branch_point) call followed%turn_to(curve, direction)
+         curve%step = step
+         curve%report = report
+         branches%start_on_set = followed%on_level(branches%start)
+         call followed%update_units(curve)
+         call followed%evaluate(curve, self%at_point)
+      end associate
    end subroutine change_set
 end module hb_curve_sets

@@ -2,10 +2,11 @@
 !> curve. They are searched for from the starts of a census, by Newton's method and, where that leads to a known motion,
 !> with deflation of all known ones.
 module hb_isolated_branches
+   use hb_balance_branch, only: balance_branch_t
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_census_starts, only: new_starts, starts_t
-   use hb_curve_points, only: origin_t
+   use hb_curve_branches, only: branches_t, origin_t
    use hb_curve_sets, only: transfer_motion
    use hb_deflation, only: follow_deflated, is_apart, is_other, scale_of, shifted
    use hb_error, only: error_t
@@ -13,7 +14,6 @@ module hb_isolated_branches
    use hb_kinds, only: two_pi, wp
    use hb_level, only: join, level_t, transferred
    use hb_newton, only: solve_newton
-   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
@@ -30,9 +30,9 @@ module hb_isolated_branches
 contains
 
    !> Searches for a separate motion at the requested values, and returns the first one.
-   subroutine search_separate(self, met, x, is_found, error)
-      class(observed_motion_t), intent(inout), target :: self
-      type(origin_t), intent(in) :: met(:)                            !! motions at these values
+   subroutine search_separate(self, branches, x, is_found, error)
+      class(balance_branch_t), intent(inout), target :: self
+      type(branches_t), intent(in) :: branches
       real(wp), allocatable, intent(out) :: x(:)                      !! on the present set
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
@@ -42,10 +42,13 @@ contains
       is_found = .false.
       if (.not. allocated(self%request%others)) return
       do i = 1, size(self%request%others)
-         known = pack(met, [(.not. abs(met(k)%x(size(met(k)%x)) - self%request%others(i)) > 0.0_wp, k=1, size(met))])
+         associate (passed => branches%coexisting)
+            known = pack(passed, [(.not. abs(passed(k)%x(size(passed(k)%x)) - self%request%others(i)) > 0.0_wp, &
+                                   k=1, size(passed))])
+         end associate
          others = known
          do n_spurious = 0, max_spurious
-            call search_at(self, self%request%others(i), others, x, is_found, error)
+            call search_at(self, branches%start_on_set%x, self%request%others(i), others, x, is_found, error)
             if (allocated(error)) return
             if (.not. is_found) exit
             others = [others, origin_t(x=x, level=self%level)]
@@ -57,8 +60,9 @@ contains
    end subroutine search_separate
 
    !> Searches for a motion at a value other than the known ones, on a set that has the tuples of all of them.
-   subroutine search_at(self, value, known, x, is_found, error)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine search_at(self, start, value, known, x, is_found, error)
+      class(balance_branch_t), intent(inout), target :: self
+      real(wp), intent(in) :: start(:)                                !! a motion on the present set
       real(wp), intent(in) :: value
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable, intent(out) :: x(:)
@@ -76,9 +80,7 @@ contains
       if (self%model%options%accuracy%is_on) then
          level%set = self%level%set
          level%n_samples = self%level%n_samples
-         associate (x => self%start_on_set%x)
-            level%unknowns = [x(:size(x) - size(self%problem%which)), 0.0_wp*self%model%system%tones%omega]
-         end associate
+         level%unknowns = [start(:size(start) - self%n_further), 0.0_wp*self%model%system%tones%omega]
          do i = 1, size(known)
             call join(level, known(i)%level%set, is_new)
             level%n_samples = max(level%n_samples, known(i)%level%n_samples)
@@ -110,7 +112,7 @@ contains
 
    !> Refines a motion to the tolerance; it is not accepted if it is then a known one.
    subroutine accept(self, known, x, is_accepted, error)
-      class(observed_motion_t), intent(inout), target :: self
+      class(balance_branch_t), intent(inout), target :: self
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable, intent(inout) :: x(:)
       logical, intent(out) :: is_accepted
@@ -132,7 +134,7 @@ contains
 
    !> Motions on the present set, and their shifts by periods of the loads.
    function motions_of(self, known) result(motions)
-      class(observed_motion_t), intent(in) :: self
+      class(balance_branch_t), intent(in) :: self
       type(origin_t), intent(in) :: known(:)
       real(wp), allocatable :: motions(:, :)
       real(wp), allocatable :: phases(:)
@@ -154,14 +156,6 @@ contains
          end do
       end associate
    end function motions_of
-
-
-
-
-
-
-
-
 
    !> Searches for a zero of the residual other than the known ones, from all starts in turn.
    subroutine find_other(problem, config, harmonics, known, x, is_found)

@@ -5,9 +5,8 @@
 module hb_motion_ridge
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: curve_point_t
    use hb_curve_request, only: curve_request_t
-   use hb_curve_step, only: largest_change
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_kinds, only: pi, wp
@@ -19,13 +18,15 @@ module hb_motion_ridge
    use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
    use hb_point_kinds, only: curve_kind
+   use hb_solution_curve, only: solution_curve_t
+   use hb_switched_branch, only: max_change
    use hb_system, only: measure_of, system_t
    use hb_text, only: to_text
    use hb_threads, only: use_threads
    use hb_thresholds, only: next_to_none
    implicit none
    private
-   public :: motion_ridge_t, new_motion_curve
+   public :: motion_ridge_t
 
    real(wp), parameter :: resonant_angle = 0.1_wp                     ! [rad] of multipliers that are about to meet
    real(wp), parameter :: twin_step = 0.01_wp                         ! of the longest step: near a point that merges with another
@@ -34,13 +35,16 @@ module hb_motion_ridge
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are
    !> relative to the range of the second value.
-   type, extends(motion_curve_t) :: motion_ridge_t
+   type, extends(solution_curve_t) :: motion_ridge_t
+      type(curve_request_t), private :: request
+      type(model_t), private :: model                                 ! at the present point
       type(curve_request_t), private :: inner                         ! of the curves along the first value
       type(curve_request_t), private :: nearby                        ! likewise, beyond the range: what leaves it is found there
-      class(motion_curve_t), allocatable, private :: short            ! such a curve
+      type(motion_curve_t), private :: short                          ! such a curve
       type(curve_position_t), private :: last                         ! the last point, with the tangent of the short curve there
       real(wp), private :: value = 0.0_wp                             ! second value there
       real(wp), private :: step = 0.0_wp
+      real(wp), private :: length = 0.0_wp                            ! of the ridge up to there
       logical, private :: has_left = .false.                          ! the point tried last is outside the range of the first value
    contains
       procedure :: begin => motion_ridge_begin
@@ -51,18 +55,6 @@ module hb_motion_ridge
    end type motion_ridge_t
 
 contains
-
-   !> Creates a curve as requested: of motions, or of points that are located on their curves.
-   subroutine new_motion_curve(self, request)
-      class(motion_curve_t), allocatable, intent(out) :: self
-      type(curve_request_t), intent(in) :: request
-
-      if (allocated(request%over)) then
-         allocate (motion_ridge_t :: self)
-      else
-         allocate (self)
-      end if
-   end subroutine new_motion_curve
 
    !> Follows a whole curve along the first value at the start of the second: the ridge begins at its highest peak, or
    !> at its first point of another kind.
@@ -119,9 +111,9 @@ contains
       self%last = stored(size(stored))
       self%step = self%last%step
       self%value = self%last%parameter
-      self%curve%length = self%last%length
+      self%length = self%last%length
       self%n_reported = size(stored)
-      self%is_done = self%n_reported >= request%n_points
+      self%is_done = self%n_reported >= self%n_points
    end subroutine motion_ridge_continue_from
 
    subroutine prepare(self, system, discretisation, options, request)
@@ -132,10 +124,10 @@ contains
       type(curve_request_t), intent(in) :: request
 
       self%request = request
+      self%n_points = request%n_points
       self%model%system = system
       self%model%discretisation = discretisation
       self%model%options = options
-      if (.not. allocated(self%short)) allocate (self%short)
       self%step = 0.25_wp*request%longest_step
       self%inner%moving = request%over%moving
       self%inner%from = request%over%from
@@ -169,20 +161,20 @@ contains
       integer, intent(in) :: kind
       type(motion_result_t), intent(inout) :: result
 
-      if (kind /= curve_kind%start) self%curve%length = self%curve%length + abs(value - self%value)/self%request%moving%typical
+      if (kind /= curve_kind%start) self%length = self%length + abs(value - self%value)/self%request%moving%typical
       self%last = result%curve
       self%value = value
       associate (position => result%curve)
          position%kind = kind
          position%parameter = value
          position%over = position%unknowns(size(position%unknowns))
-         position%length = self%curve%length
+         position%length = self%length
          position%branch = 0
          position%step = self%step
          if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (position%direction) ! not a point of continuation
       end associate
       self%n_reported = self%n_reported + 1
-      self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points
+      self%is_done = kind == curve_kind%end .or. self%n_reported >= self%n_points
       if (self%is_done .and. kind /= curve_kind%end) result%reason = reason%points
    end subroutine report_point
 
@@ -277,7 +269,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t) :: position
       type(curve_request_t) :: close
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t), allocatable :: points(:)
       integer :: attempt, i, n
       logical :: is_found
 
@@ -293,8 +285,7 @@ contains
       do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          if (allocated(error)) return
          call self%short%destroy()
-         call self%short%begin_next_to(self%model%system, self%model%discretisation, self%model%options, close, position, &
-                                       is_found, error)
+         call self%short%begin_next_to(self%model, close, position, is_found, error)
          if (allocated(error) .or. .not. is_found) return
          n = 0
          do i = 1, max_twin_steps
@@ -327,8 +318,7 @@ contains
       position = self%last
       do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          call self%short%destroy()
-         call self%short%begin_next_to(self%model%system, self%model%discretisation, self%model%options, self%nearby, position, &
-                                       is_found, error)
+         call self%short%begin_next_to(self%model, self%nearby, position, is_found, error)
          if (allocated(error) .or. .not. is_found) return
          call self%short%search_for(self%request%over%kind, result, is_found, error)
          if (allocated(error) .or. is_found) exit
@@ -342,7 +332,7 @@ contains
       is_found = .not. self%has_left
       if (is_found) &
          is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), measure_of(self%model%system), &
-                             .false.) <= largest_change
+                             .false.) <= max_change
    end subroutine try
 
    !> Grazes and similar points have no direction for the continuation of curves; the ridge has one.
@@ -376,6 +366,6 @@ contains
    subroutine motion_ridge_destroy(self)
       class(motion_ridge_t), intent(inout) :: self
 
-      if (allocated(self%short)) call self%short%destroy()
+      call self%short%destroy()
    end subroutine motion_ridge_destroy
 end module hb_motion_ridge

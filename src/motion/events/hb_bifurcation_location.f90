@@ -5,14 +5,14 @@ module hb_bifurcation_location
    use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus, movement
    use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: branch_event_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: curve_point_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
    use hb_event_search, only: find_pair, find_zeros, search_t, sort_by_position, whole_step
+   use hb_followed, only: followed_t
    use hb_kinds, only: wp
    use hb_multiplier_meetings, only: by_angle, meeting
-   use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind
-   use hb_stability, only: max_multipliers, stability_method, stability_t
+   use hb_stability, only: max_multipliers, stability_t
    use hb_thresholds, only: agreement, clearly, minor, rounding, sharp
    implicit none
    private
@@ -33,7 +33,7 @@ module hb_bifurcation_location
 
    !> A zero of a function of the multipliers.
    type, extends(event_t) :: bifurcation_event_t
-      class(observed_motion_t), pointer :: motion => null()
+      class(followed_t), pointer :: followed => null()
       integer :: bifurcation = 0                                      ! hb_stability
       logical :: is_integrated = .false.                              ! of the integrated periodic motion
       logical :: is_product = .false.                                 ! of all factors: smooth, and with the same sign
@@ -43,7 +43,7 @@ module hb_bifurcation_location
 
    !> A change of the number of multipliers outside the unit circle: 1 while it is a given one, otherwise -1.
    type, extends(event_t) :: number_event_t
-      class(observed_motion_t), pointer :: motion => null()
+      class(followed_t), pointer :: followed => null()
       integer :: n = 0
    contains
       procedure :: value => number_event_value
@@ -63,7 +63,7 @@ contains
       do i = 0, size(grazes)
          piece%ends = whole_step(search)
          piece%stability = [search%at_start%stability, search%at_end%stability]
-         associate (tolerance => search%motion%model%options%stability%tolerance, length => search%curve%last%step)
+         associate (tolerance => search%followed%model%options%stability%tolerance, length => search%curve%last%step)
             if (i > 0) &
                call evaluate_stability_at(search, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
             if (i < size(grazes)) &
@@ -165,7 +165,7 @@ contains
          call point_between(search%curve, position/search%curve%last%step, x, is_there)
       end associate
       may_be_outside = .false.
-      if (is_there) call search%motion%find_stability(x, search%motion%model%options%stability%tolerance, there)
+      if (is_there) call search%followed%find_stability(x, search%followed%model%options%stability%tolerance, there)
       if (allocated(there%multipliers)) may_be_outside = n_outside(there) /= n_outside(piece%stability(1)) .and. &
                                                          n_outside(there) /= n_outside(piece%stability(2))
    end function may_be_outside
@@ -181,7 +181,7 @@ contains
       parts = piece
       associate (position => parts(1)%ends(2), there => parts(1)%stability(2))
          call evaluate_stability_at(search, piece%ends(1) + share*(piece%ends(2) - piece%ends(1)), &
-                                    search%motion%model%options%stability%tolerance, position, there)
+                                    search%followed%model%options%stability%tolerance, position, there)
          is_divided = there%resolves_circle()
          if (is_divided) call make_certain(search, position, there)
          is_divided = there%resolves_circle()
@@ -214,7 +214,7 @@ contains
       real(wp) :: same_position
 
       if (.not. allocated(there%multipliers)) return
-      associate (tolerance => max(search%motion%model%options%stability%tolerance, there%noise))
+      associate (tolerance => max(search%followed%model%options%stability%tolerance, there%noise))
          if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*tolerance .and. there%resolves_circle()) return
       end associate
       if (clearly*epsilon(1.0_wp)*maxval(abs(there%multipliers)) >= minor) return   ! nor sharply
@@ -229,7 +229,7 @@ contains
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       type(bifurcation_event_t) :: change
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t), allocatable :: points(:)
       real(wp) :: at_ends(2), middle
       integer :: kind
       logical :: is_found
@@ -239,7 +239,7 @@ contains
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (minval(abs(at_ends)) <= rounding) cycle
-         change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind)
+         change = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind)
          if (at_ends(1)*at_ends(2) < 0.0_wp) then
             call find_zeros(search, change, piece%ends, at_ends, [real(wp) ::], points)
          else
@@ -256,7 +256,7 @@ contains
    subroutine find_pair_of_branches(search, piece)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t), allocatable :: points(:)
       real(wp) :: at_ends(2), middle
       integer :: i
       logical :: is_found
@@ -314,14 +314,14 @@ contains
       if (.not. search%is_smooth .or. minval(abs(at_ends)) > near) return
       if (kind /= bifurcation%doubling .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
       call point_between(search%curve, 0.5_wp*sum(piece%ends)/search%curve%last%step, x, is_found)
-      if (is_found) call search%motion%find_stability(x, search%motion%model%options%stability%tolerance, there)
+      if (is_found) call search%followed%find_stability(x, search%followed%model%options%stability%tolerance, there)
       is_found = .false.
       if (.not. allocated(there%multipliers)) return
       products = [bifurcation_product(kind, piece%stability(1)%multipliers), bifurcation_product(kind, &
                                                                                                  piece%stability(2)%multipliers)]
       between = parabola_between(products, bifurcation_product(kind, there%multipliers))
       if (.not. may_change_sign(products, between)) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind, is_product=.true.)
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind, is_product=.true.)
       call find_other_sign(search%curve, change, piece%ends, products, between, position, value, is_found)
    end subroutine find_place_between
 
@@ -330,10 +330,10 @@ contains
    subroutine find_by_number(search, piece, n_before)
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
-      integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
+      integer, intent(in) :: n_before                                 !! points so far, found without multipliers
       type(number_event_t) :: number
       type(stability_t) :: there
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t), allocatable :: points(:)
       real(wp) :: begin
       integer :: i, kind, n_last
       logical :: is_new
@@ -342,14 +342,14 @@ contains
       number%n = n_outside(piece%stability(1))
       if (is_explained(search%found, piece, n_last - number%n)) return
       search%found = search%found(:n_before)
-      number%motion => search%motion
+      number%followed => search%followed
       number%may_jump = .true.
       begin = piece%ends(1)
       do i = 1, max_multipliers
          if (number%n == n_last) return
          call find_zeros(search, number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], [real(wp) ::], points)
          if (size(points) == 0) return
-         call search%motion%find_stability(points(1)%x, sharp, there)
+         call search%followed%find_stability(points(1)%x, sharp, there)
          if (.not. allocated(there%multipliers)) return
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
@@ -366,7 +366,7 @@ contains
 
    !> Whether the points on a piece explain the increase in the number of multipliers outside the unit circle.
    pure logical function is_explained(points, piece, n_more)
-      type(waiting_t), intent(in) :: points(:)
+      type(curve_point_t), intent(in) :: points(:)
       type(piece_t), intent(in) :: piece
       integer, intent(in) :: n_more
       integer :: i, n_pairs, n_single
@@ -404,9 +404,9 @@ contains
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       real(wp), intent(in) :: piece(2)                                !! positions on the step
-      type(waiting_t), intent(in) :: points(:)                        !! on the piece, in their order
+      type(curve_point_t), intent(in) :: points(:)                        !! on the piece, in their order
       type(stability_t) :: there
-      type(waiting_t) :: point
+      type(curve_point_t) :: point
       real(wp) :: ends(2)
       integer :: i
       logical :: is_there
@@ -414,7 +414,7 @@ contains
       do i = 1, size(points)
          point = points(i)
          if (kind == bifurcation%torus) then
-            call search%motion%find_stability(point%x, sharp, there)
+            call search%followed%find_stability(point%x, sharp, there)
             if (.not. allocated(there%multipliers)) cycle
             if (.not. is_torus(there%multipliers)) cycle
          end if
@@ -430,7 +430,7 @@ contains
    !> Adds branch points of the step, each as that of the integrated motion if this has it.
    subroutine add_branches(search, points)
       type(search_t), intent(inout) :: search
-      type(waiting_t), intent(inout) :: points(:)                     !! in their order
+      type(curve_point_t), intent(inout) :: points(:)                     !! in their order
       integer :: i
       logical :: is_there
 
@@ -442,7 +442,7 @@ contains
 
    !> The part of a piece between the neighbours of a point on it.
    pure function around(points, i, piece) result(ends)
-      type(waiting_t), intent(in) :: points(:)                        !! in their order
+      type(curve_point_t), intent(in) :: points(:)                        !! in their order
       integer, intent(in) :: i
       real(wp), intent(in) :: piece(2)
       real(wp) :: ends(2)
@@ -457,7 +457,7 @@ contains
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       real(wp), intent(in) :: piece(2)
-      type(waiting_t), intent(inout) :: found
+      type(curve_point_t), intent(inout) :: found
       type(bifurcation_event_t) :: change
       real(wp) :: beside, function_there, x(size(search%curve%x))
       logical :: is_on_curve
@@ -466,7 +466,7 @@ contains
       if (found%position + beside > piece(2)) beside = -min(beside, 0.5_wp*(found%position - piece(1)))
       call search%curve%point_at(found%position + beside, x, is_on_curve)
       if (.not. is_on_curve) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind)
+      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind)
       function_there = change%value(search%curve, x)
       if (.not. abs(function_there) > 0.0_wp) return
       found%bifurcation = kind
@@ -479,20 +479,17 @@ contains
       type(search_t), intent(inout) :: search
       integer, intent(in) :: kind
       real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
-      type(waiting_t), intent(inout) :: found
+      type(curve_point_t), intent(inout) :: found
       logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
       type(bifurcation_event_t) :: integrated
       real(wp) :: ends(2), position, values(2), x(size(search%curve%x))
       integer :: i, k
       logical :: is_on_curve
 
-      associate (model => search%motion%model, curve => search%curve)
-         is_there = model%options%stability%method /= stability_method%integration .or. model%system%tones%n_tones > 1 .or. &
-                    allocated(search%at_start%impacts)
-         if (.not. is_there) is_there = all([(model%system%laws(i)%law%n_switches + model%system%laws(i)%law%n_states == 0, &
-                                              i=1, size(model%system%laws))])
-         if (is_there) return
-         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, search%motion, kind, .true.)
+      is_there = .not. search%followed%has_integrated_multipliers()
+      if (is_there) return
+      associate (curve => search%curve)
+         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind, .true.)
          do i = -3, 0                                                ! decades of the step
             ends = min(max(found%position + 10.0_wp**i*curve%last%step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
@@ -521,19 +518,15 @@ contains
 
       position = there
       call search%curve%point_at(position, x, is_on_curve)
-      if (is_on_curve) call search%motion%find_stability(x, tolerance, stability)
+      if (is_on_curve) call search%followed%find_stability(x, tolerance, stability)
    end subroutine evaluate_stability_at
 
-   !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
-   !> of a truncated motion that pass 1 slightly beside a fold are then no other event.
+   !> Whether the determinant shows all intersections: multipliers of a truncated motion that pass 1 slightly beside a fold are
+   !> then no other event.
    pure logical function finds_all_intersections(search)
       type(search_t), intent(in) :: search
 
-      finds_all_intersections = abs(search%curve%orientation) > 0.0_wp
-      if (allocated(search%at_start%impacts)) return
-      associate (set => search%motion%problem%model%discretisation%harmonics)
-         finds_all_intersections = finds_all_intersections .and. set%n_harmonics == set%highest(1) + 1
-      end associate
+      finds_all_intersections = abs(search%curve%orientation) > 0.0_wp .and. search%followed%has_all_harmonics()
    end function finds_all_intersections
 
    real(wp) function bifurcation_event_value(self, curve, x) result(value)
@@ -542,7 +535,7 @@ contains
       real(wp), intent(in) :: x(:)
       type(stability_t) :: there
 
-      call self%motion%find_stability(x, sharp, there, self%is_integrated)
+      call self%followed%find_stability(x, sharp, there, self%is_integrated)
       value = ieee_value(value, ieee_quiet_nan)
       if (.not. allocated(there%multipliers)) return
       if (self%is_product) then
@@ -559,7 +552,7 @@ contains
       type(stability_t) :: there
 
       value = ieee_value(value, ieee_quiet_nan)
-      call self%motion%find_stability(x, sharp, there)
+      call self%followed%find_stability(x, sharp, there)
       if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
    end function number_event_value
 

@@ -2,11 +2,11 @@
 !> reported.
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: curve_point_t, reported_extreme_t
    use hb_error, only: error_t
+   use hb_followed, only: followed_t
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
-   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_stability, only: stability_method, stability_t
@@ -33,9 +33,11 @@ contains
    !> slightly wavy and has extrema that the exact one does not have. A maximum is accepted if the curve falls on
    !> either side by more than the estimated errors of both ends of the fall, before it has risen by as much. Of
    !> several maxima on the same peak the first is reported. A minimum is the maximum of the negative function.
-   subroutine remove_doubtful_extremes(self, points, error)
-      class(observed_motion_t), intent(inout), target :: self
-      type(waiting_t), allocatable, intent(inout) :: points(:)        !! of the step
+   subroutine remove_doubtful_extremes(followed, curve, reported, points, error)
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout) :: curve                           !! at the end of the step; the work is counted
+      type(reported_extreme_t), intent(in) :: reported(:)             !! on this branch
+      type(curve_point_t), allocatable, intent(inout) :: points(:)        !! of the step
       type(error_t), allocatable, intent(out) :: error
       type(extreme_t) :: extreme
       logical :: is_retained(size(points))
@@ -43,18 +45,18 @@ contains
 
       is_retained = .true.
       do i = 1, size(points)
-         associate (point => points(i), curve => self%curve)
+         associate (point => points(i))
             if (.not. curve_kinds(point%kind)%is_extreme) cycle
-            extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
+            extreme = extreme_t(response=point%response, value=function_at(followed, point%response, point%x))
             extreme%sense = curve_kinds(point%kind)%sense
             if (point%kind == curve_kind%fold) &
-               extreme%sense = sign(1.0_wp, first_rise(self%curve, points))*(-1)**n_folds_between(points, i)
-            call raise_error(self, extreme, point%x, error)
-            if (.not. allocated(error)) call raise_error(self, extreme, curve%last%x, error)
-            if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
-            if (.not. allocated(error)) call find_fall(self, extreme, point%position, 1, is_retained(i), error)
+               extreme%sense = sign(1.0_wp, first_rise(curve, points))*(-1)**n_folds_between(points, i)
+            call raise_error(followed, curve, extreme, point%x, error)
+            if (.not. allocated(error)) call raise_error(followed, curve, extreme, curve%last%x, error)
+            if (.not. allocated(error)) call raise_error(followed, curve, extreme, curve%x, error)
+            if (.not. allocated(error)) call find_fall(followed, curve, extreme, reported, point%position, 1, is_retained(i), error)
             if (is_retained(i) .and. .not. allocated(error)) &
-               call find_fall(self, extreme, point%position, -1, is_retained(i), error)
+               call find_fall(followed, curve, extreme, reported, point%position, -1, is_retained(i), error)
             if (allocated(error)) return
          end associate
       end do
@@ -65,7 +67,7 @@ contains
    !> step and not of the curve.
    pure real(wp) function first_rise(curve, points) result(rise)
       type(curve_t), intent(in) :: curve
-      type(waiting_t), intent(in) :: points(:)
+      type(curve_point_t), intent(in) :: points(:)
 
       associate (n => size(curve%x))
          rise = curve%last%direction(n)
@@ -76,44 +78,45 @@ contains
    !> Number of folds between the start of the step and the beginning of the arc that ends at a fold. Folds that a change
    !> of the set has left behind the start have negative positions.
    pure integer function n_folds_between(points, i) result(n)
-      type(waiting_t), intent(in) :: points(:)
+      type(curve_point_t), intent(in) :: points(:)
       integer, intent(in) :: i                                        !! the fold
 
       n = abs(count(points(:i - 1)%kind == curve_kind%fold) - count(points%kind == curve_kind%fold .and. points%position < 0.0_wp))
    end function n_folds_between
 
    !> The function at a point of the curve: the moving value, or the square of a response.
-   real(wp) function function_at(self, response, x) result(value)
-      class(observed_motion_t), intent(inout), target :: self
+   real(wp) function function_at(followed, response, x) result(value)
+      class(followed_t), intent(inout), target :: followed
       integer, intent(in) :: response
       real(wp), intent(in) :: x(:)
 
       value = x(size(x))
-      if (response > 0) value = self%square_at(self%request%responses(response), x)
+      if (response > 0) value = followed%square_at(followed%request%responses(response), x)
    end function function_at
 
    !> Includes the error of the function at a point near the extremum.
-   subroutine raise_error(self, extreme, x, error)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine raise_error(followed, curve, extreme, x, error)
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout) :: curve                           !! near the point
       type(extreme_t), intent(inout) :: extreme
       real(wp), intent(in) :: x(:)
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: result
-      type(waiting_t) :: point
+      type(curve_point_t) :: point
 
-      if (.not. self%problem%model%options%error_estimate%is_on) return
+      if (.not. (followed%model%options%error_estimate%is_on .or. followed%model%options%accuracy%is_on)) return
       point%kind = curve_kind%regular
       point%x = x
       point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is searched for
-      call self%describe(point, self%plane_at(point), result, error)
+      call followed%describe(curve, point, followed%plane_at(curve, point), result, error)
       if (allocated(error)) return
       associate (found => result%error_estimate)
          if (extreme%response == 0) then
             extreme%error = max(extreme%error, found%parameter_error)
          else if (allocated(found%refined)) then
-            associate (response => self%request%responses(extreme%response))
+            associate (response => followed%request%responses(extreme%response))
                extreme%error = max(extreme%error, abs(response%of(found%around, found%refined(response%dof, :)) &
-                                                      - function_at(self, extreme%response, x)))
+                                                      - function_at(followed, extreme%response, x)))
             end associate
          end if
       end associate
@@ -121,72 +124,75 @@ contains
 
    !> Whether the function falls on one side of the extremum by more than the error of its values, before it rises by
    !> as much and, backward, before another extremum that was reported.
-   subroutine find_fall(self, extreme, position, side, is_clear, error)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_fall(followed, curve, extreme, reported, position, side, is_clear, error)
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout) :: curve                           ! at the end of the step; the work is counted
       type(extreme_t), intent(inout) :: extreme
+      type(reported_extreme_t), intent(in) :: reported(:)
       real(wp), intent(in) :: position                                ! on the step
       integer, intent(in) :: side                                     ! 1: forward, -1: backward
       logical, intent(out) :: is_clear
       type(error_t), allocatable, intent(out) :: error
-      type(curve_t) :: curve
+      type(curve_t) :: beside
       real(wp) :: fall, length, span
       integer :: i
       logical :: has_error
 
-      curve = self%curve
+      beside = curve
       if (side < 0) then
-         curve%x = curve%last%x
-         curve%direction = -curve%last%direction
-         curve%orientation = 0.0_wp
+         beside%x = beside%last%x
+         beside%direction = -beside%last%direction
+         beside%orientation = 0.0_wp
       end if
-      curve%step = finer*curve%last%step
-      curve%config%longest_step = finer*curve%config%longest_step
-      length = self%curve%last%length
+      beside%step = finer*beside%last%step
+      beside%config%longest_step = finer*beside%config%longest_step
+      length = curve%last%length
       span = 0.0_wp
       is_clear = .true.
       has_error = .true.
       do i = 0, max_bisections
-         fall = extreme%sense*(extreme%value - function_at(self, extreme%response, curve%x))
+         fall = extreme%sense*(extreme%value - function_at(followed, extreme%response, beside%x))
          if (abs(fall) >= safety*extreme%error .and. .not. has_error) then
-            call raise_error(self, extreme, curve%x, error)           ! here alone, where it decides
+            call raise_error(followed, curve, extreme, beside%x, error)           ! here alone, where it decides
             if (allocated(error)) return
          end if
          if (fall >= safety*extreme%error) exit
          is_clear = fall >= -safety*extreme%error
          if (i == 0 .and. .not. is_clear) then
-            call fall_on_step(self, extreme, position, side, is_clear)
+            call fall_on_step(followed, curve, extreme, position, side, is_clear)
             if (is_clear) exit
          end if
-         if (side < 0 .and. is_clear) is_clear = .not. any(self%reported%response == extreme%response .and. &
-                                                           self%reported%length >= length)
-         if (.not. is_clear .or. span >= widest*self%curve%last%step) exit
-         call curve%advance()
-         if (curve%status /= outcome%pending) exit
-         length = length - curve%last%step
-         span = span + curve%last%step
-         call curve%turn()
+         if (side < 0 .and. is_clear) is_clear = .not. any(reported%response == extreme%response .and. &
+                                                           reported%length >= length)
+         if (.not. is_clear .or. span >= widest*curve%last%step) exit
+         call beside%advance()
+         if (beside%status /= outcome%pending) exit
+         length = length - beside%last%step
+         span = span + beside%last%step
+         call beside%turn()
          has_error = .false.
       end do
-      self%curve%report = curve%report
+      curve%report = beside%report
    end subroutine find_fall
 
    !> As `find_fall`, on the step itself, for an extremum that is followed or preceded by another one there.
-   subroutine fall_on_step(self, extreme, position, side, is_clear)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine fall_on_step(followed, curve, extreme, position, side, is_clear)
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout) :: curve
       type(extreme_t), intent(in) :: extreme
       real(wp), intent(in) :: position
       integer, intent(in) :: side
       logical, intent(out) :: is_clear
       integer, parameter :: n_halvings = 12
-      real(wp) :: fall, limit, x(size(self%curve%x))
+      real(wp) :: fall, limit, x(size(curve%x))
       integer :: i
 
       is_clear = .false.
-      limit = merge(self%curve%last%step, 0.0_wp, side > 0)
+      limit = merge(curve%last%step, 0.0_wp, side > 0)
       do i = n_halvings, 1, -1
-         call self%curve%point_at(position + (limit - position)*0.5_wp**i, x, is_clear)
+         call curve%point_at(position + (limit - position)*0.5_wp**i, x, is_clear)
          if (.not. is_clear) return
-         fall = extreme%sense*(extreme%value - function_at(self, extreme%response, x))
+         fall = extreme%sense*(extreme%value - function_at(followed, extreme%response, x))
          is_clear = fall >= safety*extreme%error .and. fall > 0.0_wp
          if (is_clear .or. fall < -safety*extreme%error) return
       end do

@@ -4,35 +4,43 @@ module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_bifurcation_location, only: add_branches, find_bifurcations
    use hb_curve, only: curve_t, event_t
-   use hb_curve_events, only: branch_event_t, event_values_t, find_extremes, fold_event_t, grazing_event_t, value_event_t
-   use hb_curve_points, only: add_waiting, waiting_t
-   use hb_curve_return, only: has_images, image_of, nearest_phases
+   use hb_curve_branches, only: branches_t, origin_t
+   use hb_curve_events, only: branch_event_t, event_values_t, fold_event_t, value_event_t
+   use hb_curve_points, only: add_point, curve_point_t
    use hb_event_pairs, only: cubic_between, may_change_sign, parabola_between, point_between, quadratic_between
    use hb_event_search, only: find_zeros, is_at_origin, rounding_of, search_t, whole_step
+   use hb_followed, only: followed_t
    use hb_kinds, only: wp
-   use hb_level, only: transferred
    use hb_located_response, only: located_response_t
-   use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_thresholds, only: agreement, faint, minor, rounding
    implicit none
    private
-   public :: find_events, response_event_t, retained_doubling
+   public :: find_events, response_event_t
 
    real(wp), parameter :: nearby = 0.5_wp                             ! of the unit of a function: it may be zero on the step
 
    !> A zero of the function of a response.
    type, extends(event_t) :: response_event_t
-      class(observed_motion_t), pointer :: motion => null()
+      class(followed_t), pointer :: followed => null()
       type(located_response_t) :: response
       real(wp) :: unit = 1.0_wp                                       ! of the function
    contains
       procedure :: value => response_event_value
    end type response_event_t
 
+   !> A zero of an extremum of a switching function of a law.
+   type, extends(event_t) :: grazing_event_t
+      class(followed_t), pointer :: followed => null()
+      integer :: extreme = 0, switch = 0                              ! of `extremes_of_switches`
+      real(wp) :: unit = 1.0_wp
+   contains
+      procedure :: value => grazing_event_value
+   end type grazing_event_t
+
    !> A change of the number of impacts in a period at any wall: 1 while they are the given ones, otherwise -1.
    type, extends(event_t) :: impact_event_t
-      class(observed_motion_t), pointer :: motion => null()
+      class(followed_t), pointer :: followed => null()
       integer, allocatable :: impacts(:)
    contains
       procedure :: value => impact_event_value
@@ -40,24 +48,25 @@ module hb_event_location
 
 contains
 
-   !> Finds folds, peaks, bifurcations, wanted values and ends on the step that a motion has completed, in their order.
-   subroutine find_events(motion, at_end, has_branched, found, is_lost)
-      class(observed_motion_t), intent(inout), target :: motion       !! moves to points of the step; the work is counted
-      type(event_values_t), intent(in) :: at_end                      !! of the step
-      logical, intent(in) :: has_branched                             !! a branch point was passed
-      type(waiting_t), allocatable, intent(out) :: found(:)           !! up to the end of the branch or else of the step
+   !> Finds folds, peaks, bifurcations, wanted values and ends on a completed step, in their order.
+   subroutine find_events(followed, curve, at_start, at_end, branches, found, is_lost)
+      class(followed_t), intent(inout), target :: followed            !! moves to points of the step
+      type(curve_t), intent(inout) :: curve                           !! at its end; the work is counted
+      type(event_values_t), intent(in) :: at_start, at_end            !! of the step
+      type(branches_t), intent(in), target :: branches
+      type(curve_point_t), allocatable, intent(out) :: found(:)       !! up to the end of the branch or else of the step
       logical, intent(out) :: is_lost                                 !! an event was not located because the step is too long
       type(search_t) :: search
 
-      call search%begin(motion, at_end, has_branched)
+      call search%begin(followed, curve, at_start, at_end, branches)
       call find_folds(search)
-      if (has_branched) call find_branch(search)
+      if (search%has_branched) call find_branch(search)
       call find_responses(search)
       call find_grazes(search)
       call find_bifurcations(search)
       call find_values(search)
       call find_return(search)
-      call search%finish(motion, found)
+      call search%finish(curve, found)
       is_lost = search%is_lost
    end subroutine find_events
 
@@ -65,7 +74,7 @@ contains
    !> last point is used.
    subroutine find_folds(search)
       type(search_t), intent(inout) :: search
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t), allocatable :: points(:)
       real(wp), allocatable :: between(:)
       integer :: i
 
@@ -86,7 +95,7 @@ contains
    !> Finds the intersection with another curve of the equations.
    subroutine find_branch(search)
       type(search_t), intent(inout) :: search
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t), allocatable :: points(:)
 
       call find_zeros(search, branch_event_t(curve_kind%branch, .true.), whole_step(search), &   ! only a sign
                       [-1.0_wp, 1.0_wp]*search%curve%orientation, [real(wp) ::], points)
@@ -97,23 +106,23 @@ contains
    !> load.
    subroutine find_responses(search)
       type(search_t), intent(inout) :: search
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t), allocatable :: points(:)
       integer :: i
       real(wp) :: unit
       real(wp), allocatable :: between(:)
 
-      do i = 1, size(search%motion%request%responses)
-         associate (response => search%motion%request%responses(i), &
+      do i = 1, size(search%followed%request%responses)
+         associate (response => search%followed%request%responses(i), &
                     values => [search%at_start%functions(i), search%at_end%functions(i)])
             call expect_function(search, i, between)
             if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp) &
                        .or. may_change_sign(values, between))) cycle
-            unit = search%motion%unit_of_function(response, search%curve%x)
+            unit = search%followed%unit_of_function(response, search%curve%x)
             if (.not. unit > 0.0_wp) cycle
             ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
             if (is_at_origin(search) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
             call find_zeros(search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, rounding_of(search), &
-                                                     search%motion, response, unit), whole_step(search), values/unit, &
+                                                     search%followed, response, unit), whole_step(search), values/unit, &
                             between/unit, points)
          end associate
          points%response = i
@@ -131,7 +140,7 @@ contains
 
       between = [real(wp) ::]
       if (.not. search%is_smooth) return
-      associate (response => search%motion%request%responses(i), curve => search%curve, &
+      associate (response => search%followed%request%responses(i), curve => search%curve, &
                  values => [search%at_start%functions(i), search%at_end%functions(i)])
          if (curve_kinds(response%kind)%is_extreme) then
             between = quadratic_between(values/[1.0_wp, search%along], &
@@ -139,12 +148,12 @@ contains
          else if (.not. minval(abs(values)) < nearby*response%unit_of(search%at_end%squares(i))) then
             return
          else if (response%kind == curve_kind%amplitude) then         ! `slope` is that of its function
-            slopes(1) = search%motion%slope_at(response, curve%last%x, curve%last%direction)
-            slopes(2) = search%motion%slope_at(response, curve%x, curve%direction)/search%along
+            slopes(1) = search%followed%slope_at(response, curve%last%x, curve%last%direction)
+            slopes(2) = search%followed%slope_at(response, curve%x, curve%direction)/search%along
             between = cubic_between(values, slopes, search%length)
          else
             call point_between(curve, 0.5_wp, middle, is_there)
-            if (is_there) between = parabola_between(values, search%motion%function_at(response, middle, curve%direction))
+            if (is_there) between = parabola_between(values, search%followed%function_at(response, middle, curve%direction))
          end if
       end associate
    end subroutine expect_function
@@ -153,15 +162,15 @@ contains
    subroutine find_grazes(search)
       type(search_t), intent(inout) :: search
       type(grazing_event_t) :: graze
-      type(waiting_t) :: point
-      type(waiting_t), allocatable :: points(:)
+      type(curve_point_t) :: point
+      type(curve_point_t), allocatable :: points(:)
       integer :: i, k, n
       real(wp) :: unit
       real(wp), allocatable :: between(:), middle(:, :)
 
       if (allocated(search%at_start%impacts)) then
          if (all(search%at_start%impacts == search%at_end%impacts)) return
-         call find_zeros(search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, search%motion, search%at_start%impacts), &
+         call find_zeros(search, impact_event_t(curve_kind%grazing, .true., 0.0_wp, search%followed, search%at_start%impacts), &
                          whole_step(search), [1.0_wp, -1.0_wp], [real(wp) ::], points)
          search%found = [search%found, points]
          return
@@ -175,7 +184,7 @@ contains
                if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
                between = [real(wp) ::]
                if (size(middle, 2) > 0) between = parabola_between([before(i), behind(i)], middle(i, k))/unit
-               graze = grazing_event_t(curve_kind%grazing, .false., rounding_of(search), search%motion%problem, i, k, unit)
+               graze = grazing_event_t(curve_kind%grazing, .false., rounding_of(search), search%followed, i, k, unit)
                call find_zeros(search, graze, whole_step(search), [before(i), behind(i)]/unit, between, points)
                do n = 1, size(points)
                   point = points(n)
@@ -193,18 +202,20 @@ contains
 
       !> The extremes in the middle of the step, if one may be zero on it.
       subroutine find_middle()
+         type(event_values_t) :: there
          real(wp) :: change, x(size(search%curve%x))
          logical :: is_there
 
          allocate (middle(2, 0))
          if (.not. search%is_smooth .or. is_at_origin(search)) return
-         associate (before => search%at_start%extremes, behind => search%at_end%extremes, n => search%motion%problem%n_unknowns, &
-                    curve => search%curve)
+         associate (before => search%at_start%extremes, behind => search%at_end%extremes, curve => search%curve, &
+                    n => size(search%curve%x) - search%followed%n_further)
             change = norm2((curve%x(:n) - curve%last%x(:n))/curve%units(:n))
             if (.not. any(before*behind > 0.0_wp .and. min(abs(before), abs(behind)) < &
                           change*spread(behind(2, :) - behind(1, :), 1, 2))) return
             call point_between(curve, 0.5_wp, x, is_there)
-            if (is_there) call find_extremes(search%motion%problem, x, middle)
+            if (is_there) call search%followed%find_contact(x, there)
+            if (allocated(there%extremes)) call move_alloc(there%extremes, middle)
             if (size(middle, 2) /= size(behind, 2)) middle = middle(:, :0)
          end associate
       end subroutine find_middle
@@ -212,7 +223,7 @@ contains
       !> Whether a contact becomes permanent where it begins: on a circular orbit or at rest the distance is the same at all
       !> phases, to rounding, and this is one event.
       pure logical function is_repeated(point)
-         type(waiting_t), intent(in) :: point
+         type(curve_point_t), intent(in) :: point
 
          is_repeated = point%switch == k .and. point%extreme == 2 .and. &
                        any(search%found%switch == k .and. search%found%extreme == 1 .and. &
@@ -225,7 +236,7 @@ contains
    subroutine find_shift_of_graze(search, graze, found)
       type(search_t), intent(inout) :: search
       type(grazing_event_t), intent(inout) :: graze
-      type(waiting_t), intent(inout) :: found
+      type(curve_point_t), intent(inout) :: found
       real(wp) :: beside, change, x(size(search%curve%x))
       integer :: side
       logical :: is_on_curve
@@ -246,7 +257,7 @@ contains
    !> symmetry, or where its period halves again. Beyond it the same motions follow, as their mirror images or shifted by a period.
    subroutine find_return(search)
       type(search_t), intent(inout) :: search
-      type(waiting_t) :: point
+      type(curve_point_t) :: point
       real(wp) :: position, x(size(search%curve%x))
       integer :: i
       logical :: is_back, is_there
@@ -255,12 +266,12 @@ contains
       is_back = is_at_start(search)
       if (is_back) then
          position = search%curve%last%step
-         x = search%motion%start_on_set%x
+         x = search%branches%start_on_set%x
          is_there = .true.
-      else if (search%motion%branch == 0 .and. allocated(search%motion%request%origin)) then
-         if (search%motion%request%origin%is_torus) return
+      else if (search%branches%number == 0 .and. allocated(search%followed%request%origin)) then
+         if (search%followed%request%origin%is_torus) return
          call find_halving(search, x, position, is_there)
-      else if (search%motion%has_left_branch()) then
+      else if (search%branches%leaves_another()) then
          call find_intersection(search, x, position, is_there)
       else
          return
@@ -268,15 +279,15 @@ contains
       if (.not. is_there) return
       if (.not. is_back) &
          search%found = pack(search%found, [(.not. belongs_to_junction(search%found(i)), i=1, size(search%found))])
-      point = waiting_t(curve_kind%end, position, x, is_return=.true.)
-      point%is_crossing = .not. is_back .or. search%motion%has_left_branch()
+      point = curve_point_t(curve_kind%end, position, x, is_return=.true.)
+      point%is_crossing = .not. is_back .or. search%branches%leaves_another()
       search%found = [search%found, point]
 
    contains
 
       !> At the junction the value has an extremum, the determinant is zero, and responses are extremal by symmetry.
       pure logical function belongs_to_junction(point)
-         type(waiting_t), intent(in) :: point
+         type(curve_point_t), intent(in) :: point
 
          belongs_to_junction = (curve_kinds(point%kind)%is_extreme .or. &
                                 any(point%kind == [curve_kind%branch, curve_kind%symmetry_breaking])) .and. &
@@ -293,7 +304,7 @@ contains
       real(wp) :: share
       integer :: i
 
-      share = retained_doubling(search%motion, search%curve)
+      share = search%followed%retained_doubling(search%curve)
       is_there = share <= faint
       if (.not. is_there) return
       i = findloc(search%found%kind, curve_kind%fold, dim=1)
@@ -305,48 +316,21 @@ contains
       position = search%found(i)%position
    end subroutine find_halving
 
-   !> Share of the part of a motion of doubled period that repeats after two periods alone, of its size at the start of the
-   !> step, that is left at the end of the step; 1 for other motions.
-   real(wp) function retained_doubling(motion, curve) result(share)
-      class(observed_motion_t), intent(in) :: motion
-      type(curve_t), intent(in) :: curve                              !! at the end of the step
-      real(wp) :: before, behind
-      integer :: d, h
-
-      share = 1.0_wp
-      if (motion%branch /= 0 .or. .not. allocated(motion%request%origin)) return
-      if (motion%request%origin%is_torus) return
-      before = 0.0_wp
-      behind = 0.0_wp
-      associate (set => motion%problem%model%discretisation%harmonics, last_x => curve%last%x, x => curve%x, &
-                 weights => motion%weights)
-         do h = 1, set%n_harmonics
-            if (all(modulo(set%tuples(:, h), 2) == 0)) cycle
-            do d = 0, motion%problem%n_dofs - 1
-               associate (parts => d*set%n_coefficients + [set%cos_at(h), set%sin_at(h)])
-                  before = before + sum((last_x(parts)/weights(parts))**2)
-                  behind = behind + sum(last_x(parts)*x(parts)/weights(parts)**2)
-               end associate
-            end do
-         end do
-      end associate
-      if (before > 0.0_wp) share = behind/before
-   end function retained_doubling
-
    !> Finds another origin of branches on the step, at which the value has an extremum.
    subroutine find_intersection(search, x, position, is_there)
       type(search_t), intent(inout) :: search
       real(wp), intent(out) :: x(:), position
       logical, intent(out) :: is_there
+      type(origin_t) :: origin
       integer :: i, k
 
       is_there = .false.
       associate (curve => search%curve, units => search%curve%units)
-         do k = 1, size(search%motion%origins)
-            if (k == search%motion%branch .or. search%motion%origins(k)%is_apart) cycle
-            associate (motion => search%motion, origin => search%motion%origins(k))
-               x = transferred(origin%level%set, motion%level%set, origin%x, size(motion%problem%which))
-            end associate
+         do k = 1, size(search%branches%origins)
+            if (k == search%branches%number .or. search%branches%origins(k)%is_apart) cycle
+            origin = search%followed%on_level(search%branches%origins(k))
+            if (size(origin%x) /= size(x)) cycle                      ! with a section of its own
+            x = origin%x
             associate (gap => (x - curve%last%x)/units, direction => curve%last%direction/units)
                position = dot_product(gap, direction)/norm2(direction)
                if (position <= 0.0_wp .or. position > curve%last%step) cycle
@@ -370,7 +354,7 @@ contains
       logical :: is_found, is_there
 
       n = size(x)
-      associate (curve => search%curve, request => search%motion%request)
+      associate (curve => search%curve, request => search%followed%request)
          allocate (positions, source=[0.0_wp, search%folds(1, :), curve%last%step])
          allocate (values, source=[curve%last%x(n), search%folds(2, :), curve%x(n)])
          allocate (wanted, source=[request%from, request%to, request%values])
@@ -387,7 +371,7 @@ contains
                if (.not. is_found) cycle
                x(n) = wanted(i)
                call curve%correct_at_value(x, is_there)
-               call add_waiting(search%found, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
+               call add_point(search%found, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
             end do
          end do
       end associate
@@ -404,19 +388,15 @@ contains
    !> Whether the curve has returned to its start, after steps that led away from it. Its phases may differ.
    logical function is_at_start(search)
       type(search_t), intent(in) :: search
-      real(wp) :: along, phases(search%motion%model%system%tones%n_tones)
-      real(wp), dimension(size(search%motion%start_on_set%x)) :: direction_there, there
+      real(wp) :: along
+      real(wp), dimension(size(search%branches%start_on_set%x)) :: direction_there, there
 
       is_at_start = .false.
       associate (curve => search%curve, units => search%curve%units)
          if (curve%last%length < 3.0_wp*curve%last%step) return
-         there = search%motion%start_on_set%x
-         direction_there = search%motion%start_on_set%direction
-         if (has_images(search%motion)) then
-            phases = nearest_phases(search%motion, curve%last%x, there)
-            there = image_of(search%motion, there, phases)
-            direction_there = image_of(search%motion, direction_there, phases)
-         end if
+         there = search%branches%start_on_set%x
+         direction_there = search%branches%start_on_set%direction
+         call search%followed%bring_near(curve%last%x, there, direction_there)
          associate (gap => (there - curve%last%x)/units, direction => curve%last%direction/units)
             along = dot_product(gap, direction)/norm2(direction)
             if (along <= 0.0_wp .or. along > curve%last%step) return
@@ -435,8 +415,19 @@ contains
 
       call curve%tangent_at(x, tangent, determinant_sign, is_singular)
       value = ieee_value(value, ieee_quiet_nan)
-      if (.not. is_singular) value = self%motion%function_at(self%response, x, tangent)/self%unit
+      if (.not. is_singular) value = self%followed%function_at(self%response, x, tangent)/self%unit
    end function response_event_value
+
+   real(wp) function grazing_event_value(self, curve, x) result(value)
+      class(grazing_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      type(event_values_t) :: known
+
+      call self%followed%find_contact(x, known)
+      value = ieee_value(value, ieee_quiet_nan)
+      if (size(known%extremes, 2) >= self%switch) value = known%extremes(self%extreme, self%switch)/self%unit
+   end function grazing_event_value
 
    real(wp) function impact_event_value(self, curve, x) result(value)
       class(impact_event_t), intent(inout) :: self
@@ -444,7 +435,7 @@ contains
       real(wp), intent(in) :: x(:)
       type(event_values_t) :: known
 
-      call self%motion%find_contact(x, known)
+      call self%followed%find_contact(x, known)
       value = merge(1.0_wp, -1.0_wp, all(known%impacts == self%impacts))
    end function impact_event_value
 end module hb_event_location

@@ -2,11 +2,12 @@
 !> of an event, or two of them, become points of the curve.
 module hb_event_search
    use hb_curve, only: curve_t, event_t
+   use hb_curve_branches, only: branches_t
    use hb_curve_events, only: event_values_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: curve_point_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, place_of_end
+   use hb_followed, only: followed_t
    use hb_kinds, only: wp
-   use hb_observed_motion, only: observed_motion_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_thresholds, only: next_to_none, sharp
    use hb_unlocated_events, only: describe_unlocated
@@ -16,10 +17,11 @@ module hb_event_search
 
    !> A completed step, and what was found on it.
    type :: search_t
-      class(observed_motion_t), pointer :: motion => null()           !! its functions at points of the curve, to which it moves
+      class(followed_t), pointer :: followed => null()                !! its functions at points of the curve, to which it moves
+      type(branches_t), pointer :: branches => null()
       type(curve_t) :: curve                                          !! at the end of the step
       type(event_values_t) :: at_start, at_end                        !! of the step
-      type(waiting_t), allocatable :: found(:)
+      type(curve_point_t), allocatable :: found(:)
       logical :: has_branched = .false.                               !! a branch point was passed
       logical :: is_lost = .false.                                    !! an event was not located
       logical :: is_smooth = .false.                                  !! the directions at both ends differ little
@@ -33,40 +35,42 @@ module hb_event_search
 
 contains
 
-   !> Begins a search on the step that a motion has completed. With a rough residual the tolerance of its many points is larger.
-   subroutine search_begin(self, motion, at_end, has_branched)
+   !> Begins a search on a completed step. With a rough residual the tolerance of its many points is larger.
+   subroutine search_begin(self, followed, curve, at_start, at_end, branches)
       class(search_t), intent(out) :: self
-      class(observed_motion_t), intent(inout), target :: motion
-      type(event_values_t), intent(in) :: at_end                      !! of the step
-      logical, intent(in) :: has_branched                             !! a branch point was passed
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(in) :: curve                              !! at the end of the step
+      type(event_values_t), intent(in) :: at_start, at_end            !! of the step
+      type(branches_t), intent(in), target :: branches
 
-      self%motion => motion
-      self%curve = motion%curve
-      if (motion%is_rough) self%curve%corrector%tolerance = 10.0_wp*self%curve%corrector%tolerance
-      self%at_start = motion%at_point
+      self%followed => followed
+      self%branches => branches
+      self%curve = curve
+      if (followed%is_rough) self%curve%corrector%tolerance = 10.0_wp*self%curve%corrector%tolerance
+      self%at_start = at_start
       self%at_end = at_end
-      self%has_branched = has_branched
+      self%has_branched = curve%n_branch_points /= curve%last%n_branch_points
       allocate (self%found(0), self%folds(2, 0))
       call place_of_end(self%curve, self%length, self%along, self%is_smooth)
    end subroutine search_begin
 
    !> Ends a search: its points with the end of the step, up to an end of the branch, and its work.
-   subroutine search_finish(self, motion, found)
+   subroutine search_finish(self, curve, found)
       class(search_t), intent(inout) :: self
-      class(observed_motion_t), intent(inout), target :: motion
-      type(waiting_t), allocatable, intent(out) :: found(:)
-      type(waiting_t) :: point
+      type(curve_t), intent(inout) :: curve
+      type(curve_point_t), allocatable, intent(out) :: found(:)
+      type(curve_point_t) :: point
 
-      point = waiting_t(curve_kind%regular, self%curve%last%step, self%curve%x)
+      point = curve_point_t(curve_kind%regular, self%curve%last%step, self%curve%x)
       point%stability = self%at_end%stability                         ! gfortran 12 loses it in the constructor
       if (.not. is_at_origin(self)) &
-         call describe_unlocated(self%at_start, self%at_end, motion%request%responses, self%found, point%unlocated)
+         call describe_unlocated(self%at_start, self%at_end, self%followed%request%responses, self%found, point%unlocated)
       self%found = [self%found, point]
       call sort_by_position(self%found)
       call move_alloc(self%found, found)
-      motion%curve%problem = self%curve%problem                       ! with its preconditioner
-      motion%curve%report = self%curve%report
-      motion%curve%status = self%curve%status
+      curve%problem = self%curve%problem                              ! with its preconditioner
+      curve%report = self%curve%report
+      curve%status = self%curve%status
    end subroutine search_finish
 
    !> Locates the zeros of the function of an event on a piece of the step: one if it has different signs at its ends, two if it has
@@ -77,7 +81,7 @@ contains
       real(wp), intent(in) :: piece(2)                                !! positions on the step
       real(wp), intent(in) :: at_ends(2)                              !! of the function
       real(wp), intent(in) :: between(:)                              !! as expected on the piece; none: no pairs are sought
-      type(waiting_t), allocatable, intent(out) :: points(:)
+      type(curve_point_t), allocatable, intent(out) :: points(:)
       real(wp) :: middle, value
       logical :: is_found
 
@@ -96,7 +100,7 @@ contains
       class(event_t), intent(in) :: event
       real(wp), intent(in) :: piece(2), at_ends(2)
       real(wp), intent(in) :: middle                                  !! on the step
-      type(waiting_t), allocatable, intent(out) :: points(:)
+      type(curve_point_t), allocatable, intent(out) :: points(:)
       class(event_t), allocatable :: sought
       real(wp) :: value, x(size(search%curve%x))
       logical :: is_on_curve
@@ -114,7 +118,7 @@ contains
       type(search_t), intent(inout) :: search
       class(event_t), intent(in) :: event
       real(wp), intent(in) :: piece(2), at_ends(2), middle, value
-      type(waiting_t), allocatable, intent(inout) :: points(:)
+      type(curve_point_t), allocatable, intent(inout) :: points(:)
 
       call add_zero(search, event, [piece(1), middle], [at_ends(1), value], points)
       call add_zero(search, event, [middle, piece(2)], [value, at_ends(2)], points)
@@ -125,9 +129,9 @@ contains
       type(search_t), intent(inout) :: search
       class(event_t), intent(in) :: event
       real(wp), intent(in) :: piece(2), at_ends(2)
-      type(waiting_t), allocatable, intent(inout) :: points(:)
+      type(curve_point_t), allocatable, intent(inout) :: points(:)
       class(event_t), allocatable :: sought
-      type(waiting_t) :: point
+      type(curve_point_t) :: point
       logical :: is_found
 
       if (curve_kinds(event%kind)%sense*at_ends(1) < 0.0_wp) return
@@ -159,14 +163,14 @@ contains
    pure logical function is_at_origin(search)
       type(search_t), intent(in) :: search
 
-      is_at_origin = search%motion%branch > 0 .and. search%curve%last%length <= 0.0_wp
+      is_at_origin = search%branches%number > 0 .and. search%curve%last%length <= 0.0_wp
    end function is_at_origin
 
    !> Sorts points by their positions on the step, and removes those beyond an end.
    subroutine sort_by_position(points)
-      type(waiting_t), allocatable, intent(inout) :: points(:)
-      type(waiting_t), allocatable :: up_to_end(:)
-      type(waiting_t) :: point
+      type(curve_point_t), allocatable, intent(inout) :: points(:)
+      type(curve_point_t), allocatable :: up_to_end(:)
+      type(curve_point_t) :: point
       integer :: i, k
 
       do i = 2, size(points)

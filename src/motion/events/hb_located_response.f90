@@ -2,7 +2,7 @@
 !>
 !> A new kind of these points is a row of hb_point_kinds and its formula here: `square` or `departure`, of an extreme `slope`, and
 !> its unit if that is not the square. `find_series` of a curve supplies the motion with all harmonics, of balances
-!> (hb_followed_motion) and of impacts (hb_impact_curve) alike; `slope` gets those of the response alone.
+!> (hb_balance_branch) and of impacts (hb_orbit_branch) alike; `slope` gets those of the response alone.
 module hb_located_response
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_discretisation, only: discretisation_t

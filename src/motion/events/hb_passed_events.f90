@@ -6,12 +6,11 @@
 module hb_passed_events
    use hb_bifurcation_location, only: n_outside
    use hb_curve, only: curve_t
-   use hb_curve_events, only: event_values_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_branches, only: branches_t
+   use hb_curve_points, only: curve_point_t
    use hb_event_location, only: find_events
-   use hb_followed_motion, only: curve_state_t
+   use hb_followed, only: curve_state_t, followed_t
    use hb_kinds, only: wp
-   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kinds, located_by
    implicit none
@@ -64,7 +63,7 @@ contains
    !> Whether a located point is one in which the sets differ.
    pure logical function set_differences_include(self, point) result(includes)
       class(set_differences_t), intent(in) :: self
-      type(waiting_t), intent(in) :: point
+      type(curve_point_t), intent(in) :: point
 
       select case (curve_kinds(point%kind)%by)
       case (located_by%value)
@@ -83,79 +82,78 @@ contains
    end function set_differences_include
 
    !> Adds the events behind the start of the last step to its points, at negative positions.
-   subroutine find_passed_events(self, before, here, points)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_passed_events(followed, curve, branches, before, here, points)
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout) :: curve                           !! at the end of the step; the work is counted
+      type(branches_t), intent(inout), target :: branches
       type(curve_state_t), intent(in) :: before                       !! at the start of the step, on the previous set
       type(curve_state_t), intent(in) :: here                         !! likewise, on the present set
-      type(waiting_t), allocatable, intent(inout) :: points(:)
-      type(curve_t) :: after
-      type(event_values_t) :: at_after
+      type(curve_point_t), allocatable, intent(inout) :: points(:)
+      type(curve_t) :: backward
+      type(curve_state_t) :: state
       type(set_differences_t) :: differences, remaining
-      type(waiting_t), allocatable :: passed(:)
+      type(curve_point_t), allocatable :: passed(:)
       real(wp) :: position
       integer :: i
       logical :: is_on_curve
 
       call find_differences(before, here, differences)
       if (.not. differences%any()) return
-      after = self%curve
-      at_after = self%at_point
-      call self%restore(here%path)
-      self%at_point = here%at_point
-      call self%prepare_step()
-      passed = [waiting_t ::]
+      backward = curve
+      state = here
+      call followed%place(backward, here%path)
+      call followed%prepare_step(backward, branches%start_on_set)
+      passed = [curve_point_t ::]
       position = 0.0_wp
       do i = 1, max_steps
-         call find_on_step_before(self, position, differences, passed, is_on_curve)
+         call find_on_step_before(followed, backward, branches, state, position, differences, passed, is_on_curve)
          if (.not. is_on_curve .or. position >= here%path%length) exit
-         call find_differences(before, self%state(), remaining)
+         call find_differences(before, state, remaining)
          if (.not. remaining%any()) exit
       end do
-      after%report = self%curve%report
-      self%curve = after
-      self%at_point = at_after
+      curve%report = backward%report
       points = [passed, points]
-      call self%update_units()
+      call followed%update_units(curve)
    end subroutine find_passed_events
 
    !> Follows the curve backward by one step, and adds the events on it. The curve is then at the other end of the step.
-   subroutine find_on_step_before(self, position, differences, passed, is_on_curve)
-      class(observed_motion_t), intent(inout), target :: self
+   subroutine find_on_step_before(followed, curve, branches, state, position, differences, passed, is_on_curve)
+      class(followed_t), intent(inout), target :: followed
+      type(curve_t), intent(inout) :: curve
+      type(branches_t), intent(in), target :: branches
+      type(curve_state_t), intent(inout) :: state                     !! of the curve
       real(wp), intent(inout) :: position                             !! of the end of the step, behind the start of the search
       type(set_differences_t), intent(in) :: differences
-      type(waiting_t), allocatable, intent(inout) :: passed(:)        !! from the first to the last along the curve
+      type(curve_point_t), allocatable, intent(inout) :: passed(:)    !! from the first to the last along the curve
       logical, intent(out) :: is_on_curve
-      type(curve_state_t) :: ending, start
+      type(curve_state_t) :: ending
       integer :: i
-      logical :: has_branched, is_lost
-      type(waiting_t), allocatable :: found(:)
+      logical :: is_lost
+      type(curve_point_t), allocatable :: found(:)
 
-      associate (curve => self%curve)
-         ending = self%state()
-         curve%direction = -curve%direction
-         curve%orientation = -curve%orientation
-         call curve%advance()
-         is_on_curve = curve%status == outcome%pending
-         if (.not. is_on_curve) return
-         call curve%turn()
-         has_branched = curve%n_branch_points > curve%last%n_branch_points
-         curve%direction = -curve%direction
-         curve%orientation = -curve%orientation
-         call self%evaluate_here(self%at_point)
-         start = self%state()
-         start%path%length = ending%path%length                       ! that of the point where the search begins
-         curve%last = start%path
-         curve%last%step = dot_product((ending%path%x - start%path%x)/curve%units, start%path%direction/curve%units)
-         curve%path_t = ending%path
-         call find_events(self, ending%at_point, has_branched, found, is_lost)
-         position = position + curve%last%step
-      end associate
+      ending = state
+      ending%path = curve%path_t
+      curve%direction = -curve%direction
+      curve%orientation = -curve%orientation
+      call curve%advance()
+      is_on_curve = curve%status == outcome%pending
+      if (.not. is_on_curve) return
+      call curve%turn()
+      curve%direction = -curve%direction
+      curve%orientation = -curve%orientation
+      call followed%evaluate(curve, state%at_point)
+      state%path = curve%path_t
+      state%path%length = ending%path%length                          ! that of the point where the search begins
+      curve%last = state%path
+      curve%last%step = dot_product((ending%path%x - state%path%x)/curve%units, state%path%direction/curve%units)
+      curve%path_t = ending%path
+      call find_events(followed, curve, state%at_point, ending%at_point, branches, found, is_lost)
+      position = position + curve%last%step
       found = pack(found, [(differences%include(found(i)), i=1, size(found))])
       do i = 1, size(found)
          found(i)%position = found(i)%position - position
       end do
       passed = [found, passed]
-      call self%restore(start%path)
-      self%at_point = start%at_point
+      call followed%place(curve, state%path)
    end subroutine find_on_step_before
 end module hb_passed_events

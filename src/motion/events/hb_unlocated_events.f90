@@ -2,7 +2,7 @@
 !> component of the tangent along the value, has changed its sign.
 module hb_unlocated_events
    use hb_curve_events, only: event_values_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: curve_point_t
    use hb_kinds, only: wp
    use hb_located_response, only: located_response_t
    use hb_point_kinds, only: curve_kind, curve_kinds
@@ -17,7 +17,7 @@ contains
    subroutine describe_unlocated(before, behind, responses, points, text)
       type(event_values_t), intent(in) :: before, behind              !! at the ends of the step
       type(located_response_t), intent(in) :: responses(:)
-      type(waiting_t), intent(in) :: points(:)                        !! located on the step
+      type(curve_point_t), intent(in) :: points(:)                        !! located on the step
       character(*), intent(out) :: text
       integer :: i, k, passed(0:ubound(curve_kinds, 1)), located(0:ubound(curve_kinds, 1))
 

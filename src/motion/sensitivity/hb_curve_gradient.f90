@@ -5,12 +5,13 @@
 !> docs/why/theory.md, section 6.8.
 module hb_curve_gradient
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_balance_branch, only: balance_branch_t
    use hb_bifurcation, only: bifurcation
    use hb_bifurcation_location, only: bifurcation_event_t
    use hb_cancellation, only: work_is_over
-   use hb_curve, only: event_t
+   use hb_curve, only: curve_t, event_t
    use hb_curve_events, only: fold_event_t
-   use hb_curve_points, only: waiting_t
+   use hb_curve_points, only: curve_point_t
    use hb_error, only: error_t
    use hb_event_location, only: response_event_t
    use hb_gradient, only: differentiable_t, differentiate_to_tolerance, find_gradient, store_slope, zero_gradient
@@ -21,7 +22,6 @@ module hb_curve_gradient
    use hb_model_numbers, only: find_model_number
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_movement, only: movement_t, new_movement, set_movement
-   use hb_observed_motion, only: observed_motion_t
    use hb_outcome, only: is_solved
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_system, only: system_t
@@ -37,8 +37,9 @@ module hb_curve_gradient
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
-      class(observed_motion_t), pointer :: curve => null()
-      type(waiting_t) :: point
+      class(balance_branch_t), pointer :: branch => null()
+      real(wp), allocatable :: direction(:)                           ! of the curve there
+      type(curve_point_t) :: point
       real(wp) :: step = apart                                        ! relative to the value
    contains
       procedure :: differentiate => located_differentiate
@@ -54,29 +55,31 @@ module hb_curve_gradient
 contains
 
    !> Adds the derivatives to the result of a point, if any are requested.
-   subroutine find_curve_gradient(curve, point, result)
-      class(observed_motion_t), intent(inout), target :: curve        !! near the point, on its set
-      type(waiting_t), intent(in) :: point
+   subroutine find_curve_gradient(branch, direction, point, result)
+      class(balance_branch_t), intent(inout), target :: branch        !! on the set of the point
+      real(wp), intent(in) :: direction(:)                            !! of the curve near the point
+      type(curve_point_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable :: error
       type(located_t) :: located
       real(wp), allocatable :: unknowns(:)
       logical :: is_possible
 
-      if (size(curve%model%options%gradient%by) == 0 .or. .not. is_solved(result%status)) return
-      call curve%problem%move_to_point(point%x, is_possible)
+      if (size(branch%model%options%gradient%by) == 0 .or. .not. is_solved(result%status)) return
+      call branch%problem%move_to_point(point%x, is_possible)
       if (.not. is_possible) return
-      associate (problem => curve%problem)
+      associate (problem => branch%problem)
          if (curve_kinds(point%kind)%has_derivatives) then
-            located%curve => curve
+            located%branch => branch
+            located%direction = direction
             located%point = point
-            call located%differentiate(curve%level, result%gradient, error)
+            call located%differentiate(branch%level, result%gradient, error)
             if (.not. allocated(result%gradient%coefficients)) return
-            call differentiate_to_tolerance(located, problem%model%system, problem%model%options, curve%level, result%gradient)
+            call differentiate_to_tolerance(located, problem%model%system, problem%model%options, branch%level, result%gradient)
             if (has_jumping_slopes(problem%model%system)) call average_position(located, result%gradient)
          else if (curve_kinds(point%kind)%by == located_by%nothing) then  ! at the others there may be none
             unknowns = [point%x(:problem%n_unknowns), problem%omega]
-            call find_gradient(problem%model%system, problem%model%discretisation, problem%model%options, curve%level, unknowns, &
+            call find_gradient(problem%model%system, problem%model%discretisation, problem%model%options, branch%level, unknowns, &
                                result)
          end if
       end associate
@@ -102,8 +105,8 @@ contains
 
       gradient%position = ieee_value(1.0_wp, ieee_quiet_nan)
       gradient%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
-      level = located%curve%level
-      if (size(level%n_samples) > 1 .or. min_samples*real(located%curve%problem%n_dofs, wp) > max_values) return
+      level = located%branch%level
+      if (size(level%n_samples) > 1 .or. min_samples*real(located%branch%problem%n_dofs, wp) > max_values) return
       level%n_samples = max(level%n_samples, min_samples)
       located%step = across_samples
       call located%differentiate(level, average, error)
@@ -123,10 +126,10 @@ contains
       integer :: k, side
       logical :: is_found
 
-      associate (model => self%curve%problem%model)
+      associate (model => self%branch%problem%model)
          gradient = zero_gradient(model%system, model%options, level%set)
          do k = 1, size(model%options%gradient%by)
-            call find_model_number(self%curve%model, model%options%gradient%by(k), value, is_found)
+            call find_model_number(self%branch%model, model%options%gradient%by(k), value, is_found)
             step = self%step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
             do side = -1, 1
                call locate(self, level, model%options%gradient%by(k), value + side*step, sides(side), is_found)
@@ -152,27 +155,28 @@ contains
       type(neighbour_t), intent(out) :: neighbour
       logical, intent(out) :: is_found
       class(event_t), allocatable :: event
-      class(observed_motion_t), allocatable, target :: there
+      class(balance_branch_t), allocatable, target :: there
+      type(curve_t) :: curve
       type(error_t), allocatable :: error
       type(movement_t) :: movement
       real(wp), allocatable :: x(:)
 
       is_found = .false.
       allocate (there)
-      there%request = self%curve%request
-      there%model = self%curve%model
-      there%further = self%curve%further
+      there%request = self%branch%request
+      there%model = self%branch%model
+      there%further = self%branch%further
       call new_movement(movement, there%model, number, .false., error)
       if (.not. allocated(error)) call set_movement(there%model, movement, value, error)
       there%model%options%solver%tolerance = min(there%model%options%solver%tolerance, 1.0e-12_wp)
       if (.not. allocated(error)) call there%adopt_level(level, error)
       if (.not. allocated(error)) then
-         associate (from => self%curve%level%set, n_further => size(there%problem%which))
+         associate (from => self%branch%level%set, n_further => there%n_further)
             x = transferred(from, level%set, self%point%x, n_further)
-            call there%make_curve(x, transferred(from, level%set, self%curve%curve%direction, n_further))
+            call there%begin_curve(curve, x, transferred(from, level%set, self%direction, n_further))
          end associate
          call make_event(there, self%point, event)
-         call find_zero(there, event, x, is_found)
+         call find_zero(there, curve, event, x, is_found)
       end if
       if (is_found) then
          associate (problem => there%problem)
@@ -186,9 +190,9 @@ contains
    end subroutine locate
 
    !> The function that is zero at a located point.
-   subroutine make_event(curve, point, event)
-      type(observed_motion_t), intent(inout), target :: curve
-      type(waiting_t), intent(in) :: point
+   subroutine make_event(branch, point, event)
+      type(balance_branch_t), intent(inout), target :: branch
+      type(curve_point_t), intent(in) :: point
       class(event_t), allocatable, intent(out) :: event
       type(bifurcation_event_t) :: change
       type(response_event_t) :: located
@@ -198,34 +202,37 @@ contains
          allocate (event, source=fold_event_t(point%kind))
       case (located_by%multipliers)
          change%kind = point%kind
-         change%motion => curve
+         change%followed => branch
          change%bifurcation = merge(bifurcation%doubling, bifurcation%torus, point%kind == curve_kind%period_doubling)
          allocate (event, source=change)
       case default
          located%kind = point%kind
-         located%motion => curve
-         located%response = curve%request%responses(point%response)
+         located%followed => branch
+         located%response = branch%request%responses(point%response)
          allocate (event, source=located)
       end select
    end subroutine make_event
 
    !> Follows the curve to the zero of a function by the secant method; x becomes the zero.
-   subroutine find_zero(curve, event, x, is_found)
-      type(observed_motion_t), intent(inout), target :: curve
+   subroutine find_zero(branch, curve, event, x, is_found)
+      type(balance_branch_t), intent(inout), target :: branch
+      type(curve_t), intent(inout) :: curve
       class(event_t), intent(inout) :: event
       real(wp), intent(inout) :: x(:)                                 !! near the zero
       logical, intent(out) :: is_found
       real(wp) :: before, here, direction(size(x)), last_step, step
       integer :: i
 
-      direction = curve%curve%direction
+      direction = curve%direction
       step = faint                                                    ! of the secant, in units of lengths
       here = 0.0_wp
       do i = 1, nearby_steps
-         call curve%correct_on_plane(x, direction, is_found)
+         curve%x = x
+         call branch%correct_on_plane(x, direction, is_found)
          if (.not. is_found) return
+         call branch%border(curve%x, direction, curve%problem)
          before = here
-         here = event%value(curve%curve, x)
+         here = event%value(curve, x)
          last_step = abs(step)
          if (i > 1) step = -here*step/(here - before)
          is_found = i > 1 .and. (abs(step) <= sharp .or. (abs(step) <= agreement .and. abs(step) >= last_step)) ! a rough residual

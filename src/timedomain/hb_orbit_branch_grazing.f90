@@ -1,12 +1,11 @@
 !> Grazes of a curve of motions with impacts: the number of impacts in a period changes there, and the curve has a corner.
-submodule (hb_impact_curve) hb_impact_curve_grazing
+submodule (hb_orbit_branch) hb_orbit_branch_grazing
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_curve, only: curve_t
    implicit none
 
    integer, parameter :: max_halvings = 30
-   real(wp), parameter :: into = 1.0e-5_wp                            ! beyond a graze, as nearest: speed of the impact 3e-3
-   real(wp), parameter :: off_the_line = 0.25_wp                      ! of the distance to a graze ahead
+   real(wp), parameter :: into = 1.0e-5_wp                            ! beyond a graze, as min_distance: speed of the impact 3e-3
+   real(wp), parameter :: max_deviation = 0.25_wp                      ! of the distance to a graze ahead
 
 contains
 
@@ -19,74 +18,75 @@ contains
       type(curve_t) :: here
       type(event_values_t) :: known
       integer, allocatable :: beyond(:)
-      real(wp), dimension(size(self%curve%x)) :: ahead, corner, found, tangent
+      real(wp), dimension(size(curve%x)) :: ahead, corner, found, tangent
       real(wp) :: along
 
       is_passed = .false.
-      call self%prepare_step()
-      if (is_stalled) self%curve%step = self%curve%config%longest_step
-      here = self%curve
-      known = self%at_point
+      call self%prepare_step(curve, branches%start_on_set)
+      if (is_stalled) curve%step = curve%config%longest_step
+      here = curve
+      known = at_point
       ahead = here%x + here%step*here%direction
-      if (is_stalled) call leave_impact(self, ahead)
+      if (is_stalled) call leave_impact(self, at_point, ahead)
       beyond = self%impacts_at(ahead)
       if (any([beyond, known%impacts] < 0)) return
       if (sum(beyond) > sum(known%impacts) .and. .not. is_stalled) then
-         call find_last(self, here%x, here%direction, here%step, known%impacts, corner, along)
-         here%report = self%curve%report                             ! of its work
-         self%curve = here
-         if (along > nearest) self%curve%step = along                 ! events before the graze are located on a step to it
-         if (along > nearest) return
-         call find_with_impact(self, corner, here%direction, found, tangent, is_passed)
+         call find_last(self, curve, here%x, here%direction, here%step, known%impacts, corner, along)
+         here%report = curve%report                             ! of its work
+         curve = here
+         if (along > min_distance) curve%step = along                 ! events before the graze are located on a step to it
+         if (along > min_distance) return
+         call find_with_impact(self, curve, at_point, corner, here%direction, found, tangent, is_passed)
       else if (sum(beyond) < sum(known%impacts) .and. known%stability%n_unstable > 0) then   ! as with any slow impact
-         self%curve%status = outcome%pending
-         call find_without_impact(self, beyond, ahead, corner, tangent, is_passed)
-         if (is_passed) call find_known_before(self, here, corner, -tangent, known, is_passed)
+         curve%status = outcome%pending
+         call find_without_impact(self, curve, beyond, ahead, corner, tangent, is_passed)
+         if (is_passed) call find_known_before(self, curve, here, corner, -tangent, known, is_passed)
          found = corner
       end if
-      here%report = self%curve%report
-      self%curve = here
+      here%report = curve%report
+      curve = here
       if (.not. is_passed) return
-      self%curve%status = outcome%pending
-      self%curve%last = here%path_t
-      self%curve%x = found
-      self%curve%direction = tangent
-      self%curve%orientation = 0.0_wp
-      self%curve%step = here%config%first_step
-      call self%update_units()
-      call self%evaluate_here(self%at_point)
+      curve%status = outcome%pending
+      curve%last = here%path_t
+      curve%x = found
+      curve%direction = tangent
+      curve%orientation = 0.0_wp
+      curve%step = here%config%first_step
+      call self%update_units(curve)
+      call self%evaluate(curve, at_point)
       associate (units => here%units)
          along = norm2((corner - here%x)/units)
-         points = [waiting_t ::]
-         call add_waiting(points, curve_kind%grazing, along, corner)
-         call add_corners(self, known, along, corner, points)
+         points = [curve_point_t ::]
+         call add_point(points, curve_kind%grazing, along, corner)
+         call add_corners(self, known, at_point, along, corner, points)
          along = along + norm2((found - corner)/units)
-         call add_waiting(points, curve_kind%regular, along, found)
-         self%curve%length = here%length + along
+         call add_point(points, curve_kind%regular, along, found)
+         curve%length = here%length + along
       end associate
    end procedure pass_grazing
 
    !> Adds folds and extreme responses at a corner, with what is known before it.
-   subroutine add_corners(self, before, position, x, points)
-      class(impact_curve_t), intent(in) :: self
-      type(event_values_t), intent(in) :: before
+   subroutine add_corners(self, before, behind, position, x, points)
+      class(orbit_branch_t), intent(in) :: self
+      type(event_values_t), intent(in) :: before, behind
       real(wp), intent(in) :: position, x(:)
-      type(waiting_t), allocatable, intent(inout) :: points(:)
+      type(curve_point_t), allocatable, intent(inout) :: points(:)
       integer :: i, sense
 
-      if (before%rise*self%at_point%rise < 0.0_wp) call add_waiting(points, curve_kind%fold, position, x)
+      if (before%rise*behind%rise < 0.0_wp) call add_point(points, curve_kind%fold, position, x)
       do i = 1, size(self%request%responses)
          associate (kind => self%request%responses(i)%kind)
             sense = curve_kinds(kind)%sense
-            if (sense*before%functions(i) > 0.0_wp .and. sense*self%at_point%functions(i) < 0.0_wp) &
-               call add_waiting(points, kind, position, x, response=i)
+            if (sense*before%functions(i) > 0.0_wp .and. sense*behind%functions(i) < 0.0_wp) &
+               call add_point(points, kind, position, x, response=i)
          end associate
       end do
    end subroutine add_corners
 
    !> The last point of a piece of the curve from which the walls are struck as often as given, within a length.
-   subroutine find_last(self, x, direction, length, impacts, last, along)
-      class(impact_curve_t), intent(inout), target :: self
+   subroutine find_last(self, curve, x, direction, length, impacts, last, along)
+      class(orbit_branch_t), intent(inout), target :: self
+      type(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:), direction(:), length
       integer, intent(in) :: impacts(:)
       real(wp), intent(out) :: last(:)
@@ -94,14 +94,14 @@ contains
       real(wp) :: step, y(size(x))
       logical :: is_on_curve
 
-      self%curve%last%x = x
-      self%curve%last%direction = direction
-      self%curve%corrector%patience = 1                               ! on this piece Newton's method gains from the first step on
+      curve%last%x = x
+      curve%last%direction = direction
+      curve%corrector%patience = 1                               ! on this piece Newton's method gains from the first step on
       last = x
       along = 0.0_wp
       step = length
-      do while (step > 0.5_wp*nearest .and. self%curve%status == outcome%pending .and. along < length)
-         call self%curve%point_at(along + step, y, is_on_curve)
+      do while (step > 0.5_wp*min_distance .and. curve%status == outcome%pending .and. along < length)
+         call curve%point_at(along + step, y, is_on_curve)
          if (is_on_curve) is_on_curve = all(self%impacts_at(y) == impacts)
          if (is_on_curve) then
             along = along + step
@@ -112,8 +112,10 @@ contains
    end subroutine find_last
 
    !> Finds a motion with an impact more near a graze, and the tangent there.
-   subroutine find_with_impact(self, corner, inward, found, tangent, is_found)
-      class(impact_curve_t), intent(inout), target :: self
+   subroutine find_with_impact(self, curve, at_point, corner, inward, found, tangent, is_found)
+      class(orbit_branch_t), intent(inout), target :: self
+      type(curve_t), intent(inout) :: curve
+      type(event_values_t), intent(in) :: at_point
       real(wp), intent(in) :: corner(:)                               !! last motion without the impact
       real(wp), intent(in) :: inward(:)                               !! direction of the motions without, continued
       real(wp), intent(out) :: found(:), tangent(:)
@@ -124,31 +126,29 @@ contains
       logical :: is_singular
 
       is_found = .false.
-      associate (curve => self%curve)
-         curve%direction = inward
-         call curve%tangent_at(corner + into*inward, along, sign_there, is_singular)
-         do i = 0, merge(-1, 2*size(share) - 1, is_singular)         ! with each share against and along
-            step = share(i/2)*curve%config%longest_step
-            along = -along
-            found = corner + step*along
-            call move_behind_grazing(self, inward, step, found)
-            call correct(self, along, found, is_found)
-            if (is_found) is_found = norm2((found - corner)/curve%units) <= longest_chord*step .and. &
-                                     .not. has_wanted(self, corner, found)
-            if (is_found) is_found = sum(self%impacts_at(found)) > sum(self%at_point%impacts)
-            if (.not. is_found) cycle
-            curve%direction = along
-            call curve%tangent_at(found, tangent, sign_there, is_singular)
-            is_found = .not. is_singular
-            if (is_found) exit
-         end do
-      end associate
+      curve%direction = inward
+      call curve%tangent_at(corner + into*inward, along, sign_there, is_singular)
+      do i = 0, merge(-1, 2*size(share) - 1, is_singular)         ! with each share against and along
+         step = share(i/2)*curve%config%longest_step
+         along = -along
+         found = corner + step*along
+         call move_behind_grazing(self, inward, step, found)
+         call correct(self, curve, along, found, is_found)
+         if (is_found) is_found = norm2((found - corner)/curve%units) <= max_chord*step .and. &
+                                  .not. has_wanted(self, corner, found)
+         if (is_found) is_found = sum(self%impacts_at(found)) > sum(at_point%impacts)
+         if (.not. is_found) cycle
+         curve%direction = along
+         call curve%tangent_at(found, tangent, sign_there, is_singular)
+         is_found = .not. is_singular
+         if (is_found) exit
+      end do
    end subroutine find_with_impact
 
    !> Moves a point to where the map has the smallest defect with an impact more: the distance from the border beyond which
    !> there is one varies with the square of the speed of the impact.
    subroutine move_behind_grazing(self, inward, longest, x)
-      class(impact_curve_t), intent(inout), target :: self
+      class(orbit_branch_t), intent(inout), target :: self
       real(wp), intent(in) :: inward(:), longest
       real(wp), intent(inout) :: x(:)
       real(wp) :: best, border(2), least, middle, r(self%orbit%n_unknowns)
@@ -184,8 +184,9 @@ contains
 
    !> Moves a point ahead of a stalled curve to where there are fewer impacts, if there are any such points. The curve touches
    !> the border of these motions, and its tangent may miss them; the defect of a slow impact crosses it: the multiplier is large.
-   subroutine leave_impact(self, x)
-      class(impact_curve_t), intent(inout), target :: self
+   subroutine leave_impact(self, at_point, x)
+      class(orbit_branch_t), intent(inout), target :: self
+      type(event_values_t), intent(in) :: at_point
       real(wp), intent(inout) :: x(:)
       real(wp) :: across(size(x)), ahead(size(x))
       integer :: i
@@ -194,13 +195,14 @@ contains
       across = [self%defect(ahead), 0.0_wp]
       do i = 0, merge(2*max_halvings + 1, -1, all(ieee_is_finite(across)))   ! to both sides, the nearest first
          x = ahead + (-1)**i*0.5_wp**(max_halvings - i/2)*across
-         if (sum(self%impacts_at(x)) < sum(self%at_point%impacts)) exit
+         if (sum(self%impacts_at(x)) < sum(at_point%impacts)) exit
       end do
    end subroutine leave_impact
 
    !> Finds the graze ahead of the curve, from the motions without the impact, and their tangent, away from it.
-   subroutine find_without_impact(self, impacts, ahead, corner, tangent, is_found)
-      class(impact_curve_t), intent(inout), target :: self
+   subroutine find_without_impact(self, curve, impacts, ahead, corner, tangent, is_found)
+      class(orbit_branch_t), intent(inout), target :: self
+      type(curve_t), intent(inout) :: curve
       integer, intent(in) :: impacts(:)                               !! beyond the graze
       real(wp), intent(in) :: ahead(:)                                !! of the curve, with these impacts
       real(wp), intent(out) :: corner(:), tangent(:)
@@ -212,15 +214,15 @@ contains
       logical :: is_singular
 
       is_found = .false.
-      associate (curve => self%curve, units => self%curve%units)
+      associate (units => curve%units)
          x = curve%x
          direction = curve%direction
-         length = longest_chord*curve%step
+         length = max_chord*curve%step
          call curve%tangent_at(ahead, along, sign_there, is_singular)
          if (is_singular) return
          do i = 1, size(shares)
             found = ahead + shares(i)*curve%step*along
-            call correct(self, along, found, is_found)
+            call correct(self, curve, along, found, is_found)
             if (is_found) is_found = all(self%impacts_at(found) == impacts)
             if (is_found) exit
          end do
@@ -230,14 +232,14 @@ contains
             curve%direction = along
             call curve%tangent_at(found, tangent, sign_there, is_singular)
             if (is_singular) cycle
-            call find_last(self, found, -tangent, length, impacts, corner, distance)
+            call find_last(self, curve, found, -tangent, length, impacts, corner, distance)
             is_found = distance < length .and. is_ahead(corner)
             if (is_found) exit
          end do
          if (.not. is_found) return
          curve%direction = tangent
          call curve%tangent_at(corner, tangent, sign_there, is_singular)
-         if (is_singular) corner = corner + nearest*curve%direction  ! where there are distances for differences
+         if (is_singular) corner = corner + min_distance*curve%direction  ! where there are distances for differences
          if (is_singular) call curve%tangent_at(corner, tangent, sign_there, is_singular)
          is_found = .not. is_singular
       end associate
@@ -249,17 +251,18 @@ contains
          real(wp), intent(in) :: y(:)
          real(wp) :: share
 
-         associate (units => self%curve%units)
+         associate (units => curve%units)
             share = dot_product((y - x)/units, direction/units)
-            is_ahead = share > 0.0_wp .and. norm2((y - x - share*direction)/units) <= off_the_line*share
+            is_ahead = share > 0.0_wp .and. norm2((y - x - share*direction)/units) <= max_deviation*share
          end associate
       end function is_ahead
    end subroutine find_without_impact
 
    !> Finds what is known shortly before a graze at which an impact ends, if there is no other event between the point of
    !> the curve and the graze.
-   subroutine find_known_before(self, here, corner, inward, known, is_clear)
-      class(impact_curve_t), intent(inout), target :: self
+   subroutine find_known_before(self, curve, here, corner, inward, known, is_clear)
+      class(orbit_branch_t), intent(inout), target :: self
+      type(curve_t), intent(inout) :: curve
       type(curve_t), intent(in) :: here                               !! at its point
       real(wp), intent(in) :: corner(:), inward(:)
       type(event_values_t), intent(inout) :: known                           !! on entry at the point
@@ -269,14 +272,12 @@ contains
       logical :: is_singular
 
       before = known
-      associate (curve => self%curve)
-         curve%x = corner + into*inward
-         curve%direction = here%direction
-         call curve%tangent_at(curve%x, curve%direction, sign_there, is_singular)
-         is_clear = .not. (is_singular .or. has_wanted(self, here%x, corner))
-         if (.not. is_clear) return
-         call self%evaluate_here(known)
-      end associate
+      curve%x = corner + into*inward
+      curve%direction = here%direction
+      call curve%tangent_at(curve%x, curve%direction, sign_there, is_singular)
+      is_clear = .not. (is_singular .or. has_wanted(self, here%x, corner))
+      if (.not. is_clear) return
+      call self%evaluate(curve, known)
       is_clear = known%rise*before%rise > 0.0_wp .and. all(known%functions*before%functions >= 0.0_wp) .and. &
                  known%stability%n_unstable == before%stability%n_unstable
       if (is_clear) is_clear = real(known%stability%multipliers(1))*real(before%stability%multipliers(1)) > 0.0_wp
@@ -284,7 +285,7 @@ contains
 
    !> Whether a value at which there is a point lies between two points.
    pure logical function has_wanted(self, x, y)
-      class(impact_curve_t), intent(in) :: self
+      class(orbit_branch_t), intent(in) :: self
       real(wp), intent(in) :: x(:), y(:)
 
       associate (wanted => [self%request%values, self%request%from, self%request%to], n => size(x))
@@ -293,30 +294,29 @@ contains
    end function has_wanted
 
    !> Corrects a point in the plane across a direction.
-   subroutine correct(self, direction, x, is_found)
-      class(impact_curve_t), intent(inout), target :: self
+   subroutine correct(self, curve, direction, x, is_found)
+      class(orbit_branch_t), intent(inout), target :: self
+      type(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: direction(:)
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_found
       type(report_t) :: report
 
-      associate (curve => self%curve)
-         call curve%set_plane(x, direction, 0.0_wp)
-         call solve_newton(curve%problem, curve%corrector, x, report)
-         call curve%report%add(report)
-      end associate
+      call curve%set_plane(x, direction, 0.0_wp)
+      call solve_newton(curve%problem, curve%corrector, x, report)
+      call curve%report%add(report)
       is_found = report%status == outcome%converged
    end subroutine correct
 
    !> Ends the branch with its last point from which the walls are struck as often: beyond it the curve has no tangent.
    module procedure end_at_grazing
-      real(wp) :: found(size(self%curve%x)), position
+      real(wp) :: found(size(curve%x)), position
 
-      self%curve%status = outcome%pending
-      call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%at_point%impacts, found, &
+      curve%status = outcome%pending
+      call find_last(self, curve, curve%x, curve%direction, curve%config%shortest_step, at_point%impacts, found, &
                      position)
-      points = [waiting_t ::]
-      call add_waiting(points, curve_kind%grazing, position, found)
+      points = [curve_point_t ::]
+      call add_point(points, curve_kind%grazing, position, found)
       points(1)%is_last = .true.
    end procedure end_at_grazing
 
@@ -326,8 +326,8 @@ contains
 
       grazes = .false.
       do i = 1, 4
-         grazes = grazes .or. any(self%at_point%impacts /= &
-            self%impacts_at(self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction))
+         grazes = grazes .or. any(at_point%impacts /= &
+            self%impacts_at(curve%x + 0.25_wp*i*self%request%longest_step*curve%direction))
       end do
    end procedure grazes_ahead
-end submodule hb_impact_curve_grazing
+end submodule hb_orbit_branch_grazing
