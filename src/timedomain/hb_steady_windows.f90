@@ -503,8 +503,8 @@ contains
                               ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
          end if
       case (outcome%subharmonic)
-         steady%message = integrated_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
-                           " times lower"
+         steady%message = integrated_for//": the motion repeats after "//to_text(part)//" periods: divide the tones by "// &
+                           to_text(part)//" (tones%subharmonic)"
       case (outcome%broadband)
          if (finds_lines) then
             steady%message = integrated_for//": a series of "//to_text(discretisation%harmonics%n_harmonics)// &
