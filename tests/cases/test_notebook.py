@@ -69,6 +69,8 @@ def test_a_missing_verdict_on_stability_has_its_reason():
     assert f"stability: unknown; that {reason}\n" in repr(model.solve(order=3).nhbm)
     points = model.sweep({"tones[0]": [0.8, 0.9]}, order=3)
     assert f"stability: 2 unknown; that of 2 {reason}\n" in repr(points.nhbm)
+    assert points.nhbm.is_stable.values.tolist() == [None, None]
+    assert points.nhbm.is_stable.attrs["comment"] == f"the stability of 2 {reason}"
     model.set("stability", method="off")
     assert "stability: unknown\n" in repr(model.solve(order=3).nhbm)
 

@@ -41,13 +41,17 @@ class Accessor:
 
     @property
     def is_stable(self) -> xr.DataArray:
-        """Whether each motion is stable: True or False, and None where that is unknown."""
+        """Whether each motion is stable: True or False, and None where that is unknown; the attribute `comment` says why where it was
+        left out because of its cost."""
         words = self._dataset["stability"]
         if not bool((words == "unknown").any()):
             return words == "stable"
         verdicts: xr.DataArray = xr.zeros_like(words, dtype=object)
         verdicts.values[...] = np.vectorize({"stable": True, "unstable": False}.get, otypes=[object])(words.values)
-        return verdicts
+        from nhbm import notebook
+
+        reason = notebook.left_out(self._dataset)
+        return verdicts.assign_attrs(comment=f"the stability{reason}") if reason else verdicts
 
     @property
     def message(self) -> str:

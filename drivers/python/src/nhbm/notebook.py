@@ -66,7 +66,7 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
         unit = str(data[name].attrs.get("units", "1"))
         rows.append((str(data[name].attrs.get("parameter", name)), f"{ends} {'' if unit == '1' else unit}".rstrip()))
     if "stability" in data:
-        rows.append(("stability", _counts(data["stability"].values) + _omitted(data)))
+        rows.append(("stability", _counts(data["stability"].values) + (f"; that{reason}" if (reason := left_out(data)) else "")))
     if "n_harmonics" in data:
         counts = np.unique(np.ravel(data["n_harmonics"].values))
         if len(counts):
@@ -87,7 +87,7 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
     return [*rows, ("message", text)] if text else rows
 
 
-def _omitted(data: xr.Dataset) -> str:
+def left_out(data: xr.Dataset) -> str:
     """How many verdicts on stability are missing because of their cost, and what requests them."""
     found = record_beside(data)
     if found is None or "stability_method" not in found.details:
@@ -98,7 +98,7 @@ def _omitted(data: xr.Dataset) -> str:
         return ""
     n = int((data["status"].isin(SOLVED) & (data.nhbm.details["stability_method"] == "off")).sum())
     which = f" of {n}" if "point" in data.dims else ""
-    return f"; that{which} is costly and was left out: model.set('stability', method='integration')" if n else ""
+    return f"{which} is costly and was left out: model.set('stability', method='integration')" if n else ""
 
 
 def _counts(words: Any) -> str:
