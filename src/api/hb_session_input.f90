@@ -94,8 +94,8 @@ contains
       call self%document%remove_group(position_of(self, handle))
    end subroutine session_input_remove_group
 
-   !> Finds a key of a group, or one of its elements, that may be set to `n` values. Fails for a key that the group does not have, as
-   !> far as it was read, and for a value that follows another.
+   !> Finds a key of a group, or one of its elements, that may be set to `n` values. Fails for a key that the group does not have,
+   !> as far as it was read, and for a value that follows another.
    subroutine session_input_find(self, handle, key, n, parameter, error)
       class(session_input_t), intent(in) :: self
       integer, intent(in) :: handle

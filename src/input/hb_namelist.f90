@@ -112,8 +112,8 @@ contains
    end subroutine set_text
 
    !> The input after defaults and overrides: all groups that were read, with every requested key. Reading it again
-   !> gives the same values. Groups that are not of a file have the order of the table of keys. Values that a namelist cannot express
-   !> are omitted: values not allocated, empty lists, NaN, infinity, strings of several lines.
+   !> gives the same values. Groups that are not of a file have the order of the table of keys. Values that a namelist cannot
+   !> express are omitted: values not allocated, empty lists, NaN, infinity, strings of several lines.
    pure subroutine write_complete_text(self, text, only_given)
       type(document_t), intent(in) :: self
       character(:), allocatable, intent(out) :: text

@@ -17,7 +17,7 @@ from nhbm import doubts
 from nhbm.builders import Builder
 from nhbm.errors import Implausible, ModelError, among, check_file, foreign_frames
 from nhbm.groups import OPERATIONS, Group, Groups, Settings, absolute_files, call_of, value_at
-from nhbm.keys import Key, check_keys, check_numbers, keys_of, model_groups, repeated_groups, subject_of
+from nhbm.keys import check_keys, check_numbers, model_groups, repeated_groups, subject_of
 from nhbm.laws import Law
 from nhbm.paths import InputPath, check_label
 from nhbm.responses import responses_in
@@ -478,7 +478,7 @@ class Description(Laws):
             at = self._groups.resolved(one)
             group = self._groups.find(at)
             is_beyond = group is not None and at.key in group.keys and group.get(at.key, at.indices) is None
-            if group is None or self._key_at(at) is None or is_beyond:
+            if group is None or self._groups.key_at(at) is None or is_beyond:
                 value_at(at, Groups.of_text(self._input()))  # raises what is wrong with the path
         if self._resolved(path) == self._resolved(to):
             raise ModelError(f"&tie: '{path}' cannot follow itself")
@@ -508,7 +508,7 @@ class Description(Laws):
         """
         at = self._groups.resolved(path)
         self._check_value(path, at, value)
-        key = self._key_at(at)
+        key = self._groups.key_at(at)
         if key is not None and np.size(value) > 1 and (at.indices or not key.type.startswith(("list", "matrix"))):
             raise ModelError(f"'{path}': {at.keyed} has {np.size(value)} values, needs one")
         if value is None:
@@ -588,14 +588,9 @@ class Description(Laws):
 
     def _check_value(self, path: str, at: InputPath, values: Any) -> None:
         """Raises what is wrong with the value of a path: numbers that are not finite or outside the range of the key."""
-        key = self._key_at(at)
+        key = self._groups.key_at(at)
         if key is not None:
             check_numbers(f"'{path}'", at.keyed, key, values)
-
-    def _key_at(self, at: InputPath) -> Key | None:
-        """The key of a path, of the group that is there; None if there is none."""
-        group = self._groups.find(at)
-        return keys_of(at.group, "" if group is None else str(group.keys.get("type", "")).lower()).get(at.key)
 
     def _add(self, name: str, keys: dict[str, Any]) -> None:
         check_keys(name, keys)

@@ -22,7 +22,7 @@ import numpy as np
 from nhbm import doubts
 from nhbm.errors import ModelError, imported, without_own_frames
 from nhbm.groups import request
-from nhbm.keys import keys_of, limits_of
+from nhbm.keys import limits_of
 from nhbm.measured import MeasuredSet, is_same, measured_sets, n_measured
 from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, parts_of
@@ -431,8 +431,7 @@ def _bounds(model: Model, paths: list[str], given: Mapping[str, Sequence[float]]
         raise ModelError(f"bounds of '{unknown[0]}', which is not a parameter of the fit: {', '.join(paths)}")
     lower, upper = [], []
     for path in paths:
-        group = model._groups.find(path_of(path))
-        key = keys_of(path_of(path).group, "" if group is None else str(group.keys.get("type", "")).lower()).get(path_of(path).key)
+        key = model._groups.key_at(path_of(path))
         limits = limits_of("" if key is None else key.range)
         least = max(limits.minimum, limits.above)
         default = least, limits.maximum

@@ -12,7 +12,7 @@ from typing import Any, Optional
 import numpy as np
 
 from nhbm.errors import ModelError, meant
-from nhbm.keys import check_keys, keys_of, labelled_groups, repeated_groups
+from nhbm.keys import Key, check_keys, keys_of, labelled_groups, repeated_groups
 from nhbm.paths import InputPath, path_of
 from nhbm.values import as_input, numbers_of, plain
 
@@ -82,9 +82,13 @@ class Group:
             self.keys[key] = value
         return key
 
+    def key_of(self, name: str) -> Key | None:
+        """The entry of the table for a key; None if the group, of its type, has no such key."""
+        return keys_of(self.name, str(self.keys.get("type", "")).lower()).get(name)
+
     def _is_matrix(self, key: str) -> bool:
         """Whether the elements of a key have two indices."""
-        found = keys_of(self.name, str(self.keys.get("type", "")).lower()).get(key)
+        found = self.key_of(key)
         return found is not None and found.type.startswith("matrix")
 
     def _element(self, key: str) -> tuple[list[Any], int]:
@@ -162,6 +166,10 @@ class Groups:
         if path.which:
             found = [group for group in found if group.label == path.which]
         return found[0] if len(found) == 1 else None
+
+    def key_at(self, path: InputPath) -> Key | None:
+        """The entry of the table for the key of a path, of the group that is there; None if there is none."""
+        return (self.find(path) or Group(path.group, {})).key_of(path.key)
 
     def located(self, path: str) -> InputPath:
         """A path as it is written, with the group that has its label."""
@@ -301,7 +309,7 @@ def described(path: InputPath, groups: Groups) -> dict[str, str]:
         number = chr(0x2080 + path.indices[0]) if path.indices and n_tones > 1 else ""
         letter, unit = {"frequency": ("ω", "rad/s"), "hertz": ("f", "Hz")}[path.key]
         return {"long_name": f"Excitation frequency {letter}{number}", "units": unit}
-    key = keys_of(path.group, "" if group is None else str(group.keys.get("type", "")).lower()).get(path.key)
+    key = groups.key_at(path)
     name = path.key.replace("_", " ").capitalize()
     if isinstance(path.which, str):
         name += f" of {path.which}"

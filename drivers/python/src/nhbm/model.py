@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from datetime import datetime, timezone
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from nhbm._library import Motion, library
 from nhbm.description import CHECKED_DOFS, CutCurve, answering, exclusive, place_of, size_of
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError
-from nhbm.groups import FILE_KEYS, SETS, Group, changed_values, curve_range, described, request
+from nhbm.groups import FILE_KEYS, SETS, changed_values, curve_range, described, request
 from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.paths import identifier, path_of
@@ -27,7 +27,7 @@ from nhbm.schema import AMPLITUDES, CENSUS_STARTS, SOLVED
 from nhbm.session import Session
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
-from nhbm.values import numbers_of, plain
+from nhbm.values import numbers_of
 
 
 

@@ -182,7 +182,7 @@ class Session:
         named = laws.laws_in(text)
         self.has_motion = False
         self.places.clear()
-        self._held.clear()
+        self._is_torn = True  # `hold` replaces all of it
         self._call("read_input", text.encode(), name.encode())
         self.laws = named
 
@@ -334,7 +334,8 @@ class Session:
             self._call("curve_lengthen", points)
         except ModelError:
             return False
-        self._held["curve"].keys["points"] = points
+        if "curve" in self._held:
+            self._held["curve"].keys["points"] = points
         return True
 
     def next(self) -> bool:
