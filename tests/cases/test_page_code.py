@@ -26,7 +26,7 @@ PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted((RO
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 FENCE = re.compile(r"^( *)```(\{code-cell\}|[\w-]*)[^\n]*\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r"(?<!`)(`+)(?!`)(.+?)(?<!`)\1(?!`)")
-GROUP = re.compile(r"&([a-z_]+)((?:[^/'\"!]|'[^']*'|\"[^\"]*\"|![^\n]*\n)*)")
+GROUP = re.compile(r"&([a-z_]+)\b(?!\))((?:[^/'\"!]|'[^']*'|\"[^\"]*\"|![^\n]*\n)*)")  # not an address of C, &wall)
 KEY = re.compile(r"(?:^|[\s,])([a-z_]\w*)(?:\([\d, :]*\))?\s*=(?!=)")
 COMMENT = re.compile(r"!(?=(?:[^'\n]*'[^'\n]*')*[^'\n]*$).*", re.MULTILINE)
 PATH = re.compile(r"(?<![\w%./-])([a-z_]+)(?:\([^()%]*\))?%([a-z]\w*)")
