@@ -504,7 +504,7 @@ contains
          end if
       case (outcome%subharmonic)
          steady%message = integrated_for//": the motion repeats after "//to_text(part)//" periods: divide the tones by "// &
-                           to_text(part)//" (tones%subharmonic)"
+                           to_text(part)
       case (outcome%broadband)
          if (finds_lines) then
             steady%message = integrated_for//": a series of "//to_text(discretisation%harmonics%n_harmonics)// &
