@@ -3,6 +3,7 @@
 module model_warnings
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: indifferent_coordinates
+   use hb_contact_flexibility, only: pays_to_factorise
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
@@ -148,6 +149,7 @@ contains
 
       text = ""
       coordinates = coordinates_of(model%system)
+      if (pays_to_factorise(model%system%structure, coordinates)) return        ! the factor tells it
       frequencies = [0.0_wp, maxval(abs(model%discretisation%harmonics%frequencies(model%system%tones%omega)))]
       call new_amplitudes(no_loads, model%system%structure%n_dofs, size(frequencies))
       call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, frequencies, no_loads, error, &
@@ -188,7 +190,8 @@ contains
             text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
                    to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
          else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp .and. &
-                  2*sum([(size(model%system%laws(i)%law%dofs), i=1, size(model%system%laws))]) < structure%n_dofs) then
+                  2*sum([(size(model%system%laws(i)%law%dofs), i=1, size(model%system%laws))]) < structure%n_dofs .and. &
+                  .not. pays_to_factorise(structure, coordinates_of(model%system))) then
             text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each point "// &
                    "anew; a reduced model of it, created once, is much faster:"//new_line("a")// &
                    "   nhbm-model reduce "//structure%model_file//" --keep "//named_dofs(document)//" --up-to "// &

@@ -323,10 +323,11 @@ contains
       self%n_dofs = self%stiffness%n_law
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
-      self%can_be_damped = .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! with them it led to other motions
+      self%can_be_damped = .not. allocated(self%stiffness%contacts) .and. .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! with them it led to other motions
       self%continues_in_order_first = self%n_unknowns >= min_to_continue_in_order .and. &
          any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)
+      if (allocated(self%stiffness%contacts)) self%largest_dense = 0   ! there are products alone
       self%load_factor = 1.0_wp
       self%has_samples = .false.
       self%has_moved = .false.
@@ -432,6 +433,9 @@ contains
          self%work_of_kinks = per_kink*size(torus%n_samples)*torus%n_total*size(set%kinks%lines)
       end associate
       self%work_of_pass = per_value*n_transforms*torus%n_total*self%n_dofs
+      if (.not. allocated(self%stiffness%contacts)) return
+      self%work_of_pass = self%work_of_pass + self%stiffness%contacts%work()
+      self%residual_work = self%residual_work + self%stiffness%contacts%work()
    end subroutine count_work
 
    subroutine balance_residual(self, x, r)
@@ -454,6 +458,10 @@ contains
       call self%law_set%evaluate()
       call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, self%force)
       if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%find_failure()
+      if (allocated(self%stiffness%contacts)) then
+         call self%stiffness%find_contact_residual(self%harmonics, u, self%law_set%factor*self%force, self%load_factor, .true., r)
+         return
+      end if
       r = self%law_set%factor*self%force - self%reaction
       if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, r)
    end subroutine balance_residual_of
@@ -475,7 +483,8 @@ contains
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
 
-      call self%stiffness%find_reaction(self%harmonics, u, self%load_factor, self%reaction)
+      if (.not. allocated(self%stiffness%contacts)) &
+         call self%stiffness%find_reaction(self%harmonics, u, self%load_factor, self%reaction)
       call self%law_set%bring_to(self%law_set%samples, u, self%reaction, self%frequencies)
       self%sampled = u
       self%has_samples = .true.
@@ -522,9 +531,14 @@ contains
       real(wp), intent(out) :: product(self%harmonics%n_coefficients, self%n_dofs)
       type(error_t), allocatable :: error
 
-      call self%stiffness%find_reaction(self%harmonics, u, 0.0_wp, self%reaction)
+      if (.not. allocated(self%stiffness%contacts)) &
+         call self%stiffness%find_reaction(self%harmonics, u, 0.0_wp, self%reaction)
       call self%tangent_product%apply(self%law_set, u, self%reaction, self%frequencies, self%force, error)
       if (allocated(error)) call move_alloc(error, self%failure)
+      if (allocated(self%stiffness%contacts)) then
+         call self%stiffness%find_contact_residual(self%harmonics, u, self%law_set%factor*self%force, 0.0_wp, .false., product)
+         return
+      end if
       product = self%law_set%factor*self%force - self%reaction
       if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, product)
    end subroutine apply_tangent_to
@@ -647,16 +661,23 @@ contains
 
    !> Motion of all degrees of freedom of the structure from that at the laws.
    subroutine balance_all_dofs(self, u, c)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
       complex(wp), intent(out) :: c(:, :)                             !! a - i b [m], (all dofs, n_harmonics)
 
+      if (allocated(self%stiffness%contacts)) then                    ! from forces: their compliance has no inverse here
+         call self%sample_if_new(u)
+         call self%law_set%evaluate()
+         call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, self%force)
+         call self%stiffness%contacts%recover(self%stiffness%force_beyond_contacts(self%harmonics, u, self%force), c)
+         return
+      end if
       call self%stiffness%recover(self%harmonics%amplitudes(u), c)
    end subroutine balance_all_dofs
 
    !> Motion of the degrees of freedom that the coordinates involve, in their order.
    function balance_at_law_dofs(self, u) result(motion)
-      class(balance_t), intent(in) :: self
+      class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
       real(wp) :: motion(self%harmonics%n_coefficients, size(self%stiffness%coordinates%dofs))
       complex(wp), allocatable :: c(:, :)

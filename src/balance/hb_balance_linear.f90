@@ -65,7 +65,7 @@ contains
       integer :: i
 
       is_better = .false.
-      if (.not. self%law_set%has_memory .or. .not. self%has_sound_scales()) return
+      if (.not. self%law_set%has_memory .or. .not. self%has_sound_scales() .or. allocated(self%stiffness%contacts)) return
       at_rest = 0.0_wp
       call self%residual([(0.0_wp, i=1, size(r))], r)
       call self%factorise_mean_tangent(at_rest, error)

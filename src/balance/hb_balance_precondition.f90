@@ -11,6 +11,10 @@ contains
    module procedure balance_update_preconditioner
       integer :: i
 
+      if (allocated(self%stiffness%contacts)) then
+         is_strongest = .true.                                        ! the equations are those times the compliance
+         return
+      end if
       call spend_work(self%preconditioner_work*8.0_wp**level)
       associate (n => self%harmonics%n_coefficients)
          call self%preconditioner%update(self%stiffness, self%law_set, self%frequencies, &
@@ -21,6 +25,10 @@ contains
 
    module procedure balance_precondition
 
+      if (allocated(self%stiffness%contacts)) then
+         call self%solve_mean_tangent(r, step)
+         return
+      end if
       call spend_work(self%preconditioner%work_of_solution())
       call self%preconditioner%apply(self%harmonics, r, step)
    end procedure balance_precondition
@@ -37,6 +45,7 @@ contains
       if (present(without)) is_wanted([(self%harmonics%index_of(without%tuples(:, h)), h=1, without%n_harmonics)]) = .false.
       call self%differentiate(u, error)
       if (allocated(error)) return
+      if (allocated(self%stiffness%contacts)) return                  ! stuck contacts take its place, as in `precondition`
       call self%law_set%mean_slopes(self%preconditioner%pattern, df_dq, df_dv, df_ds)
       call new_block_factors(self%mean_factors, self%preconditioner%pattern, self%harmonics%n_harmonics, are_corrected=.true.)
       do h = 1, self%harmonics%n_harmonics
@@ -49,6 +58,10 @@ contains
    !> Solves with these factors; harmonics without factors remain zero.
    module procedure balance_solve_mean_tangent
 
+      if (allocated(self%stiffness%contacts)) then
+         step = r/spread(self%stiffness%magnitude(:, 1), 1, size(r, 1))
+         return
+      end if
       call self%mean_factors%solve_harmonics(self%harmonics, r, step)
    end procedure balance_solve_mean_tangent
 

@@ -10,8 +10,8 @@ module hb_error_estimate
    use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
    use hb_cancellation, only: verdict, verdict_on_work
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
-   use hb_error, only: error_t
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_contact_stiffness, new_dynamic_stiffness, wanted_slopes_t
+   use hb_error, only: error_t, fail
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
    use hb_harmonics, only: canonical_sign, harmonics_t
    use hb_impact_energy, only: impact_energy
@@ -89,7 +89,8 @@ contains
          self%power_in = loads%power_into(c, balance%frequencies)
          call new_mean_energy(self%energy, structure, c, balance%frequencies)
       end if
-      if (associated(balance%cached_wide)) call balance%cached_wide%give_back(wide%stiffness, wide%law_set)
+      if (associated(balance%cached_wide) .and. .not. allocated(balance%stiffness%contacts)) &
+         call balance%cached_wide%give_back(wide%stiffness, wide%law_set)
       call wide%destroy()
    end subroutine estimate_error
 
@@ -106,11 +107,20 @@ contains
       type(dynamic_stiffness_t) :: stiffness
       class(linear_part_t), allocatable :: linear
       type(amplitudes_t) :: wide_loads
-      logical :: of_interior
+      logical :: is_covered, of_interior
 
       of_interior = self%wanted%improvement_steps > 0 .or. keeps_all(self, balance)
       wide_loads = loads%in_set(balance%harmonics, set)
-      if (associated(balance%cached_wide)) then
+      if (allocated(balance%stiffness%contacts)) then
+         associate (flexibility => balance%stiffness%contacts%flexibility, frequencies => set%frequencies(balance%omega))
+            call flexibility%cover(maxval(abs(frequencies)), is_covered)
+            if (.not. is_covered) call fail(error, "error estimate: too many modes below its highest frequency; use a lower order")
+            if (allocated(error)) return
+            call new_contact_stiffness(stiffness, flexibility, frequencies, wide_loads)
+         end associate
+         allocate (linear)
+         call new_linear_part(linear, stiffness)
+      else if (associated(balance%cached_wide)) then
          call balance%cached_wide%borrow(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
                                      linear, error, of_interior)
          call balance%cached_wide%borrow_laws(wide%law_set)
@@ -343,7 +353,8 @@ contains
    !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
    subroutine store_step(self, balance, wide, which, big, first, alias, size_of_motion)
       type(error_estimate_t), intent(inout) :: self
-      type(balance_t), intent(in) :: balance, wide
+      type(balance_t), intent(in) :: balance
+      type(balance_t), intent(inout) :: wide
       integer, intent(in) :: which(:)                                 !! parameters of the balance among the unknowns
       real(wp), intent(in) :: big(:, :)                               !! the motion in the wider set [m]
       real(wp), intent(in) :: first(:)                                !! the step of all unknowns
@@ -381,7 +392,7 @@ contains
       type(error_estimate_t), intent(in) :: self
       type(balance_t), intent(in) :: balance
 
-      keeps_all = size(balance%omega) == 1 .or. self%wanted%refined
+      keeps_all = (size(balance%omega) == 1 .and. .not. allocated(balance%stiffness%contacts)) .or. self%wanted%refined
    end function keeps_all
 
    !> Whether the unknowns beside the motion are frequencies, not a value along a curve.

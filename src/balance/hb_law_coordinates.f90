@@ -6,6 +6,7 @@
 !> the degrees of freedom. Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
    use hb_condensation, only: condensed_half_bandwidth
+   use hb_contact_flexibility, only: pays_to_factorise
    use hb_coordinates, only: coordinate_part_t, coordinates_t, dofs_as_coordinates, new_coordinates, position_in, softness
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
@@ -267,6 +268,8 @@ contains
       type(coordinates_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
 
+      is_worth_it = pays_to_factorise(structure, self)
+      if (is_worth_it) return
       is_worth_it = work(self%n, condensed_half_bandwidth(structure, self)) <= &
                     work(size(self%dofs), condensed_half_bandwidth(structure, dofs_as_coordinates(self%dofs)))
 

@@ -38,6 +38,8 @@ module hb_linear_part
       procedure :: add_supports => linear_part_add_supports
       procedure :: damp => linear_part_damp
       procedure :: find_reaction => linear_part_find_reaction
+      procedure :: find_contact_residual => linear_part_find_contact_residual
+      procedure :: force_beyond_contacts => linear_part_force_beyond_contacts
       procedure :: find_reaction_slope => linear_part_find_reaction_slope
       procedure :: find_motion => linear_part_find_motion
       procedure :: find_scales => linear_part_find_scales
@@ -275,6 +277,49 @@ contains
          end do
       end if
    end subroutine linear_part_find_reaction
+
+   !> The residual of many contacts of a whole model, k (u - load_factor u_stuck + C (F - c k u)), with the compliance C of stuck
+   !> contacts: the equations times k C, whose tangent has its eigenvalues between 0 and k where laws are no stiffer than k.
+   subroutine linear_part_find_contact_residual(self, set, u, force, load_factor, is_exact, r)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_law)
+      real(wp), intent(in) :: force(:, :)                             !! F of the laws [N], as u
+      real(wp), intent(in) :: load_factor
+      logical, intent(in) :: is_exact                                 !! otherwise by the modes of the structure alone
+      real(wp), intent(out) :: r(:, :)                                !! [N], as u
+      complex(wp), dimension(:, :), allocatable :: p, z
+      integer :: i
+
+      allocate (p, source=self%force_beyond_contacts(set, u, force))
+      allocate (z, mold=p)
+      if (is_exact) then
+         call self%contacts%respond(p, z)
+      else
+         call self%contacts%multiply(p, z)
+      end if
+      r = set%coefficients(load_factor*self%contacts%stuck + z)
+      do i = 1, size(r, 2)
+         r(:, i) = self%magnitude(i, 1)*(u(:, i) - r(:, i))
+      end do
+   end subroutine linear_part_find_contact_residual
+
+   !> c k u - F, what stuck contacts would exert beyond the laws [N], (n_law, n_harmonics).
+   pure function linear_part_force_beyond_contacts(self, set, u, force) result(p)
+      class(linear_part_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_law)
+      real(wp), intent(in) :: force(:, :)                             !! F of the laws [N], as u
+      complex(wp), allocatable :: p(:, :)
+      integer :: h, i
+
+      allocate (p(self%n_law, self%n_harmonics))
+      do h = 1, self%n_harmonics
+         do i = 1, self%n_law
+            p(i, h) = self%contacts%contact_stiffness(i, h)*set%amplitude(u(:, i), h) - set%amplitude(force(:, i), h)
+         end do
+      end do
+   end function linear_part_force_beyond_contacts
 
    !> The reaction of a stiffness of shared matrices.
    subroutine find_shared_reaction(self, set, u, load_factor, reaction)

@@ -53,6 +53,7 @@ module hb_wide_problem
    real(wp), parameter :: largest_of_first = 0.03_wp                  ! before a second one
    integer, parameter :: vectors_of_steps = 60                        !! of GMRES until it restarts
    integer, parameter :: max_products = 30, patience = 20             ! and products before the preconditioner becomes stronger
+   integer, parameter :: of_contacts = 100                            ! products where there is no stronger one
 
 contains
 
@@ -111,7 +112,8 @@ contains
       !> would be an iteration too. Rigid laws need its exact tangent, and for polynomials
       !> few block steps suffice.
       logical function solves_by_products()
-         solves_by_products = size(wide%omega) > 1 .and. narrow%n_unknowns > balance%largest_dense .and. &
+         solves_by_products = (size(wide%omega) > 1 .or. allocated(wide%stiffness%contacts)) .and. &
+            narrow%n_unknowns > balance%largest_dense .and. &
             size(self%which) == 0 .and. .not. any([(wide%law_set%laws(i)%law%is_multiplier, i=1, size(wide%law_set%laws))]) &
             .and. any([(wide%law_set%laws(i)%law%degree == 0, i=1, size(wide%law_set%laws))])
       end function solves_by_products
@@ -454,7 +456,8 @@ contains
       step = 0.0_wp
       is_found = all(ieee_is_finite(r))
       if (.not. is_found) return
-      call new_tangent_krylov(self%krylov, self%wide, vectors_of_steps, max_products)
+      call new_tangent_krylov(self%krylov, self%wide, vectors_of_steps, &
+                              merge(of_contacts, max_products, allocated(self%wide%stiffness%contacts)))
       self%krylov%patience = patience
       call self%krylov%update(self%wide, [slightly_later(self%wide, motion)], is_found)
       if (.not. is_found) return

@@ -15,9 +15,11 @@ module hb_dynamic_stiffness
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
    use hb_assert, only: assert, asserts_are_on
    use hb_band_factors, only: factorise_band, solve_band
-   use hb_block_pattern, only: block_pattern_t
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: probe_vector, suspicious_growth
    use hb_condensation, only: condensation_t, new_condensation
+   use hb_contact_flexibility, only: contact_flexibility_t
+   use hb_contact_response, only: contact_response_t, new_contact_response
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -27,7 +29,7 @@ module hb_dynamic_stiffness
    use hb_text, only: to_text
    implicit none
    private
-   public :: chunk_of_columns, dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+   public :: chunk_of_columns, dynamic_stiffness_t, new_contact_stiffness, new_dynamic_stiffness, wanted_slopes_t
 
    integer, parameter :: chunk_of_columns = 32               !! columns of S_c that are computed at a time
 
@@ -49,7 +51,10 @@ module hb_dynamic_stiffness
       type(coordinates_t) :: coordinates                     !! of the laws
       type(block_pattern_t) :: pattern                       !! memory layout of S_c
       complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (pattern%n_rows, n_law, n_harmonics), or
-      type(shared_stiffness_t), allocatable :: shared        !! S_c of many coordinates
+      type(shared_stiffness_t), allocatable :: shared        !! S_c of many coordinates, or
+      type(contact_response_t), allocatable :: contacts      !! its inverse with stuck contacts, of many contacts of a whole model.
+                                                             !! Where single entries are asked for, the stiffness of these
+                                                             !! contacts stands for S_c, and their forces without laws for P_c
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
       real(wp), allocatable :: magnitude(:, :)               !! diagonal of S_ll [N/m] before cancellation, (n_law, n_harmonics)
       complex(wp), allocatable :: condensed_slope(:, :, :)   !! dS_c/dw [N s/m], as `condensed`, or not allocated
@@ -169,6 +174,24 @@ contains
       end subroutine condense_with
    end subroutine condensed_to_coordinates
 
+   !> Makes the stiffness of many contacts of a whole model, whose flexibility the caller keeps.
+   subroutine new_contact_stiffness(self, flexibility, frequencies, loads)
+      type(dynamic_stiffness_t), intent(out) :: self
+      type(contact_flexibility_t), intent(in), target :: flexibility  !! with the modes for the highest frequency
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      type(amplitudes_t), intent(in) :: loads                         !! [N]
+
+      self%n_dofs = flexibility%n_dofs
+      self%n_law = flexibility%n
+      self%n_harmonics = size(frequencies)
+      self%coordinates = flexibility%coordinates
+      call new_block_pattern(self%pattern, self%n_law, 0)
+      allocate (self%contacts, self%free_dofs(0))
+      call new_contact_response(self%contacts, flexibility, frequencies, loads)
+      self%magnitude = spread(flexibility%contact, 2, self%n_harmonics)
+      self%load = self%magnitude*self%contacts%stuck
+   end subroutine new_contact_stiffness
+
    !> Entry (i, k) of S_c of harmonic h [N/m], which must be in its pattern.
    pure complex(wp) function dynamic_stiffness_entry(self, i, k, h) result(entry)
       class(dynamic_stiffness_t), intent(in) :: self
@@ -178,6 +201,8 @@ contains
                                       "dynamic_stiffness_entry", "an entry of the pattern")
       if (allocated(self%shared)) then
          entry = self%shared%entry(i, k, h)
+      else if (allocated(self%contacts)) then
+         entry = merge(self%magnitude(i, h), 0.0_wp, i == k)
       else
          entry = self%condensed(self%pattern%shift(k) + i, k, h)
       end if
@@ -193,6 +218,12 @@ contains
 
       if (allocated(self%shared)) then
          call self%shared%get_columns(first, h, columns)
+         return
+      end if
+      if (allocated(self%contacts)) then
+         do i = 1, size(columns, 2)
+            columns(first + i - 1, i) = self%entry(first + i - 1, first + i - 1, h)
+         end do
          return
       end if
       do i = 1, size(columns, 2)
@@ -215,7 +246,7 @@ contains
       largest = 0.0_wp
       do h = 1, self%n_harmonics
          do k = 1, self%n_law
-            largest = max(largest, abs(self%shared%entry(k, k, h)))
+            largest = max(largest, abs(self%entry(k, k, h)))
          end do
       end do
    end function dynamic_stiffness_largest_entry
@@ -250,6 +281,7 @@ contains
       to%pattern = self%pattern
       call move_alloc(self%condensed, to%condensed)
       call move_alloc(self%shared, to%shared)
+      call move_alloc(self%contacts, to%contacts)
       call move_alloc(self%load, to%load)
       call move_alloc(self%magnitude, to%magnitude)
       call move_alloc(self%condensed_slope, to%condensed_slope)
@@ -288,6 +320,7 @@ contains
       part%coordinates = self%coordinates
       if (allocated(self%condensed)) part%condensed = self%condensed(:, :, retained)
       if (allocated(self%shared)) allocate (part%shared, source=self%shared%restricted_to(retained))
+      if (allocated(self%contacts)) allocate (part%contacts, source=self%contacts%restricted_to(retained))
       part%load = self%load(:, retained)
       part%magnitude = self%magnitude(:, retained)
    end function dynamic_stiffness_restricted_to
@@ -354,7 +387,7 @@ contains
    pure logical function dynamic_stiffness_has_interior(self) result(has_interior)
       class(dynamic_stiffness_t), intent(in) :: self
 
-      has_interior = allocated(self%transfer)
+      has_interior = allocated(self%transfer) .or. allocated(self%contacts)
    end function dynamic_stiffness_has_interior
 
    !> Derivative of the motion of all degrees of freedom with respect to the frequency of each harmonic, and to its
@@ -391,7 +424,7 @@ contains
       end do
    end subroutine dynamic_stiffness_map_to_laws
 
-   !> Solves S_c c = P_c: the motion of the law dofs without any law.
+   !> Solves S_c c = P_c: the motion of the law dofs without any law; of many contacts that in which they are stuck.
    !>
    !> If S_c is singular to rounding, as for a free structure at w = 0, that motion is not determined: the harmonic
    !> returns zero and is flagged.
@@ -414,6 +447,10 @@ contains
       c = (0.0_wp, 0.0_wp)
       is_singular = .false.
       if (n == 0) return
+      if (allocated(self%contacts)) then
+         c = self%contacts%stuck
+         return
+      end if
       rounding = 100*real(self%n_dofs, wp)*epsilon(1.0_wp)
       do h = 1, self%n_harmonics
          ! Scaled by the cancelled terms of S_c, so that a remainder of rounding is recognised in any units.

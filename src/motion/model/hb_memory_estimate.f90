@@ -32,6 +32,7 @@ module hb_memory_estimate
       integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
       integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
       logical :: is_rigid = .false.                                   !! a law needs the reaction
+      logical :: is_whole = .false.                                   !! a factor of the whole structure, no condensation
       logical :: has_error_estimate = .false.
       logical :: has_unknown_tones = .false.
       type(solver_config_t) :: solver

@@ -5,6 +5,7 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_block_factors, only: least_rough
    use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
+   use hb_contact_flexibility, only: pays_to_factorise
    use hb_coordinates, only: coordinates_t
    use hb_hysteresis_tangent, only: width
    use hb_hysteretic_law, only: n_path_parts
@@ -23,6 +24,7 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    implicit none
 
    real(wp), parameter :: fill = 40.0_wp                              ! of sparse factors, for each entry; solids have more
+   real(wp), parameter :: factors_of_whole = 0.1_wp                    ! real and symmetric, with modes, by those of an interior
    real(wp), parameter :: copies = 9.0_wp                             ! of a matrix: in the study, and while a point is read
 
 contains
@@ -32,7 +34,8 @@ contains
       integer, allocatable :: orders(:)
 
       n = unknowns(s, s%n_harmonics)
-      bytes%structure = copies*real_bytes*s%matrices + complex_bytes*(s%factors + s%n_dofs*(s%n_coordinates + 2))
+      bytes%structure = copies*real_bytes*s%matrices + complex_bytes*s%factors
+      if (.not. s%is_whole) bytes%structure = bytes%structure + complex_bytes*s%n_dofs*(s%n_coordinates + 2)
       bytes%linear = linear_bytes(s, s%n_harmonics, .true.)
       bytes%results = complex_bytes*s%n_harmonics*(2*s%n_stored_dofs + 3*s%n_law_dofs + s%n_dofs)
       if (size(s%stored_samples) > 0) bytes%results = bytes%results + bytes%linear &
@@ -120,7 +123,7 @@ contains
          samples = min(s%samples, cheap_size(4*s%highest + 1, size(samples)))
       products_bytes = real_bytes*(n*(s%solver%krylov_vectors + 15) + 0.5_wp*min(max_memory, factors) + &
                                    volume(samples)*((s%n_kinds + 4)*s%n_coordinates + s%n_kinds*s%n_pairs) + &
-                                   6.5_wp*table_size(s%highest) + 5*s%n_coordinates**2) &
+                                   6.5_wp*table_size(s%highest) + merge(0.0_wp, 5*s%n_coordinates**2, s%is_whole)) &
                        + s%n_harmonics*corrected_bytes(s)
       if (is_strongest .and. affords_tangent(s)) products_bytes = products_bytes + real_bytes*n**2
    end function products_bytes
@@ -149,8 +152,13 @@ contains
       real(wp), intent(in) :: n_harmonics
       logical, intent(in) :: of_interior !! the data for the motion of all degrees of freedom are stored
 
+      real(wp), parameter :: columns = 8.0_wp                          ! of all degrees of freedom, for each harmonic
       real(wp) :: of_stiffness
 
+      if (s%is_whole) then
+         linear_bytes = real_bytes*columns*n_harmonics*(s%n_dofs + s%n_coordinates)
+         return
+      end if
       associate (l => s%n_coordinates, n_interior => s%n_dofs - s%n_coordinates)
          of_stiffness = n_harmonics*l*factor_rows(l, s%linear_bandwidth)
          if (shares_matrices(s, n_harmonics)) of_stiffness = 1.5_wp*l*l + 2*n_harmonics*l*n_interior
@@ -238,11 +246,14 @@ contains
       self%is_rigid = any([(laws(i)%law%is_multiplier, i=1, n)])
       self%n_kinds = 1 + count([any([(laws(i)%law%needs_velocity, i=1, n)]), self%is_rigid])
       if (coordinates%n == 0) return
+      self%is_whole = pays_to_factorise(system%structure, coordinates)
+      if (self%is_whole) self%factors = factors_of_whole*self%factors
       self%linear_bandwidth = coordinates%n - 1
       self%bandwidth = coordinates%n - 1
       ! of a model that is rejected anyway
       if (any(coordinates%dofs < 1 .or. coordinates%dofs > system%structure%n_dofs)) return
-      self%linear_bandwidth = condensed_half_bandwidth(system%structure, coordinates)
+      self%linear_bandwidth = 0
+      if (.not. self%is_whole) self%linear_bandwidth = condensed_half_bandwidth(system%structure, coordinates)
       span = maxval([(maxval(laws(i)%law%dofs) - minval(laws(i)%law%dofs), i=1, n)])
       self%bandwidth = span
       if (self%is_rigid) self%bandwidth = self%linear_bandwidth + 2*span   ! of a neighbour, too

@@ -455,7 +455,7 @@ contains
          if (.not. allocated(error)) then
             call shown%sample(u)
             call shown%law_set%evaluate()
-            call transform%to_samples(balance%at_law_dofs(u), samples%values)
+            call transform%to_samples(shown%at_law_dofs(u), samples%values)
             result%displacement_samples = samples%values
             result%force_samples = coordinates%spread_forces(shown%law_set%samples%f%values)
             result%corrected_samples = result%displacement_samples

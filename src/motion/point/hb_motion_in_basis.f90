@@ -9,6 +9,7 @@ module hb_motion_in_basis
    use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
+   use hb_contact_stiffness, only: contact_stiffness_of
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
@@ -86,7 +87,8 @@ contains
       if (options%has_time_domain() .and. is_autonomous .and. system%tones%n_tones > 1 .and. .not. allocated(error) &
           .and. result%status /= outcome%interrupted) &
          call search_for_locking(system, discretisation, options, start, coordinates%dofs, result)
-      if (keeps) call cached%narrow%give_back(balance%stiffness, balance%law_set)
+      if (keeps .and. .not. allocated(balance%stiffness%contacts)) &
+         call cached%narrow%give_back(balance%stiffness, balance%law_set)
       call balance%destroy()
 
    contains
@@ -94,6 +96,11 @@ contains
       !> The linear part: that of the previous motion, as far as it is the same, or a new one; without coordinates of laws the
       !> dynamic stiffness alone.
       subroutine find_linear_part()
+         if (keeps .and. .not. is_autonomous) &
+            call cached%find_contacts(system%structure, coordinates, &
+                                      contact_stiffness_of(laws_at(coordinates, system%laws), coordinates%n), &
+                                      basis%harmonics%frequencies(start%omega), discretisation%loads%at(basis%positions), linear)
+         if (allocated(linear)) return
          if (keeps) then
             call cached%narrow%borrow(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
                                       discretisation%loads%at(basis%positions), linear, error)

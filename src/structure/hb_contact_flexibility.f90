@@ -1,0 +1,486 @@
+!> What a whole finite element model with many contacts needs once for all frequencies: the factor of its stiffness with all
+!> contacts closed and stuck, and its lowest modes in this state.
+!>
+!> With the functionals B of the n contact coordinates z = B x and the stiffness k of their laws, K_k = K + B^T k B is positive
+!> definite also where only contact holds a part. Modes: K_k phi = lambda M phi, by a block Lanczos iteration with K_k^-1 M,
+!> orthogonal in the mass. The damping must be a M + b K. Sources: docs/why/theory.md, section 4; B. N. Parlett, The Symmetric
+!> Eigenvalue Problem, SIAM 1998, chapter 13 (blocks); B. Nour-Omid et al., Int. J. Numer. Meth. Eng. 19 (1983) 859
+!> (spectral transformation).
+module hb_contact_flexibility
+   use hb_cholmod, only: cholesky_factor_t, has_cholmod
+   use hb_coordinates, only: coordinates_t
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgemm, dpotrf, dsygv
+   use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: contact_flexibility_t, new_contact_flexibility, pays_to_factorise
+
+   integer, parameter :: least_coordinates = 100             !! below, condensing them takes little memory
+   integer, parameter :: dofs_per_coordinate = 4             !! of a model that is not reduced to its contacts
+   integer, parameter :: entries_per_row = 20                !! of solids and shells; chains and beams condense to narrow bands
+   integer, parameter :: block = 4                           !! right sides of a step of the iteration for modes
+   integer, parameter :: max_vectors = 480                   !! of this iteration
+   real(wp), parameter :: least_margin = 3.0_wp              !! of the highest mode over the highest frequency
+   real(wp), parameter :: margin = 8.0_wp                    !! when modes are computed: sets of error estimates are twice as wide
+   real(wp), parameter :: rounding = 1.0e-11_wp              !! relative
+
+   !> Owner of external resources: call `destroy`.
+   type :: contact_flexibility_t
+      integer :: n_dofs = 0, n = 0
+      type(coordinates_t) :: coordinates
+      type(sparse_t) :: functionals                          !! B, (n, n_dofs)
+      real(wp), allocatable :: contact(:)                    !! k [N/m], (n)
+      type(sparse_t) :: mass                                 !! [kg]
+      real(wp) :: by_mass = 0.0_wp, by_stiffness = 0.0_wp    !! a [1/s] and b [s] of the damping
+      type(cholesky_factor_t) :: factor                      !! of K_k
+      real(wp) :: n_in_factor = 0.0_wp                       !! its entries
+      real(wp), allocatable :: shapes(:, :)                  !! phi, (n_dofs, n_modes), orthonormal in the mass
+      real(wp), allocatable :: at_contacts(:, :)             !! B phi, (n, n_modes)
+      real(wp), allocatable :: squares(:)                    !! lambda [rad**2/s**2], ascending, (n_modes)
+      real(wp) :: up_to = -1.0_wp                            !! all modes below are there [rad/s]; < 0: none computed
+      real(wp), private :: not_covered = huge(1.0_wp)        ! lowest frequency for which there are too many
+      real(wp), private :: fingerprint(9) = 0.0_wp           ! of the matrices
+   contains
+      procedure :: is_of => contact_flexibility_is_of
+      procedure :: cover => contact_flexibility_cover
+      procedure :: destroy => contact_flexibility_destroy
+   end type contact_flexibility_t
+
+contains
+
+   !> Whether a structure is a whole model of solids or shells with so many contact coordinates that its factor takes the place of
+   !> their condensation.
+   logical function pays_to_factorise(structure, coordinates)
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+
+      pays_to_factorise = has_cholmod() .and. allocated(structure%sparse) .and. .not. allocated(structure%parts) .and. &
+                          coordinates%n >= least_coordinates .and. dofs_per_coordinate*coordinates%n <= structure%n_dofs
+      if (pays_to_factorise) pays_to_factorise = structure%sparse%stiffness%n_entries() >= entries_per_row*structure%n_dofs
+   end function pays_to_factorise
+
+   !> Factorises the stiffness; not `is_possible` where it is not symmetric and positive definite, the damping is not of the form
+   !> above, or there is not enough memory.
+   subroutine new_contact_flexibility(self, structure, coordinates, contact, is_possible)
+      type(contact_flexibility_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure             !! with sparse matrices
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(in) :: contact(:)                     !! [N/m], (coordinates%n), > 0
+      logical, intent(out) :: is_possible
+      type(sparse_t) :: stuck
+
+      self%n_dofs = structure%n_dofs
+      self%n = coordinates%n
+      self%coordinates = coordinates
+      self%contact = contact
+      self%fingerprint = fingerprint_of(structure)
+      call split_damping(self, structure, is_possible)
+      if (is_possible) is_possible = is_symmetric(structure%sparse%stiffness)
+      if (.not. is_possible) return
+      self%mass = structure%sparse%mass
+      call find_functionals(self)
+      stuck = sparse_sum(1.0_wp, structure%sparse%stiffness, 1.0_wp, contact_matrix(self))
+      is_possible = self%factor%factorise(stuck%first, stuck%column, stuck%value)
+      self%n_in_factor = self%factor%bytes()/8.0_wp
+   end subroutine new_contact_flexibility
+
+   !> Whether it belongs to these matrices, coordinates and contacts.
+   logical function contact_flexibility_is_of(self, structure, coordinates, contact) result(is_of)
+      class(contact_flexibility_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(in) :: contact(:)
+
+      is_of = self%n == coordinates%n .and. self%n_dofs == structure%n_dofs
+      if (is_of) is_of = all(self%contact == contact) .and. coordinates%equal(self%coordinates)
+      if (is_of) is_of = all(fingerprint_of(structure) == self%fingerprint)
+   end function contact_flexibility_is_of
+
+   !> Sums over the entries of the three matrices, with weights of their positions.
+   function fingerprint_of(structure) result(sums)
+      type(structure_t), intent(in) :: structure
+      real(wp) :: sums(9)
+
+      associate (s => structure%sparse)
+         sums = [sums_of(s%stiffness), sums_of(s%mass), sums_of(s%damping)]
+      end associate
+
+   contains
+
+      pure function sums_of(matrix) result(sums)
+         type(sparse_t), intent(in) :: matrix
+         real(wp) :: sums(3)
+         integer :: e, i
+
+         sums = 0.0_wp
+         do i = 1, matrix%n_rows
+            do e = matrix%first(i), matrix%first(i + 1) - 1
+               associate (value => matrix%value(e))
+                  sums = sums + value*[1.0_wp, real(i, wp), real(matrix%column(e), wp)]
+               end associate
+            end do
+         end do
+      end function sums_of
+   end function fingerprint_of
+
+   !> Finds a and b of the damping a M + b K by least squares; not possible if anything else remains.
+   subroutine split_damping(self, structure, is_possible)
+      type(contact_flexibility_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      logical, intent(out) :: is_possible
+      real(wp), dimension(structure%n_dofs) :: d, k, m       ! a row of each matrix
+      real(wp) :: determinant, dd, dk, dm, kk, km, mm, rest
+      integer :: i
+
+      is_possible = .true.
+      associate (s => structure%sparse)
+         if (s%damping%n_entries() == 0) return
+         if (.not. maxval(abs(s%damping%value)) > 0.0_wp) return
+         dd = 0.0_wp; dk = 0.0_wp; dm = 0.0_wp; kk = 0.0_wp; km = 0.0_wp; mm = 0.0_wp
+         d = 0.0_wp
+         k = 0.0_wp
+         m = 0.0_wp
+         do i = 1, structure%n_dofs
+            call place(s%damping, i, d)
+            call place(s%stiffness, i, k)
+            call place(s%mass, i, m)
+            dd = dd + product_in(s%damping, i, d)
+            dk = dk + product_in(s%damping, i, k)
+            dm = dm + product_in(s%damping, i, m)
+            kk = kk + product_in(s%stiffness, i, k)
+            km = km + product_in(s%stiffness, i, m)
+            mm = mm + product_in(s%mass, i, m)
+            call clear(s%damping, i, d)
+            call clear(s%stiffness, i, k)
+            call clear(s%mass, i, m)
+         end do
+         determinant = 1.0_wp - km*km/(kk*mm)
+         if (determinant <= rounding) then
+            self%by_stiffness = dk/kk
+         else
+            self%by_stiffness = (dk - dm*km/mm)/(kk*determinant)
+            self%by_mass = (dm - dk*km/kk)/(mm*determinant)
+         end if
+         rest = 0.0_wp
+         do i = 1, structure%n_dofs
+            call place(s%damping, i, d)
+            call add(s%stiffness, i, -self%by_stiffness, d)
+            call add(s%mass, i, -self%by_mass, d)
+            call find_rest(s%damping)
+            call find_rest(s%stiffness)
+            call find_rest(s%mass)
+         end do
+         is_possible = rest <= 1.0e-9_wp*maxval(abs(s%damping%value))
+         if (abs(self%by_mass)*sqrt(mm) <= rounding*sqrt(dd)) self%by_mass = 0.0_wp
+         if (abs(self%by_stiffness)*sqrt(kk) <= rounding*sqrt(dd)) self%by_stiffness = 0.0_wp
+      end associate
+
+   contains
+
+      !> Largest remainder in the columns of a row, which is cleared there.
+      subroutine find_rest(matrix)
+         type(sparse_t), intent(in) :: matrix
+         integer :: e
+
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            rest = max(rest, abs(d(matrix%column(e))))
+            d(matrix%column(e)) = 0.0_wp
+         end do
+      end subroutine find_rest
+   end subroutine split_damping
+
+   pure subroutine place(matrix, i, row)
+      type(sparse_t), intent(in) :: matrix
+      integer, intent(in) :: i
+      real(wp), intent(inout) :: row(:)
+
+      call add(matrix, i, 1.0_wp, row)
+   end subroutine place
+
+   pure subroutine add(matrix, i, factor, row)
+      type(sparse_t), intent(in) :: matrix
+      integer, intent(in) :: i
+      real(wp), intent(in) :: factor
+      real(wp), intent(inout) :: row(:)
+      integer :: e
+
+      do e = matrix%first(i), matrix%first(i + 1) - 1
+         row(matrix%column(e)) = row(matrix%column(e)) + factor*matrix%value(e)
+      end do
+   end subroutine add
+
+   pure subroutine clear(matrix, i, row)
+      type(sparse_t), intent(in) :: matrix
+      integer, intent(in) :: i
+      real(wp), intent(inout) :: row(:)
+
+      row(matrix%column(matrix%first(i):matrix%first(i + 1) - 1)) = 0.0_wp
+   end subroutine clear
+
+   pure real(wp) function product_in(matrix, i, row)
+      type(sparse_t), intent(in) :: matrix
+      integer, intent(in) :: i
+      real(wp), intent(in) :: row(:)
+      integer :: e
+
+      product_in = 0.0_wp
+      do e = matrix%first(i), matrix%first(i + 1) - 1
+         product_in = product_in + matrix%value(e)*row(matrix%column(e))
+      end do
+   end function product_in
+
+   !> Whether A x = A^T x, for a vector of all directions.
+   logical function is_symmetric(matrix)
+      type(sparse_t), intent(in) :: matrix
+      real(wp) :: difference(matrix%n_rows), sizes(matrix%n_rows), x(matrix%n_rows)
+      integer :: e, i
+
+      x = probe(matrix%n_rows, 1)
+      difference = 0.0_wp
+      sizes = 0.0_wp
+      do i = 1, matrix%n_rows
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            associate (k => matrix%column(e), value => matrix%value(e))
+               difference(i) = difference(i) + value*x(k)
+               difference(k) = difference(k) - value*x(i)
+               sizes(i) = sizes(i) + abs(value)
+            end associate
+         end do
+      end do
+      is_symmetric = all(abs(difference) <= 1.0e-9_wp*sizes)
+   end function is_symmetric
+
+   !> A vector that is orthogonal to no mode.
+   pure function probe(n, number)
+      integer, intent(in) :: n, number
+      real(wp) :: probe(n)
+      integer :: i
+
+      probe = [(cos((1.0_wp + 0.618_wp*number)*i + number), i=1, n)]
+   end function probe
+
+   subroutine find_functionals(self)
+      type(contact_flexibility_t), intent(inout) :: self
+      integer, allocatable :: at(:), column(:), row(:)
+      real(wp), allocatable :: value(:), weights(:)
+      integer :: i, n, pass
+
+      do pass = 1, 2
+         n = 0
+         do i = 1, self%n
+            call self%coordinates%find_functional(i, at, weights)
+            if (pass == 2) then
+               row(n + 1:n + size(at)) = i
+               column(n + 1:n + size(at)) = self%coordinates%dofs(at)
+               value(n + 1:n + size(at)) = weights
+            end if
+            n = n + size(at)
+         end do
+         if (pass == 1) allocate (row(n), column(n), value(n))
+      end do
+      self%functionals = sparse_from_entries(self%n, row, column, value, self%n_dofs)
+   end subroutine find_functionals
+
+   !> B^T k B.
+   function contact_matrix(self) result(matrix)
+      type(contact_flexibility_t), intent(in) :: self
+      type(sparse_t) :: matrix
+      integer, allocatable :: column(:), row(:)
+      real(wp), allocatable :: value(:)
+      integer :: e, f, i, n
+
+      associate (b => self%functionals)
+         n = sum([((b%first(i + 1) - b%first(i))**2, i=1, self%n)])
+         allocate (row(n), column(n), value(n))
+         n = 0
+         do i = 1, self%n
+            do e = b%first(i), b%first(i + 1) - 1
+               do f = b%first(i), b%first(i + 1) - 1
+                  n = n + 1
+                  row(n) = b%column(e)
+                  column(n) = b%column(f)
+                  value(n) = self%contact(i)*b%value(e)*b%value(f)
+               end do
+            end do
+         end do
+      end associate
+      matrix = sparse_from_entries(self%n_dofs, row, column, value)
+   end function contact_matrix
+
+   !> Computes the modes that responses up to a frequency need, unless they are there; `is_covered` is false if there are too many.
+   subroutine contact_flexibility_cover(self, frequency, is_covered)
+      class(contact_flexibility_t), intent(inout) :: self
+      real(wp), intent(in) :: frequency                      !! [rad/s]
+      logical, intent(out) :: is_covered
+
+      if (self%up_to < least_margin*frequency .and. frequency < self%not_covered) call find_modes(self, margin*frequency)
+      is_covered = self%up_to >= least_margin*frequency
+      if (.not. is_covered) self%not_covered = min(frequency, self%not_covered)
+   end subroutine contact_flexibility_cover
+
+   !> Computes all modes below a frequency.
+   subroutine find_modes(self, frequency)
+      type(contact_flexibility_t), intent(inout) :: self
+      real(wp), intent(in) :: frequency                      !! [rad/s]
+      integer, parameter :: between = 4                      ! blocks from one look at the Ritz values to the next
+      real(wp), allocatable :: h(:, :), s(:, :), theta(:), v(:, :), w(:, :)
+      real(wp) :: r(block, block)
+      integer :: i, k, n, n_found
+      logical :: is_over
+
+      associate (limit => min(max_vectors, (self%n_dofs/(2*block))*block))
+         allocate (v(self%n_dofs, limit), w(self%n_dofs, block), h(limit, limit), source=0.0_wp)
+      end associate
+      do i = 1, block
+         w(:, i) = probe(self%n_dofs, i)
+      end do
+      call respond(self, w)
+      call orthonormalise(self, w, r, is_over)
+      n = 0
+      n_found = 0
+      do
+         v(:, n + 1:n + block) = w
+         n = n + block
+         call respond(self, w)
+         do k = 1, 2
+            call remove(self, v(:, :n), w, h(:n, n - block + 1:n))
+         end do
+         call orthonormalise(self, w, r, is_over)
+         is_over = is_over .or. n + block > size(v, 2)
+         if (.not. (is_over .or. mod(n/block, between) == 0)) cycle
+         call find_ritz(h(:n, :n), theta, s)
+         n_found = converged(r, theta, s)
+         if (is_over) exit
+         if (n_found == 0 .or. n_found == n) cycle
+         if (1.0_wp/theta(n_found) > frequency**2) exit
+      end do
+      call store_modes(self, v(:, :n), theta, s, n_found)
+   end subroutine find_modes
+
+   !> W = K_k^-1 M W.
+   subroutine respond(self, w)
+      type(contact_flexibility_t), intent(in) :: self
+      real(wp), intent(inout), contiguous :: w(:, :)
+      real(wp), allocatable :: forces(:, :)
+
+      allocate (forces, mold=w)
+      call self%mass%times(w, forces)
+      call self%factor%solve(forces)
+      w = forces
+   end subroutine respond
+
+   !> Removes from W its components along V, which are added to `along`.
+   subroutine remove(self, v, w, along)
+      type(contact_flexibility_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: v(:, :)            !! orthonormal in the mass
+      real(wp), intent(inout), contiguous :: w(:, :)
+      real(wp), intent(inout) :: along(:, :)                 !! (size(v, 2), block)
+      real(wp) :: components(size(v, 2), block)
+      real(wp), allocatable :: mw(:, :)
+
+      allocate (mw, mold=w)
+      call self%mass%times(w, mw)
+      associate (n => size(v, 1), m => size(v, 2))
+         call dgemm("T", "N", m, block, n, 1.0_wp, v, n, mw, n, 0.0_wp, components, m)
+         call dgemm("N", "N", n, block, m, -1.0_wp, v, n, components, m, 1.0_wp, w, n)
+      end associate
+      along = along + components
+   end subroutine remove
+
+   !> Makes W orthonormal in the mass, W = W_new R; `is_over` if its columns depend on each other to rounding.
+   subroutine orthonormalise(self, w, r, is_over)
+      type(contact_flexibility_t), intent(in) :: self
+      real(wp), intent(inout), contiguous :: w(:, :)
+      real(wp), intent(out) :: r(block, block)
+      logical, intent(out) :: is_over
+      real(wp) :: again(block, block), gram(block, block), scale
+      real(wp), allocatable :: mw(:, :)
+      integer :: i, info, k, pass
+
+      allocate (mw, mold=w)
+      r = 0.0_wp
+      do i = 1, block
+         r(i, i) = 1.0_wp
+      end do
+      do pass = 1, 2                                         ! the second one removes the rounding of the first
+         call self%mass%times(w, mw)
+         gram = matmul(transpose(w), mw)
+         scale = maxval([(gram(i, i), i=1, block)])
+         is_over = .not. scale > 0.0_wp
+         if (is_over) return
+         call dpotrf("U", block, gram, block, info)
+         is_over = info /= 0
+         if (is_over) return
+         again = 0.0_wp
+         do k = 1, block
+            again(:k, k) = gram(:k, k)
+            do i = 1, k - 1
+               w(:, k) = w(:, k) - again(i, k)*w(:, i)
+            end do
+            w(:, k) = w(:, k)/again(k, k)
+         end do
+         r = matmul(again, r)
+      end do
+   end subroutine orthonormalise
+
+   !> Ritz values of K_k^-1 M, descending, and their vectors in the basis.
+   subroutine find_ritz(h, theta, s)
+      real(wp), intent(in) :: h(:, :)                        !! (n, n), its upper blocks
+      real(wp), allocatable, intent(out) :: theta(:), s(:, :)
+      real(wp), allocatable :: unit(:, :), values(:), vectors(:, :), work(:)
+      integer :: i, info, n
+
+      n = size(h, 1)
+      allocate (unit(n, n), values(n), work(34*n), source=0.0_wp)
+      allocate (vectors, source=h)
+      do i = 1, n
+         unit(i, i) = 1.0_wp
+      end do
+      call dsygv(1, "V", "U", n, vectors, n, unit, n, values, work, size(work), info)
+      theta = values(n:1:-1)
+      s = vectors(:, n:1:-1)
+   end subroutine find_ritz
+
+   !> Number of the largest Ritz values that are accurate.
+   pure integer function converged(r, theta, s)
+      real(wp), intent(in) :: r(:, :)                        !! of the next block
+      real(wp), intent(in) :: theta(:), s(:, :)
+      integer :: i, n
+
+      n = size(theta)
+      converged = 0
+      do i = 1, n
+         if (norm2(matmul(r, s(n - block + 1:n, i))) > rounding*theta(i)) return
+         converged = i
+      end do
+   end function converged
+
+   subroutine store_modes(self, v, theta, s, n_found)
+      type(contact_flexibility_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: v(:, :)
+      real(wp), intent(in) :: theta(:), s(:, :)
+      integer, intent(in) :: n_found
+      real(wp), allocatable :: of_basis(:, :)
+
+      if (allocated(self%shapes)) deallocate (self%shapes, self%at_contacts)
+      allocate (self%shapes(self%n_dofs, n_found), self%at_contacts(self%n, n_found))
+      self%squares = 1.0_wp/theta(:n_found)
+      self%up_to = 0.0_wp
+      if (n_found == 0) return
+      self%up_to = sqrt(self%squares(n_found))
+      allocate (of_basis, source=s(:, :n_found))
+      associate (n => size(v, 1), m => size(v, 2))
+         call dgemm("N", "N", n, n_found, m, 1.0_wp, v, n, of_basis, m, 0.0_wp, self%shapes, n)
+      end associate
+      call self%functionals%times(self%shapes, self%at_contacts)
+   end subroutine store_modes
+
+   !> Frees the factor; safe to call twice.
+   subroutine contact_flexibility_destroy(self)
+      class(contact_flexibility_t), intent(inout) :: self
+
+      call self%factor%destroy()
+   end subroutine contact_flexibility_destroy
+end module hb_contact_flexibility
