@@ -220,6 +220,9 @@ def _defined(path: Path) -> set[str]:
 
 @for_all_sources
 def test_nothing_in_the_library_stops_the_program(path):
+    """But broken contracts, in builds that check them."""
+    if path.name == "hb_assert.f90.in":
+        return
     for number, statement in statements(path):
         assert not STOP.match(statement), (
             f"{path.relative_to(ROOT)}:{number}: '{statement}'; return an error, only drivers/ may end the program"
