@@ -14,14 +14,14 @@ module hb_floquet
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_linear_propagation, only: linear_propagation_t, new_linear_propagation
-   use hb_map_eigenvalues, only: deflate_all, eigenvalues_of, sort_by_size
+   use hb_map_eigenvalues, only: deflate_all, eigenvalues_of, shifts_of_eigenvalues, sort_by_size
    use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
    use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, share_of_stability, &
       stability_config_t, stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
-   use hb_thresholds, only: clearly, minor, rounding, safety
+   use hb_thresholds, only: clearly, faint, minor, rounding, safety
    use hb_variation, only: min_work, new_variation, variation_t
    implicit none
    private
@@ -158,7 +158,8 @@ contains
       if (is_orbit_sought) then
          call assess_orbit(self, config, variation, structure, motion, excitation, free_motions(structure, laws))
       else
-         call assess_period(self, config, variation, motion%amplitudes, motion%tones%is_unknown(1), free_motions(structure, laws))
+         call assess_period(self, config, variation, motion%amplitudes, motion%tones%is_unknown(1), free_motions(structure, laws), &
+                            limit)
       end if
    end subroutine assess_one_tone
 
@@ -423,7 +424,7 @@ contains
       call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation, free)
       self%estimate = 1.0_wp                                          ! the series is too far from any periodic motion
       if (.not. orbit%is_found) then
-         call assess_period(along_series, config, variation, motion%amplitudes, .false., free)
+         call assess_period(along_series, config, variation, motion%amplitudes, .false., free, 0.0_wp)
          if (along_series%verdict == verdict%unstable) call move_alloc(along_series%multipliers, self%along_series)
          return
       end if
@@ -434,40 +435,57 @@ contains
    end subroutine assess_orbit
 
    !> Multipliers of a periodic motion.
-   subroutine assess_period(self, config, variation, amplitudes, is_free, free)
+   subroutine assess_period(self, config, variation, amplitudes, is_free, free, max_work)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_free                                  !! the tone is unknown
       real(wp), intent(in) :: free(:, :)                              !! motions that do not count, (n_dofs, any)
+      real(wp), intent(in) :: max_work                                !! in about a nanosecond, beyond a first result
+      real(wp), parameter :: finest = 1.0e-12_wp                      ! tolerance of the matrix
+      real(wp), parameter :: work_of_finer = 4.0_wp                   ! of a matrix with six digits more, relative
       type(monodromy_t) :: monodromy
       complex(wp), allocatable :: shifts(:, :, :)
       real(wp), allocatable :: neutral(:, :), shift(:)
       integer, allocatable :: retained(:)
       integer :: i
-      real(wp) :: none(size(amplitudes, 1), 0)
+      logical :: is_sensitive
+      real(wp) :: none(size(amplitudes, 1), 0), tolerance
 
-      call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
-      if (monodromy%estimate >= huge(1.0_wp)) return                  ! cancelled
-      self%estimate = monodromy%estimate
-      if (.not. all(ieee_is_finite(monodromy%matrix))) return
-      allocate (neutral, source=states_of(free, size(monodromy%matrix, 1)))
-      if (is_free) then
-         shifts = shifts_of(variation, amplitudes, [.true.], none)
-         shift = real(sum(shifts(:size(monodromy%matrix, 1), :, 1), dim=2))
-         if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders are included
-         self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
-         neutral = reshape([neutral, shift], [size(shift), size(neutral, 2) + 1])
-      end if
-      if (allocated(variation%massless)) then
-         retained = [pack([(i, i=1, 2*variation%n_dofs)], .not. variation%massless%is_inert), &
-                     [(i, i=2*variation%n_dofs + 1, size(neutral, 1))]]
-         monodromy%matrix = monodromy%matrix(retained, retained)
-         neutral = neutral(retained, :)
-      end if
-      call deflate_all(monodromy%matrix, neutral)
-      call assess_matrix(self, monodromy%matrix, variation%motion%omega(1), monodromy%estimate)
+      tolerance = config%tolerance
+      do
+         call find_monodromy(monodromy, variation, 0.0_wp, tolerance, work_on_demand)
+         if (monodromy%estimate >= huge(1.0_wp)) return               ! cancelled
+         self%estimate = monodromy%estimate
+         if (.not. all(ieee_is_finite(monodromy%matrix))) return
+         call leave_out_neutral()
+         call assess_matrix(self, monodromy%matrix, variation%motion%omega(1), monodromy%estimate, is_sensitive)
+         if (.not. is_sensitive .or. monodromy%estimate > tolerance .or. tolerance <= finest) exit
+         if (work_of_finer*monodromy%work > max_work) exit
+         tolerance = max(finest, faint*tolerance)                     ! two multipliers nearly coincide on the unit circle
+      end do
+
+   contains
+
+      !> Leaves out what a period does not change, and displacements without mass.
+      subroutine leave_out_neutral()
+         neutral = states_of(free, size(monodromy%matrix, 1))
+         if (is_free) then
+            shifts = shifts_of(variation, amplitudes, [.true.], none)
+            shift = real(sum(shifts(:size(monodromy%matrix, 1), :, 1), dim=2))
+            if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders are included
+            self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
+            neutral = reshape([neutral, shift], [size(shift), size(neutral, 2) + 1])
+         end if
+         if (allocated(variation%massless)) then
+            retained = [pack([(i, i=1, 2*variation%n_dofs)], .not. variation%massless%is_inert), &
+                        [(i, i=2*variation%n_dofs + 1, size(neutral, 1))]]
+            monodromy%matrix = monodromy%matrix(retained, retained)
+            neutral = neutral(retained, :)
+         end if
+         call deflate_all(monodromy%matrix, neutral)
+      end subroutine leave_out_neutral
    end subroutine assess_period
 
    !> Stability from the derivative of a period map by shooting; without multipliers if LAPACK fails.
@@ -483,32 +501,55 @@ contains
    end function stability_of_map
 
    !> Stores the multipliers of a monodromy matrix and derives the verdict, with the present estimate.
-   subroutine assess_matrix(self, matrix, omega, matrix_error)
+   subroutine assess_matrix(self, matrix, omega, matrix_error, is_sensitive)
       type(stability_t), intent(inout) :: self
       real(wp), intent(in) :: matrix(:, :)
       real(wp), intent(in) :: omega                                   !! [rad/s]
       real(wp), intent(in), optional :: matrix_error                  !! relative to its largest entry, or 1; default: rounding
+      logical, intent(out), optional :: is_sensitive                  !! the error prevents a verdict because multipliers nearly
+                                                                      !! coincide, and move by its square root
       complex(wp), allocatable :: multipliers(:)
+      integer :: first, n_first
 
+      if (present(is_sensitive)) is_sensitive = .false.
       call eigenvalues_of(matrix, multipliers)
-      if (present(matrix_error) .and. size(multipliers) > 0) self%noise = matrix_error*max(1.0_wp, abs(multipliers(1)))
-      if (size(multipliers) > 0) call assess_multipliers(self, multipliers, omega)
+      if (size(multipliers) == 0) return
+      if (.not. present(matrix_error)) then
+         call assess_multipliers(self, multipliers, omega)
+         return
+      end if
+      self%noise = matrix_error*max(1.0_wp, abs(multipliers(1)))
+      call assess_multipliers(self, multipliers, omega)
+      first = self%verdict
+      n_first = self%n_unstable
+      if (first == verdict%unknown) return
+      associate (error => safety*matrix_error*max(1.0_wp, maxval(abs(matrix))))
+         if (all(abs(abs(multipliers) - 1.0_wp) > sqrt(error)*max(1.0_wp, maxval(abs(matrix))))) return
+         call assess_multipliers(self, multipliers, omega, shifts_of_eigenvalues(matrix, multipliers, error))
+      end associate
+      if (present(is_sensitive)) is_sensitive = self%verdict /= first
+      if (self%verdict == first) self%n_unstable = n_first
    end subroutine assess_matrix
 
    !> Stores multipliers, the largest first, and derives the verdict, with the present estimate.
-   subroutine assess_multipliers(self, multipliers, omega)
+   subroutine assess_multipliers(self, multipliers, omega, shifts)
       type(stability_t), intent(inout) :: self
       complex(wp), allocatable, intent(inout) :: multipliers(:)
       real(wp), intent(in) :: omega                                   !! [rad/s]
-      real(wp) :: margin, noise
+      real(wp), intent(in), optional :: shifts(:)                     !! their errors, if these are larger than those of the matrix
+      real(wp), allocatable :: margins(:)
+      real(wp) :: noise
 
       noise = clearly*epsilon(1.0_wp)*abs(multipliers(1))             ! of all others
+      allocate (margins(size(multipliers)), source=max(rounding, clearly*self%estimate, noise, clearly*self%noise))
+      if (present(shifts)) margins = max(margins, shifts)
+      if (noise >= minor) margins = pack(margins, abs(multipliers) >= noise)
       if (noise >= minor) multipliers = pack(multipliers, abs(multipliers) >= noise)
-      margin = max(rounding, clearly*self%estimate, noise, clearly*self%noise)
-      self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
+      self%n_unstable = count(abs(multipliers) > 1.0_wp + margins)
+      self%verdict = verdict%unknown
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
-      else if (abs(multipliers(1)) < 1.0_wp - margin) then
+      else if (all(abs(multipliers) < 1.0_wp - margins)) then
          self%verdict = verdict%stable
       end if
       self%multipliers = multipliers(:min(size(multipliers), max_multipliers))

@@ -9,7 +9,7 @@ module hb_stability
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: clearly, minor
+   use hb_thresholds, only: clearly, minor, safety
    use hb_tones, only: tones_t
    implicit none
    private
@@ -119,8 +119,8 @@ contains
    end function n_multipliers_of
 
    !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies
-   !> within twice the change of the largest multiplier (outside the unit circle: of its logarithm) or, where it is negative,
-   !> exponent, is not known; nor is stability if multipliers move too far.
+   !> within twice the change of the largest multiplier (outside the unit circle: three times that of its logarithm) or, where it is
+   !> negative, exponent, is not known; nor is stability if multipliers move too far.
    pure subroutine stability_compare_with(self, better)
       class(stability_t), intent(inout) :: self
       type(stability_t), intent(in) :: better
@@ -155,7 +155,7 @@ contains
          if (self%verdict == verdict%stable .and. max(here, there) >= 1.0_wp - 2.0_wp*abs(here - there)) &
             self%verdict = verdict%unknown
          if (self%verdict == verdict%unstable) then                    ! both are outside
-            if (log(min(here, there)) <= 2.0_wp*abs(log(here/there))) self%verdict = verdict%unknown
+            if (log(min(here, there)) <= safety*abs(log(here/there))) self%verdict = verdict%unknown
          end if
       end associate
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown

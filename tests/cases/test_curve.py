@@ -540,3 +540,16 @@ def test_stability_that_was_not_looked_for_is_reported(tmp_path):
     assert hint in run("solve", "beam.nml", cwd=tmp_path).stdout
     told = run("solve", "beam.nml", "--overwrite", "--set", "stability%method='integration'", cwd=tmp_path).stdout
     assert hint not in told and " stable" in told
+
+
+@pytest.mark.parametrize("damping", [1.077e-5, 2e-5, 4e-5])
+def test_all_motions_between_the_folds_of_a_light_resonance_are_saddles(tmp_path, damping):
+    """Beside a fold the multipliers are 1 +- 6e-4 and move by the root of an error; a load in proportion keeps the folds."""
+    text = "&structure type='chain', n_masses=1, ends='free', mass=1, coupling_stiffness=0, ground_stiffness=1,\n"
+    text += f"damping_mass={damping} /\n&tones frequency=.5 /\n&harmonics order=9 /\n"
+    text += f"&load dof='x1', tuple=1, cos={7.8533 * damping} /\n&law type='cubic_spring', dof='x1', stiffness=.517 /\n"
+    text += "&curve parameter='tones%frequency', from=.5, to=6, points=2500, max_step=.04 /\n"
+    kind, stable = read(solve(text, tmp_path), "curve_kind", "is_stable")
+    first, second = np.flatnonzero(kind == 3)
+    assert np.all(stable[first + 1 : second] == -1), stable[first - 2 : second + 2]
+    assert np.all(stable[1 : first - 2] >= 0) and np.all(stable[second + 1 :][kind[second + 1 :] > 0] >= 0)
