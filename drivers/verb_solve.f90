@@ -13,9 +13,10 @@ module verb_solve
    use hb_memory, only: available_memory, retain_freed_memory
    use hb_model, only: model_t
    use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
+   use hb_motion_doubt, only: sticking_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason
    use hb_point_kinds, only: curve_kind
    use hb_progress, only: log_level
    use hb_results_record, only: name_of_input, numbers_of, read_record, record_t
@@ -37,6 +38,7 @@ module verb_solve
    private
    public :: load_study, make_study, run_resume, run_solve
 
+   integer, parameter :: most_points = 4000                           ! of a curve whose number of points is not given
    real(wp), parameter :: same_end = 1.0e-5_wp                        ! of the range: motions end where others leave the curve
 
 contains
@@ -81,8 +83,9 @@ contains
       if (.not. allocated(error)) call run_switched(study, options, options%input, comm, status, error)
    end subroutine run_resume
 
+   !> Runs a study and reports its end. Curves without a given number of points get more of them until they end.
    subroutine run(study, options, path, resumes, comm, status, error, n_rows)
-      type(study_t), intent(in) :: study
+      type(study_t), intent(inout) :: study                           !! afterwards with the number of points of its file
       type(arguments_t), intent(in) :: options
       character(*), intent(in) :: path                                !! of the result file
       logical, intent(in) :: resumes
@@ -111,6 +114,16 @@ contains
          number_of(study%n_chains(), "chain")//" of points for "//number_of(size_of(comm), "rank")// &
          "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
+      do while (.not. allocated(error))
+         if (.not. needs_more_points(study, summary, path)) exit
+         if (is_reported) call say("a curve has used up "//to_text(study%plan%n_fastest())// &
+                                   " points: it continues with twice as many")
+         call double_points(study, path, comm, error)
+         how%resumes = .true.
+         how%overwrite = .false.
+         how%retries = .false.
+         if (.not. allocated(error)) call run_study(study, how, comm, summary, error)
+      end do
       if (allocated(error)) return
       if (number_answered(summary) + n_ends(study%plan, summary, path) + summary%counts(outcome%unused) < summary%n_points) &
          status = not_all_right
@@ -126,6 +139,40 @@ contains
          " left; nhbm resume "//path//" solves "//trim(merge("it  ", "them", summary%n_left == 1))// &
          trim(merge(chain_note, repeat(" ", len(chain_note)), study%n_chains() > 0 .and. study%n_chains() < study%plan%n_points)))
    end subroutine run
+
+   !> Whether a curve has used up a number of points that is not given in the input.
+   logical function needs_more_points(study, summary, path) result(needs)
+      type(study_t), intent(in) :: study
+      type(run_summary_t), intent(in) :: summary
+      character(*), intent(in) :: path                                !! of the result file
+
+      needs = .false.
+      if (.not. allocated(study%plan%curve) .or. summary%n_left > 0) return
+      associate (curve => study%plan%curve, n => study%plan%n_fastest())
+         if (curve%has_given_points .or. 2*n > most_points) return
+         if (curve%switches .and. study%plan%n_points > n) return     ! their files have the numbers of these points
+      end associate
+      needs = any(numbers_of(path, "reason") == reason%points)
+   end function needs_more_points
+
+   !> Gives all curves of a result file room for twice as many points.
+   subroutine double_points(study, path, comm, error)
+      type(study_t), intent(inout) :: study
+      character(*), intent(in) :: path
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+      type(study_t) :: longer
+      type(string_t) :: points(1)
+
+      points(1)%value = "curve%points="//to_text(2*study%plan%n_fastest())
+      call load_stored_study(path, comm, longer, error, points)
+      if (allocated(error)) return
+      if (rank_of(comm) == 0) call lengthen_curves(longer, path, error)
+      call share_error(comm, error)
+      if (allocated(error)) return
+      longer%plan%curve%has_given_points = .false.
+      study = longer
+   end subroutine double_points
 
    !> Number of points that are regular ends of curves.
    integer function n_ends(plan, summary, path)
@@ -347,7 +394,8 @@ contains
       if (allocated(study%plan%curve)) call write_curves(study, path)
       if (summary%n_by_fallback > 0) call say(number_of(summary%n_by_fallback, "point")// &
          " solved by a fallback (see 'fallback' in the results)")
-      call say_if(sticking_text(path))
+      call sticking_text(count(numbers_of(path, "n_full_stick") > 0), .true., sentence)
+      if (len(sentence) > 0) call say(sentence)
       do i = 1, study%model%system%tones%n_tones
          if (study%model%system%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i, study%model%system%tones))
       end do
@@ -393,26 +441,6 @@ contains
          number_of(summary%n_near_commensurate, "point")//" a low-order combination of the tones nearly vanishes"// &
          " (see 'combination')"//near_text(study, summary%first_near_commensurate))
    end subroutine write_summary
-
-   !> Writes a line, unless it is empty.
-   subroutine say_if(text)
-      character(*), intent(in) :: text
-
-      if (len(text) > 0) call say(text)
-   end subroutine say_if
-
-   !> That joints stick throughout a motion, so that it is one of many; empty if none does.
-   function sticking_text(path) result(text)
-      character(*), intent(in) :: path                                !! of the result file
-      character(:), allocatable :: text
-      integer :: n
-
-      text = ""
-      n = count(numbers_of(path, "n_full_stick") > 0)
-      if (n == 0) return
-      text = "in "//number_of(n, "point")//" joints stick throughout (see 'n_full_stick'): a continuum of motions is possible, "// &
-             "with any force that they hold; stored is the one that is loaded from rest"
-   end function sticking_text
 
    !> How the points of a complete file that did not converge are tried again; empty if there are none.
    function retry_text(summary, study, path) result(text)

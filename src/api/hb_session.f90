@@ -25,7 +25,7 @@ module hb_session
    use hb_model_tones, only: read_tones
    use hb_model_warnings, only: commensurate_text, describe_warnings
    use hb_modes, only: find_natural_frequencies
-   use hb_motion_doubt, only: describe_doubt
+   use hb_motion_doubt, only: describe_doubt, sticking_text
    use hb_motion_result, only: motion_result_t
    use hb_movement, only: follow_frequencies
    use hb_namelist, only: set_text
@@ -304,6 +304,8 @@ contains
          call add_line(line)
       end if
       if (self%has_law_doubt .and. allocated(self%source%law_doubt%text)) call add_line(self%source%law_doubt%text)
+      call sticking_text(min(1, self%result%n_full_stick), .false., line)
+      if (len(line) > 0) call add_line(line)
 
    contains
 

@@ -6,12 +6,25 @@ module hb_motion_doubt
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text, reason
    use hb_remedies, only: remedy_of
-   use hb_text, only: rounded, rounded_beside
+   use hb_text, only: number_of, rounded, rounded_beside
    implicit none
    private
-   public :: describe_doubt
+   public :: describe_doubt, sticking_text
 
 contains
+
+   !> That joints stick throughout motions, which are then each one of many; empty if none does.
+   pure subroutine sticking_text(n_points, is_of_many, text)
+      integer, intent(in) :: n_points                                 !! with such joints
+      logical, intent(in) :: is_of_many                               !! points: they are counted
+      character(:), allocatable, intent(out) :: text
+
+      text = ""
+      if (n_points == 0) return
+      if (is_of_many) text = "in "//number_of(n_points, "point")//" "
+      text = text//"joints stick throughout (see 'n_full_stick'): a continuum of motions is possible, with any force that they "// &
+             "hold; stored is the one that is loaded from rest"
+   end subroutine sticking_text
 
    !> Describes why a motion has not converged, or is less accurate than requested; an empty text for a motion without doubt.
    subroutine describe_doubt(options, motion, text)

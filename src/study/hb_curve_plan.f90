@@ -47,6 +47,7 @@ module hb_curve_plan
       character(:), allocatable :: over_path !! path of the value `over` which the located point is followed
       type(parameter_t) :: over_parameter                             !! that it is
       real(wp), allocatable :: ratios(:)                              !! of all tones to the moving one, if they are tied
+      logical :: has_given_points = .false.                           !! otherwise a curve gets more of them until it ends
    contains
       procedure :: set => curve_plan_set
       procedure :: tie_tones => curve_plan_tie_tones
@@ -78,6 +79,7 @@ contains
       call group%get("values", self%values)
       call group%get("others", self%others)
       call group%get("points", self%n_points)
+      self%has_given_points = group%given("points")
       call group%get("max_step", self%longest_step)
       do i = 1, size(response_keys)
          associate (responses => self%responses_of(i))

@@ -553,3 +553,21 @@ def test_all_motions_between_the_folds_of_a_light_resonance_are_saddles(tmp_path
     first, second = np.flatnonzero(kind == 3)
     assert np.all(stable[first + 1 : second] == -1), stable[first - 2 : second + 2]
     assert np.all(stable[1 : first - 2] >= 0) and np.all(stable[second + 1 :][kind[second + 1 :] > 0] >= 0)
+
+
+SHORT_STEPS = DUFFING + "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, max_step = 0.005 /\n"
+
+
+def test_a_curve_without_a_number_of_points_reaches_its_end(tmp_path):
+    """It needs more than the 500 rows that are reserved at first; its points are those of a curve with enough of them."""
+    result = solve(SHORT_STEPS, tmp_path)
+    status, value = read(result, "status", "tones_frequency")
+    used = status != UNUSED
+    assert used.sum() > 500 and value[used][-1] == 2.5
+    wanted = read(solve(SHORT_STEPS, tmp_path, "--set", "curve%points=4000", name="given"), "curve_unknowns")
+    assert np.array_equal(read(result, "curve_unknowns")[used], wanted[: used.sum()], equal_nan=True)
+
+
+def test_a_given_number_of_points_is_kept(tmp_path):
+    result = solve(SHORT_STEPS, tmp_path, "--set", "curve%points=40")
+    assert len(read(result, "status")) == 40

@@ -400,3 +400,26 @@ def driven(mass, damping, stiffness):
     model = Model(nhbm.Matrices(mass=mass, damping=damping, stiffness=stiffness), tones=[0.9])
     model.load("x1", 1, cos=0.1)
     return model
+
+
+def test_a_joint_that_sticks_throughout_is_named():
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.05, stiffness=1.0), tones=[1.0])
+    model.load("x1", 1, cos=0.1)
+    model.law("jenkins", "x1", stiffness=10.0, limit=5.0)
+    with pytest.warns(Implausible, match="stick throughout"):
+        motion = model.solve(order=5)
+    assert motion.nhbm.is_converged
+    model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.05, stiffness=1.0), tones=[1.0])
+    model.load("x1", 1, cos=10.0)
+    model.law("jenkins", "x1", stiffness=10.0, limit=0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.solve()
+
+
+def test_a_curve_without_a_number_of_points_has_as_many_as_it_needs():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        curve = duffing().curve("tones[0]", 0.5, 2.5, max_step=0.005, order=5)
+    assert curve.sizes["point"] > 500 and curve["tones_frequency"].values[-1] == 2.5
+    assert not np.any(curve.nhbm.details["reason"] == "points")

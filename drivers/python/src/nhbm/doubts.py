@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _NUMBER = re.compile(r"(?<![\w'])[-+]?\d[\d.]*(?:[eE][-+]?\d+)?")  # not of a name
 _OF_A_MOTION = "their combination"  # tones with a common period: estimated for each motion, where it matters
+_STICKING = "stick throughout"
 SEVERAL = 3  # folds that take the points of a curve
 
 
@@ -43,10 +44,10 @@ def warn_of(session: Session) -> None:
 
 
 def _parted(text: str) -> list[tuple[type[Warning], str]]:
-    """The lines about a motion, and those about tones that belong to the model, each with the category of its warning."""
+    """The lines about a motion, and those about the model, its tones or joints, each with the category of its warning."""
     lines = text.splitlines()
-    parts = ((category, "\n".join(line for line in lines if (_OF_A_MOTION in line) is is_of_tones))
-             for category, is_of_tones in ((NotConverged, False), (Implausible, True)))  # fmt: skip
+    parts = ((category, "\n".join(line for line in lines if (_OF_A_MOTION in line or _STICKING in line) is is_of_model))
+             for category, is_of_model in ((NotConverged, False), (Implausible, True)))  # fmt: skip
     return [(category, part) for category, part in parts if part]
 
 

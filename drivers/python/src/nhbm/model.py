@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime, timezone
 from typing import Any, NamedTuple
 
@@ -36,6 +36,22 @@ class Gradient(NamedTuple):
 
     value: float
     slopes: Any  # np.ndarray
+
+
+_MOST_POINTS = 4000  # of a curve whose number of points is not given
+
+
+def _points_of(session: Session, full: list[int], *, is_limited: bool) -> Iterator[int]:
+    """Moves a session to each point of a curve; without a given number of points there is room for more until it ends."""
+    number = 0
+    while True:
+        while session.next():
+            number += 1
+            yield number
+        if is_limited or 2 * number > _MOST_POINTS or not session.lengthen_curve(2 * number):
+            return
+        full.append(number)
+
 
 
 class Model(Peaks):
@@ -204,7 +220,8 @@ class Model(Peaks):
         **keys
             Keys of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``; its `start`, a value between
             the ends from which both directions are traced, is called `first` here. A curve that has reached its number of
-            `points` is continued by the same call with more of them, if no value of the model has changed. `switch` follows branch
+            `points` is continued by the same call with more of them, if no value of the model has changed; without `points` it
+            gets more until it ends, at most 4,000. `switch` follows branch
             points alone: motions that bifurcate with another period or tone are followed by the command, into files of their own.
 
         Returns
@@ -238,6 +255,7 @@ class Model(Peaks):
         parts: list[Rows] = []  # points of an earlier call, and of each part of this one
         doubtful: list[tuple[str, str]] = []
         has_warned, is_stopped, idle = False, False, None  # laws without force on all points
+        full: list[int] = []  # numbers of points at which there was no room for more
         if cut is None:
             session = self._begin(settings)
             session.begin_curve()
@@ -247,7 +265,7 @@ class Model(Peaks):
         with Progress(progress, "curve") as bar:
             for _ in range(sum(map(len, parts))):
                 bar.update()
-            while session.next():
+            for _ in _points_of(session, full, is_limited="points" in keys):
                 session.add_row()
                 status, text = session.status, doubts.doubt_of(session)
                 doubtful += [(status, text)] if text else []
@@ -267,7 +285,8 @@ class Model(Peaks):
             raise ModelError(session.message or "the curve has no points")
         rows = Rows.joined(parts)
         if cut is not None and len(rows) > len(cut.rows):
-            rows.values["reason"][len(cut.rows) - 1] = 0  # there was room for more
+            full.append(len(cut.rows))
+        rows.values["reason"][[n - 1 for n in full]] = 0  # there was room for more
         if not is_stopped:
             values = rows.values.get(identifier(path), np.zeros(0))
             has_warned = doubts.warn_of_end(session, path, values[np.isfinite(values)].tolist(), stop - start)
