@@ -94,3 +94,14 @@ def test_coordinates_without_mass_are_followed(tmp_path):
     expected = read(solve(text, tmp_path, name="balance"), "coefficients")
     for method in ("", "&integration method='generalized_alpha' /"):
         assert np.allclose(read(solve(text + FROM_INTEGRATION + method, tmp_path), "coefficients"), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("amplitude", [0.5, 0.4])
+def test_a_start_beside_stick_slip_is_not_left_for_a_small_cycle(tmp_path, amplitude):
+    """Three motions: a stable rest, an unstable cycle of period 6.2842 that a few harmonics have, and stick-slip of period 7.19884 by time
+    integration, beside which the search starts."""
+    text = "&structure type='matrices', n_dofs=1, mass=1, damping=.02, stiffness=1 /\n&tones frequency=.87, unknown=.true. /\n"
+    text += "&law type='stribeck', dof='x1', limit=.5, static_limit=.8, stribeck_velocity=.1, velocity=.002, belt_velocity=.3 /\n"
+    text += f"&start dof='x1', tuple=1, cos={amplitude} /\n&start dof='x1', tuple=0, cos=.5 /\n"
+    frequency, stable = read(solve(text, tmp_path), "frequency", "is_stable")
+    assert 2.0 * np.pi / frequency[0, 0] == pytest.approx(7.19884, rel=1e-2) and stable[0] != -1

@@ -5,6 +5,7 @@ module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, point_conditions_t, stage
    use hb_cancellation, only: cancellation_t, work_is_over
+   use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
@@ -18,7 +19,7 @@ module hb_accurate_motion
    use hb_refined_motion, only: has_ended, refined_motion_t
    use hb_solver_types, only: attempt_t
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
-   use hb_system, only: measure_of, system_t
+   use hb_system, only: coordinates_of, measure_of, system_t
    use hb_threads, only: use_threads
    use hb_thresholds, only: safety
    use hb_torus, only: samples_for
@@ -36,6 +37,7 @@ module hb_accurate_motion
       type(refined_motion_t) :: motion
       type(point_conditions_t) :: conditions
       logical :: is_finer = .false.                                   ! to a part of the tolerance, for a verdict on stability
+      logical :: has_left_start = .false.                             ! the motion on the first set is far from the given start
    contains
       procedure :: applies => point_attempts_applies
       procedure :: make => point_attempts_make
@@ -115,7 +117,7 @@ contains
 
       associate (c => self%conditions, motion => self%motion, system => self%motion%system, options => self%motion%options)
          c%status = motion%result%status
-         c%has_motion = allocated(motion%top%unknowns)
+         c%has_motion = allocated(motion%top%unknowns) .and. .not. self%has_left_start   ! then a larger set is tried
          c%is_struck = options%lacks_impacts_of(system, c%status)
          c%is_unstable = .not. motion%result%stability%growth <= 1.0_wp
          c%is_out_of_work = motion%solver%is_out_of_work .or. motion%solver%work > options%accuracy%max_work
@@ -153,8 +155,8 @@ contains
          case ("finer_for_stability")
             call refine_for_verdict(self, rule%share)
          case default                                                 ! a first set
-            call find_first(motion, rule, within)
-            attempt%has_succeeded = allocated(motion%top%unknowns)
+            call find_first_or_retain(self, rule, within)
+            attempt%has_succeeded = allocated(motion%top%unknowns) .and. .not. self%has_left_start
          end select
          attempt%status = merge(outcome%failed, motion%result%status, allocated(motion%error) .or. &
                                 motion%result%status == outcome%pending)
@@ -188,7 +190,7 @@ contains
             return
          end if
          lacks_verdict = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
-                     (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < 2.0_wp*found%estimate))
+                     (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < safety*found%estimate))
       end associate
    end function lacks_verdict
 
@@ -255,7 +257,7 @@ contains
       if (is_adopted) self%motion%result%fallback = rule%kind
    end subroutine solve_from_integration
 
-   !> Refines the motion that time integration has led to by the balance: a motion to the tolerance is adopted if it is the same one.
+   !> Refines the motion that time integration has led to by the balance; adopts a motion to the tolerance if it is the same one.
    recursive subroutine refine_lines(self, rule)
       class(point_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
@@ -332,6 +334,72 @@ contains
       result%status = outcome%truncated
       result%error_estimate%truncation = 1.0_wp
    end subroutine integrate_after
+
+   !> Searches for a limit cycle on a first set. Where this is far from the given start, a larger set is tried, since the one sought
+   !> may not be a motion of few harmonics; its motion is adopted if it is much nearer.
+   subroutine find_first_or_retain(self, rule, within)
+      class(point_attempts_t), intent(inout) :: self
+      type(attempt_rule_t), intent(in) :: rule
+      type(attempt_t), allocatable, intent(out) :: within(:)
+      real(wp), parameter :: far = 0.5_wp, much_nearer = 0.5_wp       ! of the start; of the distance before
+      type(level_t) :: top
+      type(motion_result_t) :: result
+      real(wp) :: before
+
+      associate (motion => self%motion)
+         if (.not. self%has_left_start) then
+            call find_first(motion, rule, within)
+            if (rule%name == "first_set" .and. allocated(motion%top%unknowns) .and. any(motion%system%tones%is_unknown) .and. &
+                self%conditions%grows_set) self%has_left_start = distance_from_start(motion) > far
+            return
+         end if
+         self%has_left_start = .false.
+         before = distance_from_start(motion)
+         top = motion%top
+         result = motion%result
+         deallocate (motion%top%unknowns)
+         call find_first(motion, rule, within)
+         if (allocated(motion%top%unknowns)) then
+            if (distance_from_start(motion) < much_nearer*before) return
+         end if
+         if (allocated(motion%error)) deallocate (motion%error)
+         call result%add(motion%result%effort_t)
+         motion%top = top
+         motion%result = result
+      end associate
+   end subroutine find_first_or_retain
+
+   !> How far the amplitudes of a motion are from those of a given start of the oscillation, relative to these; 0 without one.
+   real(wp) function distance_from_start(motion) result(distance)
+      type(refined_motion_t), intent(in) :: motion
+      type(coordinates_t) :: coordinates
+      complex(wp), allocatable :: given(:, :)                         ! (coordinates, n_harmonics)
+      real(wp), allocatable :: u(:, :)
+      real(wp) :: here, sum_of_differences, sum_of_given
+      integer :: d, h, k
+
+      distance = 0.0_wp
+      if (motion%discretisation%start%is_zero()) return
+      coordinates = coordinates_of(motion%system)
+      given = coordinates%amplitudes_of(motion%discretisation%start%whole())
+      sum_of_differences = 0.0_wp
+      sum_of_given = 0.0_wp
+      associate (set => motion%top%set, whole => motion%discretisation%harmonics)
+         allocate (u(set%n_coefficients, size(given, 1)))
+         u = reshape(motion%top%unknowns(:size(u)), shape(u))
+         do k = 1, whole%n_harmonics
+            h = set%index_of(whole%tuples(:, k))
+            if (h == 0 .or. all(whole%tuples(:, k) == 0) .or. .not. any(abs(given(:, k)) > 0.0_wp)) cycle
+            do d = 1, size(given, 1)
+               here = abs(u(set%cos_at(h), d))
+               if (set%sin_at(h) > 0) here = hypot(here, u(set%sin_at(h), d))
+               sum_of_differences = sum_of_differences + (here - abs(given(d, k)))**2
+               sum_of_given = sum_of_given + abs(given(d, k))**2
+            end do
+         end do
+      end associate
+      if (sum_of_given > 0.0_wp) distance = sqrt(sum_of_differences/sum_of_given)
+   end function distance_from_start
 
    !> Searches for the motion on a small set: that of a neighbour, from its motion, or one of the boxes.
    subroutine find_first(self, rule, within)
