@@ -326,3 +326,20 @@ def test_laws_compiled_by_numba():
             model.law(law, ["x1"] if law == "cubic_damping" or law is damping else "x1", **keys)
         found.append(model.solve(order=9)["coefficients"].values)
     np.testing.assert_allclose(found[1], found[0], atol=1e-10)
+
+
+def test_derivatives_that_nhbm_takes_are_none_of_the_user():
+    """A force in steps has no derivative that its differences agree with; only one that the function returns can be wrong."""
+
+    def solve(function):
+        model = nhbm.Model(nhbm.Matrices(mass=1.0, damping=0.1, stiffness=1.0), tones=[0.9])
+        model.load("x1", 1, cos=1.0)
+        model.law(nhbm.law(function), "x1", label="mine")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            model.solve(order=9)
+        return "\n".join(str(one.message) for one in caught)
+
+    said = solve(lambda q: np.round(0.3 * np.real(q), 6))
+    assert "law 'mine'" in said and "which nhbm takes from its forces" in said and "correct the law" not in said
+    assert "law 'mine': df/dz is not the derivative of its force" in solve(lambda q: (0.1 * q**3, 0.1 * q**2))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from nhbm.errors import Implausible, Jump, NotConverged
 from nhbm.groups import Group
-from nhbm.laws import Law
+from nhbm.laws import Law, laws_of
 from nhbm.schema import SOLVED
 
 if TYPE_CHECKING:
@@ -21,12 +21,27 @@ if TYPE_CHECKING:
 _NUMBER = re.compile(r"(?<![\w'])[-+]?\d[\d.]*(?:[eE][-+]?\d+)?")  # not of a name
 _OF_A_MOTION = "their combination"  # tones with a common period: estimated for each motion, where it matters
 _STICKING = "stick throughout"
+_WRONG_SLOPE = "is not the derivative of its force"
 SEVERAL = 3  # folds that take the points of a curve
 
 
 def doubt_of(session: Session) -> str:
     """What is doubtful about the motion found last, with numbers and what to do; empty if nothing is."""
-    return session.doubt()
+    text = session.doubt()
+    if _WRONG_SLOPE not in text:
+        return text
+    labels = [label for law, label in laws_of(session.input()) if law.has_own_slopes]
+    return "\n".join(_of_own_slopes(line, labels) if _WRONG_SLOPE in line else line for line in text.splitlines())
+
+
+def _of_own_slopes(line: str, labels: Iterable[str]) -> str:
+    """The line about a wrong derivative, unless it is none of the user: of a law among those labels nhbm has taken it."""
+    for label in labels:
+        if line.startswith(f"law '{label}': "):
+            return (f"law '{label}': its derivative, which nhbm takes from its forces, depends on the step: they are steps or rounded "
+                    "there, or change over less than a millionth of the motion; return the derivative with the force, or smooth "
+                    "it: stability, curves and derivatives are inaccurate")  # fmt: skip
+    return line
 
 
 def warn(text: str, category: type[Warning] = NotConverged) -> None:

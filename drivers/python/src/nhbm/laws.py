@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import inspect
 import itertools
+import re
 import sys
 import threading
 import weakref
@@ -31,6 +32,8 @@ _ROLES = {  # names of arguments by what they are; the first argument may have a
     **dict.fromkeys("v dq dz dx qd xd q_dot qdot x_dot xdot rate rates velocity velocities".split(), "v"),
     **dict.fromkeys("p par params parameter parameters".split(), "p"),
 }
+
+_LAW_GROUP = re.compile(r"^&law$(.*?)^/$", re.MULTILINE | re.DOTALL)
 
 _COMPILED: Any = ctypes.CFUNCTYPE(None).__mro__[1]  # the base of all functions of ctypes
 
@@ -137,6 +140,11 @@ class Law:
     def __call__(self, *arguments: Any) -> Any:
         return self.function(*arguments)
 
+    @property
+    def has_own_slopes(self) -> bool:
+        """Whether its derivatives are taken from its forces, since the function has none."""
+        return self._force is not None and bool(self._force.trust)
+
     def pushes_away(self, parameters: Any = None) -> bool:
         """Whether the force of a function of Python on one coordinate at rest opposes each displacement, as no spring does."""
         if self._force is None or self._force.named:
@@ -192,6 +200,16 @@ def law(function: Any = None, **options: Any) -> Any:
 def laws_in(text: str) -> list[Law]:
     """Laws of Python that an input may name; who reads the input holds them as long as the library may call them."""
     return [law for name, law in list(_registered.items()) if name in text]
+
+
+def laws_of(text: str) -> list[tuple[Law, str]]:
+    """Laws of Python in a complete input, each with its label."""
+    found = []
+    for group in _LAW_GROUP.findall(text):
+        keys = dict(re.findall(r"^ *(name|label) = '(.*)'$", group, re.MULTILINE))
+        if keys.get("name") in _registered:
+            found.append((_registered[keys["name"]], keys.get("label", "")))
+    return found
 
 
 def store_fault(fault: BaseException) -> None:

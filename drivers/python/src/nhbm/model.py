@@ -53,7 +53,6 @@ def _points_of(session: Session, full: list[int], *, is_limited: bool) -> Iterat
         full.append(number)
 
 
-
 class Model(Peaks):
     """A structure with tones, loads and laws.
 
