@@ -80,9 +80,6 @@ module hb_balance_branch
       procedure :: find_series => balance_branch_find_series
       procedure :: find_stability => balance_branch_find_stability
       procedure :: find_contact => balance_branch_find_contact
-      procedure :: has_all_harmonics => balance_branch_has_all_harmonics
-      procedure :: has_integrated_multipliers => balance_branch_has_integrated_multipliers
-      procedure :: may_jump_within_period => balance_branch_may_jump_within_period
       procedure :: describe => balance_branch_describe
       procedure :: plane_at => balance_branch_plane_at
       procedure :: find_gradient => balance_branch_find_gradient
@@ -175,6 +172,12 @@ contains
       self%problem%which = [which, self%problem%own]
       self%n_further = size(self%problem%which)
       self%weights = self%problem%x_scale
+      associate (set => found%discretisation%harmonics, system => found%system)
+         self%has_all_harmonics = set%n_harmonics == set%highest(1) + 1
+         self%has_integrated_multipliers = found%options%stability%method == stability_method%integration .and. &
+                                           system%tones%n_tones == 1 .and. has_kinks_or_memory(system)
+         self%may_jump_within_period = self%model%system%may_jump_within_period()
+      end associate
       if (found%system%normal_mode%has_energy) &
          call find_energy(self%energy, found%system, found%discretisation, found%options, self%problem%balance_t, error)
       if (allocated(error)) return
@@ -186,6 +189,14 @@ contains
          end associate
       end do
    end subroutine balance_branch_adopt_level
+
+   !> Whether laws have kinks or memory, near which multipliers of a series have errors of first order.
+   pure logical function has_kinks_or_memory(system)
+      type(system_t), intent(in) :: system
+      integer :: i
+
+      has_kinks_or_memory = any([(system%laws(i)%law%n_switches + system%laws(i)%law%n_states > 0, i=1, size(system%laws))])
+   end function has_kinks_or_memory
 
    !> Sets up the problem of odd motions alone on the present set, if the moving value is a given frequency and the
    !> equations are odd: other values may break the symmetry. Odd motions may hold sliders away from their center, and
@@ -625,34 +636,6 @@ contains
 
       call find_extremes(self%problem, x, known%extremes)
    end subroutine balance_branch_find_contact
-
-   !> Whether all motions of the period are included.
-   pure logical function balance_branch_has_all_harmonics(self) result(has_all)
-      class(balance_branch_t), intent(in) :: self
-
-      associate (set => self%problem%model%discretisation%harmonics)
-         has_all = set%n_harmonics == set%highest(1) + 1
-      end associate
-   end function balance_branch_has_all_harmonics
-
-   !> Whether the multipliers of the integrated motion are more accurate: those of one tone near a kink of a law.
-   pure logical function balance_branch_has_integrated_multipliers(self) result(has_integrated)
-      class(balance_branch_t), intent(in) :: self
-      integer :: i
-
-      associate (model => self%model)
-         has_integrated = model%options%stability%method == stability_method%integration .and. model%system%tones%n_tones == 1
-         if (has_integrated) has_integrated = any([(model%system%laws(i)%law%n_switches + model%system%laws(i)%law%n_states > 0, &
-                                                    i=1, size(model%system%laws))])
-      end associate
-   end function balance_branch_has_integrated_multipliers
-
-   !> Whether a slow tone may carry the motion through a jump.
-   logical function balance_branch_may_jump_within_period(self) result(may_jump)
-      class(balance_branch_t), intent(in) :: self
-
-      may_jump = self%model%system%may_jump_within_period()
-   end function balance_branch_may_jump_within_period
 
    ! Results
 

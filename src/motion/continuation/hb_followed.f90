@@ -51,6 +51,9 @@ module hb_followed
       type(curve_request_t) :: request
       type(level_t) :: level                                          !! present set and grid
       integer :: n_further = 1                                        !! unknowns besides those of the motion: the last is the value
+      logical :: has_all_harmonics = .true.                           !! of the period: the determinant shows all intersections
+      logical :: has_integrated_multipliers = .false.                 !! of the motion: more accurate than those of its series
+      logical :: may_jump_within_period = .false.                     !! by a slow tone, which error estimates do not see
       integer :: n_levels = 1                                         !! of the last step
       real(wp) :: roughness = 0.0_wp !! of the residual as a function of frequencies, at the start of this branch
       logical :: is_rough = .false.                                   !! above the tolerance
@@ -100,9 +103,6 @@ module hb_followed
       procedure :: function_at => followed_function_at
       procedure :: square_at => followed_square_at
       procedure :: unit_of_function => followed_unit_of_function
-      procedure :: has_all_harmonics => followed_has_all_harmonics
-      procedure :: has_integrated_multipliers => followed_has_integrated_multipliers
-      procedure :: may_jump_within_period => followed_may_jump_within_period
       ! Results
       procedure(describe), deferred :: describe
       procedure :: plane_at => followed_plane_at
@@ -541,27 +541,6 @@ contains
       call self%find_series(response, x, series)
       square = response%square(series)
    end function followed_square_at
-
-   !> Whether all motions of the period are included, so that the determinant shows all intersections with other curves.
-   pure logical function followed_has_all_harmonics(self) result(has_all)
-      class(followed_t), intent(in) :: self
-
-      has_all = .true.
-   end function followed_has_all_harmonics
-
-   !> Whether the multipliers of the integrated motion are more accurate than those of the series.
-   pure logical function followed_has_integrated_multipliers(self) result(has_integrated)
-      class(followed_t), intent(in) :: self
-
-      has_integrated = .false.
-   end function followed_has_integrated_multipliers
-
-   !> Whether a slow tone may carry the motion through a jump, which error estimates do not see.
-   logical function followed_may_jump_within_period(self) result(may_jump)
-      class(followed_t), intent(in) :: self
-
-      may_jump = .false.
-   end function followed_may_jump_within_period
 
    ! Results
 

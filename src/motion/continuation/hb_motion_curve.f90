@@ -499,7 +499,7 @@ contains
       associate (accuracy => self%followed%model%options%accuracy, kind => curve_kinds(point%kind))
          if (.not. accuracy%is_on .or. result%status /= outcome%converged) return
          if (kind%is_bifurcation .or. point%kind == curve_kind%fold .or. point%is_crossing) return
-         if (estimate_of(result) <= margin*accuracy%tolerance .or. .not. self%followed%may_jump_within_period()) return
+         if (estimate_of(result) <= margin*accuracy%tolerance .or. .not. self%followed%may_jump_within_period) return
          call describe(self, point, compared, error, compares_in_time=.true.)
          if (.not. allocated(error)) call allow_for_departure(compared%departure, accuracy%tolerance, result)
       end associate

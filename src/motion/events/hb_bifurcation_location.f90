@@ -486,7 +486,7 @@ contains
       integer :: i, k
       logical :: is_on_curve
 
-      is_there = .not. search%followed%has_integrated_multipliers()
+      is_there = .not. search%followed%has_integrated_multipliers
       if (is_there) return
       associate (curve => search%curve)
          integrated = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind, .true.)
@@ -526,7 +526,7 @@ contains
    pure logical function finds_all_intersections(search)
       type(search_t), intent(in) :: search
 
-      finds_all_intersections = abs(search%curve%orientation) > 0.0_wp .and. search%followed%has_all_harmonics()
+      finds_all_intersections = abs(search%curve%orientation) > 0.0_wp .and. search%followed%has_all_harmonics
    end function finds_all_intersections
 
    real(wp) function bifurcation_event_value(self, curve, x) result(value)
