@@ -13,7 +13,7 @@ module hb_c_tables
    implicit none
    private
 
-   integer(int64), parameter :: alignment = 8_int64                   ! of columns in an array [bytes]
+   integer(int64), parameter :: column_alignment = 8_int64            ! of columns in an array [bytes]
 
    !> struct nhbm_table.
    type, bind(c) :: c_table_t
@@ -178,7 +178,7 @@ contains
       class(column_table_t), intent(in) :: table
       integer, intent(in) :: i
 
-      bytes = (table%bytes(i) + alignment - 1_int64)/alignment*alignment
+      bytes = (table%bytes(i) + column_alignment - 1_int64)/column_alignment*column_alignment
    end function aligned
 
    !> Copies columns into an array of C.

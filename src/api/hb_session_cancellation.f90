@@ -65,7 +65,7 @@ contains
    !> Calls the program every twentieth of a second, at negligible cost.
    logical function session_cancellation_wants_end(self) result(wants)
       class(session_cancellation_t), intent(inout) :: self
-      real(wp), parameter :: interval = 0.05_wp
+      real(wp), parameter :: check_interval = 0.05_wp
       procedure(interrupt_callback), pointer :: interrupt
       procedure(report_progress), pointer :: report
       real(wp) :: now
@@ -73,7 +73,7 @@ contains
       wants = .false.
       if (.not. (c_associated(self%interrupt) .or. c_associated(self%report))) return
       now = wall_clock()
-      if (now - self%requested < interval) return
+      if (now - self%requested < check_interval) return
       self%requested = now
       if (c_associated(self%report)) then
          self%progress%seconds = now - self%began

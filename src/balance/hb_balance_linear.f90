@@ -97,7 +97,7 @@ contains
    real(wp) function rounding_level_of(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
-      real(wp), parameter :: unit = 64.0_wp*epsilon(1.0_wp)            ! elimination amplifies errors slightly
+      real(wp), parameter :: lu_rounding = 64.0_wp*epsilon(1.0_wp)     ! elimination amplifies errors slightly
       real(wp), parameter :: few_units = 4.0_wp*epsilon(1.0_wp)        ! of K - w**2 M alone
       type(error_t), allocatable :: error
       complex(wp) :: columns(self%n_dofs, chunk_of_columns)
@@ -134,7 +134,7 @@ contains
          if (self%law_set%has_memory) total = total + sum((self%law_set%factor*self%law_set%spring_forces() &
                                                            /[(scale_of(i), i=1, self%n_dofs)])**2)
       end if
-      rounding_level_of = min(agreement, unit*sqrt(total))
+      rounding_level_of = min(agreement, lu_rounding*sqrt(total))
       if (.not. self%has_moved) return
       total = 0.0_wp
       associate (set => self%harmonics)
@@ -144,7 +144,7 @@ contains
             end do
          end do
       end associate
-      rounding_level_of = min(agreement, rounding_level_of + merge(few_units, unit, self%stiffness%n_dofs == self%n_dofs)* &
+      rounding_level_of = min(agreement, rounding_level_of + merge(few_units, lu_rounding, self%stiffness%n_dofs == self%n_dofs)* &
                               sqrt(total))
 
    contains

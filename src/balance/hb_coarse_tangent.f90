@@ -167,10 +167,10 @@ contains
    pure subroutine set_unit(self, largest)
       type(coarse_tangent_t), intent(inout) :: self
       real(wp), intent(in) :: largest                                 !! of the entries [N/m]
-      real(wp), parameter :: smallest = 1.0e-30_wp                    ! of a unit in this precision [N/m]
+      real(wp), parameter :: min_stiffness = 1.0e-30_wp               ! of a unit in this precision [N/m]
 
       if (self%unit > 0.0_sp .or. .not. largest > 0.0_wp) return
-      self%unit = real(min(max(largest, smallest), 1.0_wp/smallest), sp)
+      self%unit = real(min(max(largest, min_stiffness), 1.0_wp/min_stiffness), sp)
    end subroutine set_unit
 
    !> Factorises the sum.

@@ -84,14 +84,14 @@ contains
       logical, intent(in) :: is_sine
       real(wp), allocatable, intent(out) :: shares(:), frequencies(:) !! [rad/s]
       integer, parameter :: n_grid = 13, n_bisections = 10
-      real(wp), parameter :: smallest = 1.0e-3_wp, largest = 30.0_wp
+      real(wp), parameter :: min_frequency_ratio = 1.0e-3_wp, max_frequency_ratio = 30.0_wp
       real(wp), dimension(2*n_grid) :: grid, values
       real(wp) :: high, low, middle, omega, value
       integer :: i, k
       logical :: is_known(size(grid)), is_known_there
 
       do i = 1, n_grid
-         grid(n_grid + i) = smallest*(largest/smallest)**(real(i - 1, wp)/(n_grid - 1))
+         grid(n_grid + i) = min_frequency_ratio*(max_frequency_ratio/min_frequency_ratio)**(real(i - 1, wp)/(n_grid - 1))
          grid(n_grid + 1 - i) = -grid(n_grid + i)
       end do
       do i = 1, size(grid)

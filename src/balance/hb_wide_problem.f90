@@ -42,8 +42,8 @@ module hb_wide_problem
       procedure :: improve => wide_problem_improve
    end type wide_problem_t
 
-   real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step, and of the one after it in units of that
-   real(wp), parameter :: nothing = 1.0e-10_wp                        ! of a residual, relative to its largest component: rounding
+   real(wp), parameter :: step_accuracy = 1.0e-2_wp                   ! of a step, and of the one after it in units of that
+   real(wp), parameter :: residual_rounding = 1.0e-10_wp              ! of a residual, relative to its largest component: rounding
    real(wp), parameter :: clearly_smaller = 0.5_wp                    !! a second step, relative to the first
    ! products for one step: with 16 and 30, points of stops under two tones were more expensive and their sets no
    ! smaller
@@ -52,7 +52,7 @@ module hb_wide_problem
    real(wp), parameter :: residual_of_first = 3.0e-3_wp, residual_of_second = 0.1_wp, largest_residual = 0.5_wp
    real(wp), parameter :: largest_of_first = 0.03_wp                  ! before a second one
    integer, parameter :: vectors_of_steps = 60                        !! of GMRES until it restarts
-   integer, parameter :: max_products = 30, patience = 20             ! and products before the preconditioner becomes stronger
+   integer, parameter :: max_products = 30, max_idle_steps = 20       ! and products before the preconditioner becomes stronger
    integer, parameter :: of_contacts = 100                            ! products where there is no stronger one
 
 contains
@@ -136,8 +136,8 @@ contains
       class(balance_t), intent(in) :: balance
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp) :: later(size(motion, 1), size(motion, 2))
-      real(wp), parameter :: part = 1.0e-5_wp                         ! of a sample: above the accuracy of solutions
-      real(wp), parameter :: more = 0.4_wp                            ! of the next tone, so that a kink along none is followed
+      real(wp), parameter :: sample_shift = 1.0e-5_wp                 ! of a sample: above the accuracy of solutions
+      real(wp), parameter :: shift_growth = 0.4_wp                    ! of the next tone, so that a kink along none is followed
       real(wp) :: angle(balance%harmonics%n_harmonics)
       integer :: i, m
 
@@ -146,7 +146,7 @@ contains
       associate (set => balance%harmonics, torus => balance%law_set%transform%torus)
          angle = 0.0_wp
          do m = 1, set%n_tones
-            angle = angle + part*two_pi/torus%n_samples(m)*(1.0_wp + more*(m - 1))*set%tuples(m, :)
+            angle = angle + sample_shift*two_pi/torus%n_samples(m)*(1.0_wp + shift_growth*(m - 1))*set%tuples(m, :)
          end do
          later = set%times(cmplx(cos(angle), sin(angle), wp), motion)
       end associate
@@ -289,7 +289,7 @@ contains
       if (.not. is_lost) call self%find_residual(moved(motion, first), first, r_there, is_lost)
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
-      call self%find_step(moved(motion, first), r_there, most, accuracy*norm2(first(:size(motion))), second, is_found)
+      call self%find_step(moved(motion, first), r_there, most, step_accuracy*norm2(first(:size(motion))), second, is_found)
       is_lost = .not. is_found
    end subroutine find_coupled_steps
 
@@ -437,7 +437,7 @@ contains
       if (.not. is_found) return
       call new_gmres(gmres, self%n_unknowns, most)
       blocks = step
-      call gmres%solve(self, blocks, max(accuracy, least/self%length_of(blocks)), most, step)
+      call gmres%solve(self, blocks, max(step_accuracy, least/self%length_of(blocks)), most, step)
       self%n_products = self%n_products + gmres%n_products
       is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
    end subroutine wide_problem_find_step
@@ -458,7 +458,7 @@ contains
       if (.not. is_found) return
       call new_tangent_krylov(self%krylov, self%wide, vectors_of_steps, &
                               merge(of_contacts, max_products, allocated(self%wide%stiffness%contacts)))
-      self%krylov%patience = patience
+      self%krylov%patience = max_idle_steps
       call self%krylov%update(self%wide, [slightly_later(self%wide, motion)], is_found)
       if (.not. is_found) return
       call self%krylov%solve(self%wide, r, residual, step)
@@ -504,7 +504,7 @@ contains
       associate (n => self%wide%n_unknowns, n_retained => size(self%positions))
          clean = r(:n)
          associate (in_units => abs(clean)/self%wide%r_scale)
-            where (in_units <= nothing*maxval(in_units)) clean = 0.0_wp
+            where (in_units <= residual_rounding*maxval(in_units)) clean = 0.0_wp
          end associate
          call self%wide%solve_mean_tangent(clean, step(:n))
          retained(:n_retained) = clean(self%positions)

@@ -68,11 +68,11 @@ contains
       integer, intent(in) :: slow(:)                                  !! tuple k with k.omega near 0
       integer, allocatable :: tuples(:, :)
       integer, parameter :: min_order = 4                          ! sum of entries not excited directly by loads and steep laws
-      real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
+      real(wp), parameter :: large_amplitude_share = 0.03_wp          ! of the largest amplitude
       real(wp) :: least
       integer :: d, first, h, i
 
-      least = large*maxval(carried)                                   ! once: there may be a hundred thousand
+      least = large_amplitude_share*maxval(carried)                   ! once: there may be a hundred thousand
       associate (set => balance%harmonics, stiffness => balance%stiffness, laws => balance%law_set%laws)
          tuples = reshape([integer ::], [size(slow), 0])
          do h = 1, set%n_harmonics

@@ -64,7 +64,7 @@ module hb_fftw
       integer(int64) :: last_use = 0
    end type stored_plan_t
 
-   integer, parameter :: few = 120                                     ! size of a block for which the default alignment of
+   integer, parameter :: small_block = 120                             ! size of a block for which the default alignment of
                                                                        !! memory suffices: aligned allocation takes longer than
                                                                        !! its transform
    integer, parameter :: is_real = 1, is_along_axis = 2                ! kinds of plans
@@ -112,7 +112,7 @@ contains
       end if
       call self%destroy()
       n_values = int(n, c_size_t)*int(m, c_size_t)
-      if (n_values <= few) then
+      if (n_values <= small_block) then
          allocate (self%values(n, m))
          return
       end if

@@ -8,7 +8,7 @@ module hb_beat
    private
    public :: slowest_beat
 
-   real(wp), parameter :: strong = 1.0e-2_wp                          ! line, relative to the strongest one of its coordinate
+   real(wp), parameter :: strong_line_ratio = 1.0e-2_wp               ! line, relative to the strongest one of its coordinate
 
 contains
 
@@ -24,7 +24,7 @@ contains
       is_mean = all(tuples == 0, dim=1)
       is_strong = sum(abs(tuples), dim=1) == 1                        ! laws may depend on the phases of the tones themselves
       do i = 1, size(amplitudes, 1)
-         is_strong = is_strong .or. abs(amplitudes(i, :)) > strong*maxval(abs(amplitudes(i, :)), mask=.not. is_mean)
+         is_strong = is_strong .or. abs(amplitudes(i, :)) > strong_line_ratio*maxval(abs(amplitudes(i, :)), mask=.not. is_mean)
       end do
       lines = pack([(h, h=1, size(is_mean))], is_strong .and. .not. is_mean)
       beat = minval(abs(omega))

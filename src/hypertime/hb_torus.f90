@@ -87,15 +87,15 @@ contains
    !> Smallest even number >= n whose prime factors are 2, 3, 5 and 7, which FFTW transforms fast.
    elemental integer function fast_size(n)
       integer, intent(in) :: n
-      integer, parameter :: factors(4) = [2, 3, 5, 7]
+      integer, parameter :: transform_factors(4) = [2, 3, 5, 7]
       integer :: i, cofactor
 
       fast_size = max(2, n + modulo(n, 2))
       do
          cofactor = fast_size
-         do i = 1, size(factors)
-            do while (modulo(cofactor, factors(i)) == 0)
-               cofactor = cofactor/factors(i)
+         do i = 1, size(transform_factors)
+            do while (modulo(cofactor, transform_factors(i)) == 0)
+               cofactor = cofactor/transform_factors(i)
             end do
          end do
          if (cofactor == 1) return

@@ -26,7 +26,7 @@ module hb_tuple_choice
       procedure :: reserve => tuple_union_reserve
    end type tuple_union_t
 
-   real(wp), parameter :: retention = 300.0_wp                        ! weight of the amplitude of a retained tuple
+   real(wp), parameter :: retention_weight = 300.0_wp                 ! weight of the amplitude of a retained tuple
    integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones
 
 contains
@@ -82,7 +82,7 @@ contains
       integer :: h
 
       others = pack([(h, h=1, around%n_harmonics)], [(retained%index_of(around%tuples(:, h)) == 0, h=1, around%n_harmonics)])
-      amplitudes = [merge(huge(1.0_wp), min(retention*carried, huge(1.0_wp)/retention), is_needed), neglected(others)]
+      amplitudes = [merge(huge(1.0_wp), min(retention_weight*carried, huge(1.0_wp)/retention_weight), is_needed), neglected(others)]
       chosen = largest_indices(amplitudes, tail, capacity)
       allocate (tuples(retained%n_tones, size(chosen)))
       do h = 1, size(chosen)
@@ -110,13 +110,13 @@ contains
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
       integer, intent(in), optional :: others(:, :)                   !! tuples to be included, (n_tones, any)
       integer, parameter :: steps_of_one_tone = 5
-      integer, parameter :: usual = 5                                 ! times as many tuples as the set
+      integer, parameter :: candidates_per_tuple = 5                  ! times as many tuples as the set
       integer, parameter :: max_in_gaps = 8                          ! order, times the tuples of the set: with a single distant
                                                                       ! one those up to it would cost more than the motion
       type(tuple_union_t) :: union
       integer :: farthest(set%n_tones), h, j(set%n_tones), k, last, m, s
 
-      call union%reserve(set%n_tones, usual*set%n_harmonics + 4*steps_of_one_tone)
+      call union%reserve(set%n_tones, candidates_per_tuple*set%n_harmonics + 4*steps_of_one_tone)
       call union%add(set%tuples)
       if (present(carried)) call add_answers(union, set, carried)
       if (present(others)) call union%add(others)
@@ -169,12 +169,12 @@ contains
       type(tuple_union_t), intent(inout) :: union
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: carried(:)                              !! amplitudes (set%n_harmonics)
-      real(wp), parameter :: large = 0.1_wp ! of the largest amplitude: the cube of a smaller one is negligible
+      real(wp), parameter :: large_amplitude_share = 0.1_wp ! of the largest amplitude: the cube of a smaller one is negligible
       integer, parameter :: max_large = 8                            ! tuples
       integer :: i, j(set%n_tones), k, n, order(set%n_harmonics), s
 
       call sort_descending(carried, order)
-      n = min(max_large, count(carried > large*maxval(carried)))
+      n = min(max_large, count(carried > large_amplitude_share*maxval(carried)))
       do i = 1, n
          do k = 1, n
             do s = 0, 3

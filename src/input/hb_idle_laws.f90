@@ -21,10 +21,10 @@ module hb_idle_laws
    integer, parameter :: n_digits = 3                                 ! of a frequency
    integer, parameter :: n_samples(2) = [32, 512]                     ! few show that most laws exert a force
    integer, parameter :: largest_examined = 1000                      ! degrees of freedom, for free bodies and natural frequencies
-   real(wp), parameter :: margin = 0.05_wp                            ! a motion larger or smaller by this share has no force
+   real(wp), parameter :: motion_margin = 0.05_wp                     ! a motion larger or smaller by this share has no force
                                                                       ! either: a body at rest on a wall is on one side of it only
                                                                       ! then
-   real(wp), parameter :: far = 10.0_wp                               ! lengths of a law, at which it exerts a force unless it is
+   real(wp), parameter :: reach_in_lengths = 10.0_wp                  ! lengths of a law, at which it exerts a force unless it is
                                                                       ! switched off, as by a stiffness of zero
 
    !> What is known from the motions examined so far.
@@ -163,7 +163,7 @@ contains
    subroutine add_unit_hint(system, text)
       type(system_t), intent(in) :: system
       character(:), allocatable, intent(inout) :: text
-      real(wp), parameter :: factors(2) = [two_pi, 1.0_wp/two_pi], near = 2.0_wp
+      real(wp), parameter :: factors(2) = [two_pi, 1.0_wp/two_pi], max_unit_mismatch = 2.0_wp
       real(wp), allocatable :: natural(:)
       real(wp) :: omega, read_as
       integer :: k, tone
@@ -192,7 +192,7 @@ contains
       pure logical function is_near(omega)
          real(wp), intent(in) :: omega
 
-         is_near = any(natural > omega/near .and. natural < omega*near)
+         is_near = any(natural > omega/max_unit_mismatch .and. natural < omega*max_unit_mismatch)
       end function is_near
    end subroutine add_unit_hint
 
@@ -280,7 +280,7 @@ contains
       class(law_t), allocatable :: law
       real(wp), allocatable :: f(:, :), p(:, :), rates(:, :), z(:, :)
       integer, allocatable :: at(:), places(:, :)
-      real(wp), parameter :: factors(2) = [1.0_wp + margin, 1.0_wp/(1.0_wp + margin)]
+      real(wp), parameter :: factors(2) = [1.0_wp + motion_margin, 1.0_wp/(1.0_wp + motion_margin)]
       real(wp) :: reach
       logical :: has_force
       integer :: i, k, n, place
@@ -306,7 +306,7 @@ contains
          largest = max(largest, maxval(abs(z)))
          is_idle = is_idle .and. exerts_no_force(law, z, rates, factors)
          if (.not. (is_idle .and. maxval(abs(z)) > 0.0_wp)) cycle
-         reach = far*law%length_scale/maxval(abs(z))
+         reach = reach_in_lengths*law%length_scale/maxval(abs(z))
          do i = -1, 1, 2
             call law%evaluate(i*reach*z, i*reach*rates, p, f)
             has_force = has_force .or. any(abs(f) > 0.0_wp)

@@ -303,12 +303,12 @@ contains
       integer, allocatable, intent(out) :: found(:)                   !! tones
       integer, allocatable, intent(out) :: multiples(:)               !! each of them, relative to the common frequency
       real(wp), intent(out) :: common                                 !! frequency [rad/s]
-      integer, parameter :: largest = 60                              ! multiple
+      integer, parameter :: max_multiple = 60                         ! multiple
       integer :: i, most, n
 
       most = 0
-      do n = 1, largest                                               ! the common frequency is the n-th part of the tone
-         associate (fits => is_multiple(omega, omega(of)/n, largest))
+      do n = 1, max_multiple                                          ! the common frequency is the n-th part of the tone
+         associate (fits => is_multiple(omega, omega(of)/n, max_multiple))
             if (count(fits) <= most) cycle
             most = count(fits)
             found = pack([(i, i=1, size(omega))], fits)

@@ -285,11 +285,11 @@ contains
       type(scan_t), intent(inout) :: scan
       type(body_t), intent(inout) :: body
       character(:), allocatable :: name
-      integer, parameter :: longest = 60
+      integer, parameter :: max_shown_text = 60
       integer :: close
       logical :: ok
 
-      close = index(text(scan%position:min(len(text), scan%position + longest)), ")")
+      close = index(text(scan%position:min(len(text), scan%position + max_shown_text)), ")")
       ok = close > 0
       if (ok) call split_index("x"//text(scan%position:scan%position + close - 1), name, body%i, body%j, ok)
       if (.not. ok) then

@@ -14,8 +14,8 @@ module hb_contact_polygon
    private
    public :: contact_polygon_t, landing_t, new_contact_polygon
 
-   real(wp), parameter :: rounding = 1.0e-12_wp                        ! relative; directions and positions that count as equal
-   real(wp), parameter :: far = 1.0e6_wp                               ! side of the box that closes an open polygon, in gaps
+   real(wp), parameter :: equality_tolerance = 1.0e-12_wp              ! relative; directions and positions that count as equal
+   real(wp), parameter :: box_half_width = 1.0e6_wp                    ! side of the box that closes an open polygon, in gaps
 
    !> A polygon; it is open if its first and last edge do not meet.
    type :: contact_polygon_t
@@ -68,14 +68,14 @@ contains
          k = self%next(i)
          c = self%direction(i, :)
          d = self%direction(k, :)
-         if (dot_product(self%normal(i, :), c) <= rounding*norm2(self%normal(i, :))*norm2(c)) then
+         if (dot_product(self%normal(i, :), c) <= equality_tolerance*norm2(self%normal(i, :))*norm2(c)) then
             failure = "contact "//to_text(self%contact(i))//" does not open its gap under its own load: the friction is too large"
             return
          end if
          if (.not. self%is_joined(i)) cycle
          self%corner(i, :) = crossing(self%normal(i, :), self%distance(i), self%normal(k, :), self%distance(k))
          determinant = cross(c, d)
-         if (determinant <= rounding*norm2(c)*norm2(d)) then
+         if (determinant <= equality_tolerance*norm2(c)*norm2(d)) then
             failure = "friction exchanges the order of the directions of contacts "//to_text(self%contact(i))//" and "// &
                       to_text(self%contact(k))//", so that their reaction is not unique; "// &
                       "give them friction coefficients that differ less"
@@ -103,11 +103,11 @@ contains
          if (scale <= 0.0_wp) scale = 1.0_wp
          n(:size(distances), :) = normals/spread(length, 2, 2)
          n(size(distances) + 1:, :) = sides
-         h = [distances/length, spread(far*scale, 1, 4)]
+         h = [distances/length, spread(box_half_width*scale, 1, 4)]
       end associate
       angle = atan2(n(:, 2), n(:, 1))
-      where (angle < -acos(-1.0_wp) + rounding) angle = angle + 2.0_wp*acos(-1.0_wp)
-      is_side = [(has_length(n, h, i, rounding*scale), i=1, size(h))]
+      where (angle < -acos(-1.0_wp) + equality_tolerance) angle = angle + 2.0_wp*acos(-1.0_wp)
+      is_side = [(has_length(n, h, i, equality_tolerance*scale), i=1, size(h))]
       allocate (retained(count(is_side)))
       do k = 1, size(retained)
          retained(k) = minloc(angle, dim=1, mask=is_side)
@@ -131,9 +131,9 @@ contains
       do k = 1, size(h)                                               ! from h n on, to the left of n
          slope = cross(n(i, :), n(k, :))
          room = h(k) - h(i)*dot_product(n(i, :), n(k, :))
-         if (slope > rounding) then
+         if (slope > equality_tolerance) then
             last = min(last, room/slope)
-         else if (slope < -rounding) then
+         else if (slope < -equality_tolerance) then
             first = max(first, room/slope)
          else if (k /= i .and. (room < -least .or. (room <= least .and. (k < i .or. dot_product(n(i, :), n(k, :)) < 0.0_wp)))) then
             return

@@ -33,8 +33,8 @@ module hb_law_bouc_wen
       procedure :: force => bouc_wen_force
    end type bouc_wen_t
 
-   real(wp), parameter :: edge = 0.5_wp                               ! of |r| |u|**n, up to which the power series is used
-   real(wp), parameter :: yielding = 50.0_wp                          ! v from which u is 1 to rounding
+   real(wp), parameter :: max_series_argument = 0.5_wp                ! of |r| |u|**n, up to which the power series is used
+   real(wp), parameter :: saturation_argument = 50.0_wp               ! v from which u is 1 to rounding
    real(wp), parameter :: of_decays = 25.0_wp, of_squares = 270.0_wp, of_powers = 600.0_wp ! work of a step [ns], by the exponent
    integer, parameter :: max_iterations = 300, max_terms = 60
    real(wp), parameter :: nodes(4) = [0.18343464249564980_wp, 0.52553240991632899_wp, 0.79666647741362674_wp, &
@@ -180,18 +180,18 @@ contains
       unloading = 1.0_wp - 2.0_wp*self%beta
       beginning = rate_at(self, u)
       by_piece = beginning
-      if (u < 0.0_wp .and. beginning > 1.0_wp + edge) then
+      if (u < 0.0_wp .and. beginning > 1.0_wp + max_series_argument) then
          v = -log(beginning)
-         call rise(self%exponent, -unloading, 1.0_wp, -log(1.0_wp + edge), v, rest)
+         call rise(self%exponent, -unloading, 1.0_wp, -log(1.0_wp + max_series_argument), v, rest)
          by_piece = exp(-v)
          u = -raised((by_piece - 1.0_wp)/(-unloading), 1.0_wp/self%exponent)
       end if
-      if (rest > 0.0_wp .and. (u < 0.0_wp .or. by_piece >= edge)) then
-         last = raised(edge, 1.0_wp/self%exponent)
+      if (rest > 0.0_wp .and. (u < 0.0_wp .or. by_piece >= max_series_argument)) then
+         last = raised(max_series_argument, 1.0_wp/self%exponent)
          rest = rest + series(self, u) - series(self, last)
          if (rest > 0.0_wp) then
             u = last
-            by_piece = edge
+            by_piece = max_series_argument
          else
             v = rest + series(self, last)                             ! y from u = 0 on
             u = min(v, last)
@@ -207,7 +207,7 @@ contains
       if (rest > 0.0_wp) then
          v = -log(max(abs(by_piece), tiny(1.0_wp)))
          by_piece = sign(exp(-v), by_piece)
-         if (beginning < edge) beginning = by_piece
+         if (beginning < max_series_argument) beginning = by_piece
          call rise(self%exponent, 1.0_wp, sign(1.0_wp, by_piece), huge(1.0_wp), v, rest)
          by_piece = sign(exp(-v), by_piece)
          u = raised(1.0_wp - by_piece, 1.0_wp/self%exponent)
@@ -273,7 +273,7 @@ contains
 
       length = rest
       do i = 1, max_iterations
-         if (v > yielding) then
+         if (v > saturation_argument) then
             v = v + n*rest
             rest = 0.0_wp
             return

@@ -13,8 +13,8 @@ module hb_law_check
 
    integer, parameter :: n_samples = 400
    real(wp), parameter :: step = 1.0e-5_wp                            ! relative to the magnitude of a sample
-   real(wp), parameter :: agreement = 1.0e-6_wp                       ! of both differences, relative
-   real(wp), parameter :: units = 20.0_wp                             ! units in the last place: rounding of a force
+   real(wp), parameter :: difference_agreement = 1.0e-6_wp            ! of both differences, relative
+   real(wp), parameter :: rounding_units = 20.0_wp                    ! units in the last place: rounding of a force
    real(wp), parameter :: derivative_tolerance = 1.0e-5_wp            !! relative difference above which a derivative is wrong
 
    !> The results of a check.
@@ -162,7 +162,7 @@ contains
       class(law_t), intent(in) :: law                                 !! prepared; without states, phases and reactions
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! along the motion, (n_samples, n_coordinates)
       character(:), allocatable, intent(out) :: fault
-      real(wp), parameter :: smallest = 1.0e-3_wp                     ! jump, relative to the largest force
+      real(wp), parameter :: min_relative_jump = 1.0e-3_wp            ! jump, relative to the largest force
       type(samples_t) :: samples
       real(wp) :: at(2), f(size(z, 1), size(z, 2)), jump
 
@@ -178,7 +178,7 @@ contains
          return
       end if
       call find_jump(law, samples%motion, jump, at)
-      if (.not. jump > smallest*maxval(abs(f))) return
+      if (.not. jump > min_relative_jump*maxval(abs(f))) return
       fault = "its force jumps by "//rounded(jump)//" where a displacement is "//rounded(at(1))
       if (law%needs_velocity) fault = fault//" and its rate "//rounded(at(2))
       fault = fault//": no motion of finitely many harmonics is in balance with it. Use coulomb_rigid or jenkins for dry "// &
@@ -357,7 +357,7 @@ contains
       do i = 1, size(slope, 1)
          check%n_compared = check%n_compared + 1
          agrees = all(ieee_is_finite(coarse(i, :))) .and. all(ieee_is_finite(fine(i, :)))
-         if (agrees) agrees = all(abs(coarse(i, :) - fine(i, :)) <= agreement*abs(fine(i, :)) + noise(i, :))
+         if (agrees) agrees = all(abs(coarse(i, :) - fine(i, :)) <= difference_agreement*abs(fine(i, :)) + noise(i, :))
          if (.not. agrees) then
             check%n_skipped = check%n_skipped + 1
             cycle
@@ -422,7 +422,7 @@ contains
       moved%motion(:, b, kind_of_motion) = samples%motion(:, b, kind_of_motion) - h
       call evaluate(law, moved, lower)
       quotient = (higher - lower)/spread(2.0_wp*h, 2, size(quotient, 2))
-      noise = spread(units*epsilon(1.0_wp)*(largest(higher) + largest(lower) + law%length_scale*largest(quotient))/h, 2, &
+      noise = spread(rounding_units*epsilon(1.0_wp)*(largest(higher) + largest(lower) + law%length_scale*largest(quotient))/h, 2, &
                      size(quotient, 2))
    end subroutine central_difference
 

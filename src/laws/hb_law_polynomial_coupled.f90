@@ -190,7 +190,7 @@ contains
    !> coordinate.
    pure logical function is_gradient(self)
       class(polynomial_coupled_t), intent(in) :: self
-      real(wp), parameter :: digits = 1.0e-12_wp                      ! coefficients come from a file
+      real(wp), parameter :: coefficient_rounding = 1.0e-12_wp        ! coefficients come from a file
       integer, allocatable :: exponents(:, :), order(:), sorted(:)
       real(wp) :: given(self%n_coordinates), largest, total
       integer :: b, e, first, i, k, last
@@ -224,7 +224,7 @@ contains
                end associate
             end do
             total = sum(given)
-            if (any(abs(product*total/sum(product) - given) > digits*largest)) is_gradient = .false.
+            if (any(abs(product*total/sum(product) - given) > coefficient_rounding*largest)) is_gradient = .false.
          end associate
          first = last
       end do

@@ -32,7 +32,7 @@ module hb_law_short_bearing
       procedure :: defects => short_bearing_defects
    end type short_bearing_t
 
-   real(wp), parameter :: largest = 0.99_wp                           ! largest eccentricity of the formula; iterates may exceed it
+   real(wp), parameter :: max_eccentricity = 0.99_wp                  ! largest eccentricity of the formula; iterates may exceed it
 
    !> Gauss points of order 16 for (-1, 1), those above 0: exact to 1e-14 for sines and cosines of three times an
    !> angle.
@@ -137,7 +137,7 @@ contains
 
       frame(:, 1) = [1.0_wp, 0.0_wp]
       if (norm2(x) > 0.0_wp) frame(:, 1) = x/norm2(x)
-      e = min(norm2(x), largest)
+      e = min(norm2(x), max_eccentricity)
       frame(:, 2) = [-frame(2, 1), frame(1, 1)]
       own = matmul(w, frame)
       s = sqrt((1.0_wp - e)*(1.0_wp + e))
@@ -169,7 +169,7 @@ contains
       by_w = reshape([moments(1), moments(2), moments(2), moments(3)], [2, 2])
       by_x(:, 1) = own(1)*slopes(1:2) + own(2)*slopes(2:3)
       by_x(:, 2) = own(1)*slopes(2:3) + own(2)*slopes(3:4)
-      if (norm2(x) > largest) by_x = by_x*spread([0.0_wp, largest/norm2(x)], 1, 2)
+      if (norm2(x) > max_eccentricity) by_x = by_x*spread([0.0_wp, max_eccentricity/norm2(x)], 1, 2)
       force = matmul(frame, matmul(by_w, own))
       by_w = matmul(frame, matmul(by_w, transpose(frame)))
       by_x = matmul(frame, matmul(by_x, transpose(frame)))
@@ -181,6 +181,6 @@ contains
       real(wp), intent(in) :: z(:, :), v(:, :), p(:, :)
       type(defects_t) :: defects
 
-      defects%penetration = max(0.0_wp, maxval(norm2(z, dim=2)) - largest*self%clearance)
+      defects%penetration = max(0.0_wp, maxval(norm2(z, dim=2)) - max_eccentricity*self%clearance)
    end function short_bearing_defects
 end module hb_law_short_bearing

@@ -13,7 +13,7 @@ module hb_rigid_contacts
    private
    public :: new_rigid_contacts, rigid_contacts_t
 
-   real(wp), parameter :: dependent = 1.0e-10_wp                       ! part of a shape outside the plane that is neglected
+   real(wp), parameter :: min_outside = 1.0e-10_wp                     ! part of a shape outside the plane that is neglected
 
    type :: rigid_contacts_t
       type(contact_polygon_t) :: polygon
@@ -64,17 +64,17 @@ contains
       largest = sqrt(maxval(sum(left**2, dim=2)))
       do i = 1, 2
          k = maxloc(sum(left**2, dim=2), dim=1)
-         if (norm2(left(k, :)) <= dependent*largest) exit
+         if (norm2(left(k, :)) <= min_outside*largest) exit
          self%plane(i, :) = left(k, :)/norm2(left(k, :))
          do pass = 1, 2
             left = left - matmul(matmul(left, transpose(self%plane(:i, :))), self%plane(:i, :))
          end do
       end do
       lengths = norm2(self%plane, dim=1)
-      k = findloc(lengths >= maxval(lengths) - dependent, .true., dim=1)
+      k = findloc(lengths >= maxval(lengths) - min_outside, .true., dim=1)
       turn = self%plane(:, k)/lengths(k)
       self%plane = matmul(reshape([turn(1), -turn(2), turn(2), turn(1)], [2, 2]), self%plane)
-      if (sqrt(maxval(sum(left**2, dim=2))) > dependent*largest) failure = "rigid contacts may depend on two independent "// &
+      if (sqrt(maxval(sum(left**2, dim=2))) > min_outside*largest) failure = "rigid contacts may depend on two independent "// &
          "combinations of 'dofs', and these depend on more (blades with different 'shares' do)"
    end subroutine find_plane
 

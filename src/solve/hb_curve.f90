@@ -510,12 +510,12 @@ contains
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: before(:), beyond(:)                    !! tangents
       real(wp), intent(in) :: x(:)                                    !! a point beyond the kink
-      real(wp), parameter :: sharpest = 1.0e-4_wp                     ! sum of both tangents: the curve would go back along itself
+      real(wp), parameter :: min_tangent_sum = 1.0e-4_wp              ! sum of both tangents: the curve would go back along itself
       real(wp) :: half_way(size(x)), met(size(x)), next(size(x)), step
       logical :: is_on_curve
 
       half_way = before/norm2(before/self%units) + beyond/norm2(beyond/self%units)
-      if (norm2(half_way/self%units) < sharpest) return
+      if (norm2(half_way/self%units) < min_tangent_sum) return
       half_way = half_way/norm2(half_way/self%units)
       step = dot_product((x - self%x)/self%units, half_way/self%units)
       if (.not. step > 0.0_wp) return

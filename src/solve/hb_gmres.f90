@@ -16,9 +16,9 @@ module hb_gmres
    private
    public :: gmres_t, new_gmres
 
-   real(wp), parameter :: exhausted = 100*epsilon(1.0_wp)             ! remainder of a product that adds no direction
+   real(wp), parameter :: exhausted_remainder = 100*epsilon(1.0_wp)   ! remainder of a product that adds no direction
 
-   real(wp), parameter :: cancelled = 0.1_wp ! remainder of a product below which it is orthogonalised again
+   real(wp), parameter :: cancellation_ratio = 0.1_wp ! remainder of a product below which it is orthogonalised again
 
    type :: gmres_t
       integer :: n_products = 0                                       !! of the last `solve`
@@ -76,7 +76,7 @@ contains
       integer, intent(in) :: max_products
       real(wp), intent(inout), contiguous :: s(:)                     !! (n_unknowns)
       integer, intent(in), optional :: fewer_than                     !! products
-      real(wp), parameter :: stagnation = 0.9_wp                      ! reduction of a cycle that justifies another one
+      real(wp), parameter :: max_cycle_reduction = 0.9_wp             ! reduction of a cycle that justifies another one
       real(wp) :: before, norm, norm_of_b
       integer :: slow_from
 
@@ -104,7 +104,7 @@ contains
          self%residual = norm/norm_of_b
          if (self%is_slow) return
          if (norm <= tolerance*norm_of_b .or. self%n_products >= max_products) return
-         if (.not. norm <= stagnation*before) return
+         if (.not. norm <= max_cycle_reduction*before) return
          call self%forget()
          call find_residual()                                         ! recomputed: the values from rotations drift
       end do
@@ -128,7 +128,7 @@ contains
       integer, intent(in) :: max_products
       integer, intent(in) :: slow_from                                !! total number of expected products that is too large
       real(wp), intent(inout) :: s(:)
-      integer, parameter :: stretch = 6                               ! products for a rate, after as many others
+      integer, parameter :: products_of_rate = 6                      ! products for a rate, after as many others
       integer :: i, j, k, n
       real(wp) :: a, length
 
@@ -162,7 +162,7 @@ contains
                call rotate(self%cosine(k + i), self%sine(k + i), h(i), h(i + 1))
             end do
             a = hypot(h(j), h(j + 1))
-            if (a <= exhausted*length) then                           ! this product adds no direction: J is singular
+            if (a <= exhausted_remainder*length) then                 ! this product adds no direction: J is singular
                j = j - 1
                exit
             end if
@@ -175,8 +175,8 @@ contains
          self%g(j) = self%cosine(k + j)*self%g(j)
          norm = abs(self%g(j + 1))
          if (length <= 0.0_wp) exit                                   ! the space contains the solution
-         if (j < max(2*stretch, slow_from/3) .or. norm <= target) cycle
-         self%is_slow = log(norm/target) > pace_of(self%sine(k + j - stretch + 1:k + j))*(slow_from - self%n_products)
+         if (j < max(2*products_of_rate, slow_from/3) .or. norm <= target) cycle
+         self%is_slow = log(norm/target) > pace_of(self%sine(k + j - products_of_rate + 1:k + j))*(slow_from - self%n_products)
          if (self%is_slow) exit
       end do
       if (k + j > 0) call self%add_solution(problem, j, s)
@@ -203,13 +203,13 @@ contains
       call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, h, 1)
       call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, h, 1, 1.0_wp, self%work, 1)
       h(j + 1) = dnrm2(n, self%work, 1)
-      if (h(j + 1) < cancelled*length) then
+      if (h(j + 1) < cancellation_ratio*length) then
          call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, self%again, 1)
          call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, self%again, 1, 1.0_wp, self%work, 1)
          h(1:j) = h(1:j) + self%again(1:j)
          h(j + 1) = dnrm2(n, self%work, 1)
       end if
-      if (h(j + 1) <= exhausted*length) h(j + 1) = 0.0_wp
+      if (h(j + 1) <= exhausted_remainder*length) h(j + 1) = 0.0_wp
    end subroutine orthogonalise
 
    !> Removes from `work` its projection onto the stored products: the space spanned by the first columns of `basis`,

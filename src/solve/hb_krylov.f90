@@ -15,7 +15,7 @@ module hb_krylov
    public :: solve_krylov
 
    real(wp), parameter :: lowest_accuracy = 1.0e-3_wp                 ! of a step: rougher ones fail for rigid contact
-   real(wp), parameter :: useless = 0.9_wp                            ! a step that leaves a larger part of the residual is rejected
+   real(wp), parameter :: max_residual_ratio = 0.9_wp                 ! a step that leaves a larger part of the residual is rejected
 
 contains
 
@@ -53,7 +53,7 @@ contains
          report%products = tangent%n_products
          call end_if_over(report)                                     ! the step is then incomplete
          if (report%status /= outcome%pending) return
-         if (.not. tangent%residual < useless) then
+         if (.not. tangent%residual < max_residual_ratio) then
             call end_without_step(problem, x, outcome%singular, report)
             return
          end if

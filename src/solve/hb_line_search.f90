@@ -13,17 +13,17 @@ module hb_line_search
    private
    public :: line_search_t, new_line_search
 
-   integer, parameter :: window = 6                                   ! past residuals in the comparison
+   integer, parameter :: compared_residuals = 6                       ! past residuals in the comparison
    integer, parameter :: max_halvings = 12
-   real(wp), parameter :: runaway = 1.0e8_wp                          ! of the unknowns: half of their digits are lost there
-   real(wp), parameter :: decrease = 1.0e-4_wp                        ! fraction of the decrease predicted by a full step
+   real(wp), parameter :: max_unknown_growth = 1.0e8_wp               ! of the unknowns: half of their digits are lost there
+   real(wp), parameter :: sufficient_decrease = 1.0e-4_wp             ! fraction of the decrease predicted by a full step
 
    type :: line_search_t
       logical :: is_on = .true.                                       !! false: always full steps
       integer :: n_residuals = 0                                      !! residuals evaluated so far
       integer :: failure = outcome%pending                            !! why no trial of the last step was accepted, hb_outcome
       real(wp), private :: farthest = 0.0_wp                          ! largest admissible trial, in units of x_scale
-      real(wp), private :: past(window) = 0.0_wp
+      real(wp), private :: past(compared_residuals) = 0.0_wp
       integer, private :: n_past = 0
       real(wp), allocatable, private :: x_trial(:), r_trial(:)        ! latest trial
    contains
@@ -49,7 +49,7 @@ contains
       class(line_search_t), intent(inout) :: self
       real(wp), intent(in) :: norm
 
-      self%past(1 + modulo(self%n_past, window)) = norm
+      self%past(1 + modulo(self%n_past, compared_residuals)) = norm
       self%n_past = self%n_past + 1
    end subroutine line_search_remember
 
@@ -67,9 +67,9 @@ contains
       integer :: halving
       logical :: met_finite, met_near
 
-      reference = maxval(self%past(1:min(self%n_past, window)))
+      reference = maxval(self%past(1:min(self%n_past, compared_residuals)))
       fraction = 1.0_wp
-      if (self%n_residuals == 0) self%farthest = runaway*max(1.0_wp, maxval(abs(x/problem%x_scale)))
+      if (self%n_residuals == 0) self%farthest = max_unknown_growth*max(1.0_wp, maxval(abs(x/problem%x_scale)))
       met_finite = .false.
       met_near = .false.
       do halving = 0, max_halvings
@@ -81,7 +81,7 @@ contains
             trial_norm = problem%norm(self%r_trial)
             if (ieee_is_finite(trial_norm)) then
                met_finite = .true.
-               if (.not. self%is_on .or. trial_norm <= (1.0_wp - decrease*fraction)*reference) then
+               if (.not. self%is_on .or. trial_norm <= (1.0_wp - sufficient_decrease*fraction)*reference) then
                   x = self%x_trial
                   r = self%r_trial
                   norm = trial_norm

@@ -17,7 +17,7 @@ module hb_newton
    private
    public :: solve_newton
 
-   real(wp), parameter :: fast = 0.2_wp                               ! residual after a step, relative to that before
+   real(wp), parameter :: fast_reduction = 0.2_wp                     ! residual after a step, relative to that before
    integer, parameter :: max_repeats = 12                            ! of steps with one tangent
    integer, parameter :: min_unknowns = 24                         ! from which on a tangent costs much more than a residual
 
@@ -64,7 +64,7 @@ contains
             return
          end if
          if (.not. config%repeats_tangent .or. problem%n_unknowns < min_unknowns) cycle
-         if (fraction >= 1.0_wp .and. report%residual <= fast*before) call repeat_tangent()
+         if (fraction >= 1.0_wp .and. report%residual <= fast_reduction*before) call repeat_tangent()
       end do
 
    contains
@@ -94,7 +94,7 @@ contains
             step = steps(:, k)*problem%x_scale
             before = report%residual
             call search%try_step(problem, step, x, r, report%residual)
-            if (is_last .or. report%residual > fast*before) return
+            if (is_last .or. report%residual > fast_reduction*before) return
          end do
       end subroutine repeat_tangent
    end subroutine solve_newton

@@ -19,8 +19,8 @@ module hb_problem
    end type deformation_t
    type(deformation_t), parameter :: deformation = deformation_t()
 
-   real(wp), parameter :: growth = 14.0_wp                            ! of an amount along the deformation, about six decades
-   real(wp), parameter :: farthest = 2.0_wp                           ! position beyond which it is constant
+   real(wp), parameter :: steepness = 14.0_wp                         ! of an amount along the deformation, about six decades
+   real(wp), parameter :: max_position = 2.0_wp                       ! position beyond which it is constant
 
    !> Solvers work with x/x_scale and r/r_scale, so that results do not depend on the units of a model.
    type, abstract :: problem_t
@@ -203,22 +203,22 @@ contains
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
       integer, intent(in) :: which
       real(wp), intent(out), contiguous :: derivative(:)              !! (n_unknowns)
-      real(wp), parameter :: apart = 0.5_wp                           ! distance of the two amounts
+      real(wp), parameter :: amount_distance = 0.5_wp                 ! distance of the two amounts
       real(wp) :: r(size(x)), amount, position
 
       position = self%position(-which)
       amount = amount_at(position)
-      call self%deform(-which, amount + apart)
+      call self%deform(-which, amount + amount_distance)
       call self%residual(x, derivative)
       call self%deform(-which, amount)
       call self%residual(x, r)
-      derivative = (derivative - r)/apart*growth*exp(growth*min(position, farthest))/(exp(growth) - 1.0_wp)
+      derivative = (derivative - r)/amount_distance*steepness*exp(steepness*min(position, max_position))/(exp(steepness) - 1.0_wp)
    end subroutine deformation_derivative
 
    pure real(wp) function amount_at(position)
       real(wp), intent(in) :: position
 
-      amount_at = (exp(growth*min(position, farthest)) - 1.0_wp)/(exp(growth) - 1.0_wp)
+      amount_at = (exp(steepness*min(position, max_position)) - 1.0_wp)/(exp(steepness) - 1.0_wp)
    end function amount_at
 
    !> Smallest fraction of its size, in each dimension, at which a reduced problem still approximates this one; 1:

@@ -13,8 +13,8 @@ module hb_tangent_krylov
    public :: new_tangent_krylov, tangent_krylov_t
 
    integer, parameter :: max_patience = 300                          ! products, if a stronger preconditioner costs more
-   real(wp), parameter :: uses = 4.0_wp                               ! uses of a stronger preconditioner that pay for it
-   integer, parameter :: easy = 20                                    ! products up to which it is reused
+   real(wp), parameter :: uses_that_pay = 4.0_wp                      ! uses of a stronger preconditioner that pay for it
+   integer, parameter :: max_products_of_reuse = 20                   ! products up to which it is reused
 
    type :: tangent_krylov_t
       integer :: max_products = 0                                    !! of one solution
@@ -121,7 +121,7 @@ contains
       class(problem_t), intent(in) :: problem
       real(wp) :: pace, products
 
-      is_outdated = self%gmres%n_products > easy
+      is_outdated = self%gmres%n_products > max_products_of_reuse
       if (problem%residual_work <= 0.0_wp .or. .not. self%gmres%residual < 1.0_wp) return
       products = real(self%gmres%n_products, wp)
       pace = -log(max(tiny(1.0_wp), self%gmres%residual))/max(1.0_wp, products)
@@ -172,7 +172,7 @@ contains
       if (problem%residual_work <= 0.0_wp) return
       patience_at = nint(min(real(max_patience, wp), &
                              max(real(least, wp), &
-                                 problem%preconditioner_work*8.0_wp**(level + 1)/(uses*problem%residual_work))))
+                                 problem%preconditioner_work*8.0_wp**(level + 1)/(uses_that_pay*problem%residual_work))))
    end function patience_at
 
    !> Updates the preconditioner to the present point of the problem.

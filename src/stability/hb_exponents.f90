@@ -60,7 +60,7 @@ module hb_exponents
       logical :: is_cut_short = .false.                               !! more periods would exceed the permitted work
    end type exponents_t
 
-   real(wp), parameter :: beat = log(1.0e3_wp) ! largest ratio of the sizes of disturbances that may only beat
+   real(wp), parameter :: max_beat_growth = log(1.0e3_wp) ! largest ratio of the sizes of disturbances that may only beat
    integer, parameter :: longer_beat = 8                              ! periods to resolve one, relative to the usual limit
 
 contains
@@ -124,7 +124,7 @@ contains
       is_resolved = rate(1) <= 0.0_wp
       if (is_resolved) return
       do k = 2, size(rate)
-         if ((rate(1) - rate(k))*duration > beat) exit
+         if ((rate(1) - rate(k))*duration > max_beat_growth) exit
          if (sum(rate(:k)) <= 0.0_wp) return
       end do
       is_resolved = .true.

@@ -171,7 +171,7 @@ contains
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: limit                                   !! of work, in about a nanosecond
       real(wp), parameter :: work_of_eigenvalues = 10.0_wp            ! by the third power of the size
-      real(wp), parameter :: largest = 0.9_wp*log(huge(1.0_wp))       ! growth within a period, as a logarithm
+      real(wp), parameter :: max_log_growth = 0.9_wp*log(huge(1.0_wp)) ! growth within a period, as a logarithm
       type(law_box_t) :: none(0)
       type(coordinate_scales_t) :: scales
       type(structure_t) :: scaled
@@ -216,7 +216,7 @@ contains
       associate (omega => minval(motion%tones%omega))
          self%estimate = epsilon(1.0_wp)*variation%norm*two_pi/omega
          rates = rates*two_pi/omega
-         rates = exp(cmplx(min(real(rates), largest), aimag(rates), wp))
+         rates = exp(cmplx(min(real(rates), max_log_growth), aimag(rates), wp))
          call sort_by_size(rates)
          call assess_multipliers(self, rates, omega)
       end associate

@@ -17,12 +17,12 @@ module hb_hill
    private
    public :: assess_by_hill, has_determinant, work_of_hill
 
-   real(wp), parameter :: margins(*) = [2.0e-2_wp, 5.0e-3_wp]         ! of growth rates, relative to the frequency
+   real(wp), parameter :: growth_margins(*) = [2.0e-2_wp, 5.0e-3_wp]  ! of growth rates, relative to the frequency
    real(wp), parameter :: margins_given(*) = [2.0e-2_wp, 2.0e-3_wp, 2.0e-4_wp] ! likewise, of a given frequency: no exponent is zero
-   real(wp), parameter :: whole = 0.1_wp                              ! distance of the turns from a whole number
+   real(wp), parameter :: max_turn_defect = 0.1_wp                    ! distance of the turns from a whole number
    real(wp), parameter :: longest_turn = two_pi/8                     ! of f from one point of the line to the next
    integer, parameter :: first_points = 24, max_points = 2000         ! of the line
-   integer, parameter :: beyond = 8                                   ! harmonics beyond those of the motion, at least
+   integer, parameter :: extra_harmonics = 8                          ! harmonics beyond those of the motion, at least
    integer, parameter :: samples_of_harmonic = 8
    integer, parameter :: usual_points = 60
 
@@ -51,7 +51,7 @@ contains
       call new_hill(hill, variation, structure)
       self%method = stability_method%integration
       allocate (margin, source=margins_given)
-      if (is_free) margin = margins
+      if (is_free) margin = growth_margins
       n_neutral = merge(1, 0, is_free)
       do i = 1, size(margin)
          call count_growing(hill, margin(i)*hill%omega, right, is_whole)
@@ -80,7 +80,7 @@ contains
          select case (parts(i)%kind)
          case (kind_of_part%delay)
          case (kind_of_part%maxwell)
-            has = has .and. all(2.0_wp*maxval(margins)*omega*parts(i)%times < 1.0_wp)
+            has = has .and. all(2.0_wp*maxval(growth_margins)*omega*parts(i)%times < 1.0_wp)
          case default
             has = .false.
          end select
@@ -100,7 +100,7 @@ contains
       type(variation_t), intent(in) :: variation
 
       associate (highest => maxval(abs(variation%motion%tuples)))
-         order_of = highest + max(beyond, highest/2)
+         order_of = highest + max(extra_harmonics, highest/2)
       end associate
    end function order_of
 
@@ -185,7 +185,7 @@ contains
       if (at < self%omega) return
       turn = -turn/two_pi
       n_growing = nint(turn)
-      is_whole = abs(turn - n_growing) < whole .and. n_growing >= 0
+      is_whole = abs(turn - n_growing) < max_turn_defect .and. n_growing >= 0
    end subroutine count_growing
 
    !> An angle between minus and plus half a turn.

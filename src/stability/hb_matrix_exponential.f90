@@ -11,9 +11,9 @@ module hb_matrix_exponential
    private
    public :: count_exponential, exponential_of, exponential_of_two, multiply_by, work_of_product
 
-   integer, parameter :: degree = 6
+   integer, parameter :: pade_degree = 6
    integer, parameter :: max_few = 10                                 ! rows; with more, BLAS is faster
-   real(wp), parameter :: unchecked = 1.0e6_wp                        ! [ns] of a product: a check takes up to half a microsecond
+   real(wp), parameter :: max_unchecked_cost = 1.0e6_wp               ! [ns] of a product: a check takes up to half a microsecond
 
 contains
 
@@ -31,7 +31,7 @@ contains
          call exponential_of_two(a(1, 1), a(1, 2), a(2, 1), a(2, 2), e)
          return
       end if
-      is_long = work_of_product(n) > unchecked
+      is_long = work_of_product(n) > max_unchecked_cost
       n_squarings = squarings_for(norm_of(a))
       if (n <= max_few) then
          call exponential_of_few(n, a, n_squarings, e)
@@ -45,8 +45,8 @@ contains
       denominator = e
       power = e
       factor = 1.0_wp
-      do k = 1, degree
-         factor = factor*real(degree - k + 1, wp)/real(k*(2*degree - k + 1), wp)
+      do k = 1, pade_degree
+         factor = factor*real(pade_degree - k + 1, wp)/real(k*(2*pade_degree - k + 1), wp)
          if (is_long) then                                            ! up to a second
             if (work_is_over()) return
          end if
@@ -89,7 +89,7 @@ contains
       real(wp), intent(in) :: a(n, n), factor
       real(wp), intent(out), dimension(n, n) :: scaled, second, fourth, odd   ! work
       real(wp), intent(out) :: e(n, n)
-      real(wp), parameter :: c(degree) = [0.5_wp, 5.0_wp/44.0_wp, 1.0_wp/66.0_wp, 1.0_wp/792.0_wp, 1.0_wp/15840.0_wp, &
+      real(wp), parameter :: c(pade_degree) = [0.5_wp, 5.0_wp/44.0_wp, 1.0_wp/66.0_wp, 1.0_wp/792.0_wp, 1.0_wp/15840.0_wp, &
                                           1.0_wp/665280.0_wp]
       real(wp) :: share
       integer :: i, k
@@ -209,7 +209,7 @@ contains
       real(wp), intent(in) :: norm
 
       work = 30.0_wp
-      if (n > 2) work = work_of_product(n)*(degree + 1.4_wp + squarings_for(norm))
+      if (n > 2) work = work_of_product(n)*(pade_degree + 1.4_wp + squarings_for(norm))
    end function count_exponential
 
    !> Approximate time of a product of two matrices of n rows in nanoseconds.

@@ -44,14 +44,14 @@ contains
       type(motion_series_t), intent(in) :: motion
       real(wp), intent(in) :: start, finish                          !! [s]
       logical, intent(in) :: with_rates
-      real(wp), parameter :: same = 1.0e-6_wp                        ! length, relative
+      real(wp), parameter :: equal_lengths = 1.0e-6_wp               ! length, relative
       type(axis_plan_t) :: plan
       type(error_t), allocatable :: error
       complex(wp), allocatable :: amplitudes(:), grid(:), sampled(:), turns(:)
       real(wp) :: centre
       integer :: c, part
 
-      if (.not. abs(finish - start - self%length) <= same*self%length) call prepare(self, motion, finish - start)
+      if (.not. abs(finish - start - self%length) <= equal_lengths*self%length) call prepare(self, motion, finish - start)
       self%finish = -1.0_wp
       self%start = 0.0_wp
       if (.not. self%is_useful) return

@@ -251,7 +251,7 @@ contains
    !> Whether the parabola through three values of one sign at equal distances, the middle one nearest to zero, nearly reaches zero.
    pure logical function is_passed_between(values)
       real(wp), intent(in) :: values(3)
-      real(wp), parameter :: margin = 0.1_wp                          ! by which the motion may differ from the parabola
+      real(wp), parameter :: parabola_margin = 0.1_wp                 ! by which the motion may differ from the parabola
       real(wp) :: bend, sizes(3)
 
       is_passed_between = (all(values > 0.0_wp) .or. all(values < 0.0_wp))
@@ -259,7 +259,7 @@ contains
       sizes = abs(values)
       bend = sizes(1) - 2*sizes(2) + sizes(3)
       is_passed_between = sizes(2) < sizes(1) .and. sizes(2) <= sizes(3) .and. bend > 0.0_wp
-      if (is_passed_between) is_passed_between = sizes(2) - (sizes(3) - sizes(1))**2/(8*bend) <= margin*bend
+      if (is_passed_between) is_passed_between = sizes(2) - (sizes(3) - sizes(1))**2/(8*bend) <= parabola_margin*bend
    end function is_passed_between
 
    !> Argument of the extreme of the parabola through three points.

@@ -12,7 +12,7 @@ module hb_arrow_factors
 
    integer, parameter :: min_order = 24
    integer, parameter :: inner_to_border = 4                          ! least number of inner rows per row of the border
-   real(wp), parameter :: smallest = 1.0e-6_wp                        ! entry of d below which a row exchange would be needed
+   real(wp), parameter :: min_pivot = 1.0e-6_wp                       ! entry of d below which a row exchange would be needed
 
    type :: arrow_factors_t
       logical :: is_arrow = .false.                                   !! whether the pattern has this form
@@ -84,7 +84,7 @@ contains
             end if
          end do
       end associate
-      is_done = all(abs(self%d) > smallest)
+      is_done = all(abs(self%d) > min_pivot)
       if (.not. is_done) return
       self%over_d = 1.0_wp/self%d
       b = size(self%border)

@@ -28,7 +28,7 @@ module hb_block_solver
    real(wp), parameter :: suspicious_growth = 1.0e8_wp
 
    integer, parameter :: min_sparse = 400                           ! smallest order of a sparse block
-   real(wp), parameter :: emptiness = 10.0_wp                         ! elements of the band or matrix per entry
+   real(wp), parameter :: max_band_fill = 10.0_wp                     ! elements of the band or matrix per entry
 
    type :: block_solver_t
       integer :: n = 0                                       !! order of the block
@@ -99,7 +99,7 @@ contains
       self%scale = cmplx(scale, kind=wp)
       n_rows = find_band(self)
       call new_arrow_factors(self%arrow, n, block%row, block%column)
-      self%is_sparse = n >= min_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
+      self%is_sparse = n >= min_sparse .and. real(min(n_rows, n), wp)*n > max_band_fill*block%n_entries
       if (self%arrow%is_arrow) self%is_sparse = .false.
       if (2*n_rows > n .and. block%n_entries < n*(n/8) .and. .not. (self%is_sparse .or. self%arrow%is_arrow)) &
          n_rows = sort_by_position(self)
@@ -351,7 +351,7 @@ contains
       real(wp), intent(in) :: highest_frequency              !! [rad/s], of the scaling
       real(wp), intent(in) :: lowest_condition               !! reciprocal, of a block that is not singular
       logical, intent(out) :: is_done                        !! the block is no longer singular
-      real(wp), parameter :: low = 1.0e-6_wp                 ! relative to the highest frequency
+      real(wp), parameter :: low_ratio = 1.0e-6_wp           ! relative to the highest frequency
       real(wp) :: reciprocal_condition
       integer :: e, p, row
 
@@ -361,7 +361,7 @@ contains
       do
          self%rhs(:, :self%n_rhs) = (0.0_wp, 0.0_wp)
          self%is_held = .true.
-         call self%solve(low*merge(highest_frequency, 1.0_wp, highest_frequency > 0.0_wp), 0.0_wp, reciprocal_condition)
+         call self%solve(low_ratio*merge(highest_frequency, 1.0_wp, highest_frequency > 0.0_wp), 0.0_wp, reciprocal_condition)
          self%is_held = .false.
          if (.not. reciprocal_condition > 0.0_wp) exit
          p = maxloc(abs(self%rhs(:, self%n_rhs + 1)), dim=1)

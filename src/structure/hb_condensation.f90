@@ -20,7 +20,7 @@ module hb_condensation
    !> Below this reciprocal condition number, or n_interior*epsilon if larger, the interior counts as singular:
    !> rounding of a singular matrix has this size.
    real(wp), parameter :: lowest_condition = 1.0e-14_wp
-   real(wp), parameter :: unstressed = 1.0e-8_wp             ! force of a spring that holds a free motion, relative to all
+   real(wp), parameter :: free_force = 1.0e-8_wp             ! force of a spring that holds a free motion, relative to all
 
    type :: slope_by_t
       integer :: frequency = 1, drive = 2, value = 3         !! the value changes the structure
@@ -72,7 +72,7 @@ contains
       real(wp), intent(in) :: highest_frequency                       !! [rad/s], only determines the scaling
       type(amplitudes_t), intent(in) :: load_slopes                   !! dP/dw [N s]; with zero degrees of freedom: zero
       type(structure_t), allocatable, intent(in) :: change            !! derivative of the structure by a value
-      real(wp), parameter :: mostly = 0.5_wp                          ! fill ratio of a matrix
+      real(wp), parameter :: dense_fill = 0.5_wp                      ! fill ratio of a matrix
       integer :: half_bandwidth, n_interior
 
       self%positions = coordinates%positions
@@ -96,7 +96,7 @@ contains
       call new_block_solver(self%solver, self%rr, n_interior, coordinates%n + 1, highest_frequency)
       self%highest_frequency = highest_frequency
       allocate (self%s_rl(self%rl%n_entries), self%s_lr(self%lr%n_entries))
-      if (coordinates%n > 1 .and. .not. self%pattern%is_banded .and. self%lr%n_entries > mostly*coordinates%n*n_interior) &
+      if (coordinates%n > 1 .and. .not. self%pattern%is_banded .and. self%lr%n_entries > dense_fill*coordinates%n*n_interior) &
          allocate (self%full_lr(coordinates%n, n_interior), source=(0.0_wp, 0.0_wp))
    end subroutine new_condensation
 
@@ -265,8 +265,8 @@ contains
             is_singular = reciprocal_condition < limit
          end if
          if (is_singular .or. .not. allocated(solver%held)) return
-         is_singular = any(solver%unsupported > unstressed)
-         if (solver%unsupported(n_law + 1) > unstressed) &
+         is_singular = any(solver%unsupported > free_force)
+         if (solver%unsupported(n_law + 1) > free_force) &
             self%drifting = self%interior(solver%held(maxloc(abs(solver%rhs(solver%held, n_law + 1)), dim=1)))
       end associate
    end subroutine solve_interior
@@ -310,7 +310,7 @@ contains
                   forces(lr%row(e), 2) = forces(lr%row(e), 2) + abs(force)
                end associate
             end do
-            is_singular = is_singular .or. any(abs(forces(:, 1)) > unstressed*abs(forces(:, 2)))
+            is_singular = is_singular .or. any(abs(forces(:, 1)) > free_force*abs(forces(:, 2)))
          end do
       end associate
    end subroutine hold_free
@@ -392,7 +392,7 @@ contains
             load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*solver%rhs(lr%column(e), n + 1)
          end do
          if (allocated(self%change) .and. allocated(solver%held) .and. .not. abs(frequency) > 0.0_wp) then
-            if (any(maxval(abs(solver%rhs(solver%held, :n + 1)), dim=1) > unstressed*maxval(abs(solver%rhs(:, :n + 1)), dim=1))) &
+            if (any(maxval(abs(solver%rhs(solver%held, :n + 1)), dim=1) > free_force*maxval(abs(solver%rhs(:, :n + 1)), dim=1))) &
                load = ieee_value(1.0_wp, ieee_quiet_nan)              ! the value would support, or load, a free motion
          end if
       end associate

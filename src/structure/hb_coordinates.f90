@@ -78,7 +78,7 @@ contains
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: dofs(:)
       real(wp) :: softness(size(dofs))
-      real(wp), parameter :: softest = 1.0e-8_wp                      ! stiffness relative to the largest
+      real(wp), parameter :: min_stiffness_ratio = 1.0e-8_wp          ! stiffness relative to the largest
       real(wp) :: stiffness(size(dofs))
       integer :: i
 
@@ -87,7 +87,7 @@ contains
       else
          stiffness = [(abs(structure%stiffness(dofs(i), dofs(i))), i=1, size(dofs))]
       end if
-      stiffness = max(stiffness, softest*maxval(stiffness))
+      stiffness = max(stiffness, min_stiffness_ratio*maxval(stiffness))
       softness = 1.0_wp
       where (stiffness >= tiny(1.0_wp)) softness = 1.0_wp/stiffness
    end function softness

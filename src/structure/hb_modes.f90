@@ -121,7 +121,7 @@ contains
       type(modes_t), intent(out) :: self
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
       logical, intent(out) :: is_found
-      real(wp), parameter :: rest = 1.0e-10_wp                        ! of a damping between modes, relative to the largest
+      real(wp), parameter :: max_coupling_of_modes = 1.0e-10_wp       ! of a damping between modes, relative to the largest
       real(wp), allocatable :: b(:, :), damped(:, :), modal(:, :), rates(:), shapes(:, :), squares(:), work(:)
       integer, allocatable :: found(:)
       integer :: i, info, n
@@ -141,7 +141,7 @@ contains
       do i = 1, n
          modal(i, i) = 0.0_wp
       end do
-      is_found = maxval(abs(modal)) <= rest*2.0_wp*maxval(abs(rates))
+      is_found = maxval(abs(modal)) <= max_coupling_of_modes*2.0_wp*maxval(abs(rates))
       if (.not. is_found) return
       squares = squares - rates**2
       found = pack([(i, i=1, n)], squares > 0.0_wp)

@@ -18,9 +18,9 @@ module hb_part_modes
    integer, parameter :: n_of_delay = 4                               ! modes that are sought for each delay
    integer, parameter :: n_steps = 8                                  ! of the strength of the parts
    integer, parameter :: max_iterations = 30
-   real(wp), parameter :: accuracy = 1.0e-10_wp                       ! of a last change, relative
+   real(wp), parameter :: iteration_tolerance = 1.0e-10_wp            ! of a last change, relative
    real(wp), parameter :: pi = 0.5_wp*two_pi
-   real(wp), parameter :: same = 1.0e-6_wp                            ! relative distance of equal modes
+   real(wp), parameter :: max_gap = 1.0e-6_wp                         ! relative distance of equal modes
 
    !> The eigenvalue problem A(lambda) x = 0.
    type :: modes_problem_t
@@ -53,7 +53,7 @@ contains
             call problem%converge(i/real(n_steps, wp), lambda(k), shape(:, k), response(k), is_found)
             if (.not. is_found) exit
          end do
-         if (is_found) is_found = aimag(lambda(k)) > 0.0_wp .and. all(abs(lambda(:k - 1) - lambda(k)) > same*abs(lambda(k)))
+         if (is_found) is_found = aimag(lambda(k)) > 0.0_wp .and. all(abs(lambda(:k - 1) - lambda(k)) > max_gap*abs(lambda(k)))
          if (.not. is_found) k = k - 1
       end do
       n_others = k
@@ -64,8 +64,8 @@ contains
             lambda(k) = cmplx(0.0_wp, (m - 0.5_wp)*pi/parts(i)%delay, wp)
             call shape_by_force(problem, parts(i), lambda(k), shape(:, k), is_found)
             if (is_found) call problem%converge(1.0_wp, lambda(k), shape(:, k), response(k), is_found)
-            if (is_found) is_found = aimag(lambda(k)) > same*abs(lambda(k)) .and. &
-               all(abs(lambda(:k - 1) - lambda(k)) > same*abs(lambda(k))) .and. (n_others == 0 .or. real(lambda(k), wp) > 0.0_wp)
+            if (is_found) is_found = aimag(lambda(k)) > max_gap*abs(lambda(k)) .and. &
+               all(abs(lambda(:k - 1) - lambda(k)) > max_gap*abs(lambda(k))) .and. (n_others == 0 .or. real(lambda(k), wp) > 0.0_wp)
             if (.not. is_found) k = k - 1
          end do
       end do
@@ -142,7 +142,7 @@ contains
          x = x + right(:n)
          eigenvalue = eigenvalue + right(n + 1)
          if (.not. abs(eigenvalue) < huge(1.0_wp)) return
-         is_converged = abs(right(n + 1)) <= accuracy*abs(eigenvalue)
+         is_converged = abs(right(n + 1)) <= iteration_tolerance*abs(eigenvalue)
       end do
       if (.not. is_converged) return
       left = (0.0_wp, 0.0_wp)

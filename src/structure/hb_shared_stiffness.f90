@@ -14,7 +14,7 @@ module hb_shared_stiffness
 
    integer, parameter :: least_coordinates = 200             !! below, blocks of all frequencies take a few MB
    integer, parameter :: coordinates_per_interior = 8
-   integer, parameter :: chunk = 8                           !! frequencies of one product, whatever the number of threads
+   integer, parameter :: frequencies_per_product = 8         !! frequencies of one product, whatever the number of threads
 
    type :: shared_stiffness_t
       integer :: n = 0, n_frequencies = 0
@@ -116,10 +116,10 @@ contains
       complex(wp), intent(out), contiguous :: product(:, :)  !! [N], as c
       integer :: first, n
 
-      n = n_threads(self%n*self%n*min(self%n_frequencies, chunk))
+      n = n_threads(self%n*self%n*min(self%n_frequencies, frequencies_per_product))
       !$omp parallel do num_threads(n) if (n > 1)
-      do first = 1, self%n_frequencies, chunk
-         associate (last => min(first + chunk - 1, self%n_frequencies))
+      do first = 1, self%n_frequencies, frequencies_per_product
+         associate (last => min(first + frequencies_per_product - 1, self%n_frequencies))
             call multiply_chunk(self, first, c(:, first:last), product(:, first:last))
          end associate
       end do

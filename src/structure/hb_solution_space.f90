@@ -24,8 +24,8 @@ module hb_solution_space
    integer, parameter :: max_failures = 3                    ! systems that the space does not solve, before it is given up
    integer, parameter :: max_extensions = 60                 ! for one system
    real(wp), parameter :: shift_share = 0.1_wp               ! s relative to the highest frequency
-   real(wp), parameter :: exact = 1.0e-13_wp                 ! residual relative to the terms of which it is the difference
-   real(wp), parameter :: dependent = 1.0e-8_wp              ! part of a vector outside the space, below which it is in it
+   real(wp), parameter :: exact_residual = 1.0e-13_wp        ! residual relative to the terms of which it is the difference
+   real(wp), parameter :: min_independent_part = 1.0e-8_wp   ! part of a vector outside the space, below which it is in it
 
    type :: part_t
       integer :: stiffness = 1, damping = 2, mass = 3
@@ -41,7 +41,7 @@ module hb_solution_space
       real(wp), allocatable, private :: entries(:, :)        ! of the three matrices, (3, n_entries)
       logical, private :: is_there(3) = .false.              ! the matrix is not zero
       real(wp), private :: norms(3) = 0.0_wp                 ! largest sums of magnitudes in a row
-      real(wp), private :: tolerance = exact
+      real(wp), private :: tolerance = exact_residual
       real(wp), allocatable, private :: factor(:, :)         ! Cholesky's of K_s, or
       logical, private :: is_sparse = .false.
       type(umfpack_t), private :: factors                    ! those of a sparse one
@@ -85,7 +85,7 @@ contains
       self%n_failures = 0
       self%is_sparse = present(first)
       self%max_vectors = min(largest_space, int(largest_share*n))
-      self%tolerance = max(exact, epsilon(1.0_wp)*sqrt(real(n, wp)))
+      self%tolerance = max(exact_residual, epsilon(1.0_wp)*sqrt(real(n, wp)))
       if (.not. allocated(self%first)) call sort_by_row(self, block)
       if (self%is_sparse) then
          call factorise_sparse(self, block, (shift_share*highest_frequency)**2, first, by_column, is_definite)
@@ -306,7 +306,7 @@ contains
                call dgemm("N", "N", self%n, 1, m, -1.0_wp, self%basis, self%n, overlap, size(overlap), 1.0_wp, v, self%n)
             end do
             norm = norm2(v)
-            if (.not. norm > dependent) cycle
+            if (.not. norm > min_independent_part) cycle
             v = v/norm
             call dgemm("T", "N", m, 1, self%n, 1.0_wp, self%basis, self%n, v, self%n, 0.0_wp, overlap, size(overlap))
             call dgemm("N", "N", self%n, 1, m, -1.0_wp, self%basis, self%n, overlap, size(overlap), 1.0_wp, v, self%n)

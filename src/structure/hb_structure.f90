@@ -186,14 +186,14 @@ contains
       class(structure_t), intent(in) :: self
       real(wp), allocatable, intent(out) :: factor(:, :)              !! (n_dofs, n_dofs)
       integer, intent(out) :: singular_at                             !! degree of freedom at which the mass is singular; 0: none
-      real(wp), parameter :: singular = 1.0e-13_wp                    ! a pivot is what is left of the diagonal
+      real(wp), parameter :: singular_pivot = 1.0e-13_wp              ! a pivot is what is left of the diagonal
       integer :: i
 
       factor = self%mass
       call dpotrf("L", self%n_dofs, factor, self%n_dofs, singular_at)
       if (singular_at /= 0) return
       do i = 1, self%n_dofs
-         if (factor(i, i)**2 <= singular*self%mass(i, i)) singular_at = i
+         if (factor(i, i)**2 <= singular_pivot*self%mass(i, i)) singular_at = i
       end do
    end subroutine structure_factorise_mass
 

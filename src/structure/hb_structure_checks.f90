@@ -104,7 +104,7 @@ contains
       real(wp), intent(in) :: mass(:, :)
       character(*), intent(in) :: labels(:)
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: asymmetry = 1.0e-10_wp        ! matrices from text often have few digits
+      real(wp), parameter :: max_asymmetry = 1.0e-10_wp    ! matrices from text often have few digits
       real(wp), allocatable :: scaled(:, :), scale(:)
       integer :: i, info, j, n_dofs
 
@@ -127,7 +127,7 @@ contains
                call fail(error, "the mass matrix is indefinite: "//trim(labels(i))//" and "// &
                          trim(labels(j))//" are coupled by mass, but not both have a mass of their own")
                return
-            else if (abs(mass(i, j) - mass(j, i)) > asymmetry*scale(i)*scale(j)) then
+            else if (abs(mass(i, j) - mass(j, i)) > max_asymmetry*scale(i)*scale(j)) then
                call fail(error, "the mass matrix must be symmetric; between "//trim(labels(i))// &
                          " and "//trim(labels(j))//" it is "//to_text(mass(i, j))// &
                          " one way and "//to_text(mass(j, i))//" the other")
@@ -136,7 +136,7 @@ contains
             scaled(i, j) = mass(i, j)/(scale(i)*scale(j))
          end do
          ! The shift lets a semi-definite matrix pass the Cholesky factorisation.
-         scaled(j, j) = scaled(j, j) + 10*real(n_dofs, wp)*asymmetry
+         scaled(j, j) = scaled(j, j) + 10*real(n_dofs, wp)*max_asymmetry
       end do
 
       call dpotrf("L", n_dofs, scaled, n_dofs, info)
@@ -152,7 +152,7 @@ contains
       type(sparse_t), intent(in) :: mass
       character(*), intent(in) :: labels(:)
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: asymmetry = 1.0e-10_wp
+      real(wp), parameter :: max_asymmetry = 1.0e-10_wp
       real(wp), allocatable :: diagonal(:)
       integer :: e, i
 
@@ -166,10 +166,10 @@ contains
       do i = 1, mass%n_rows
          do e = mass%first(i), mass%first(i + 1) - 1
             associate (j => mass%column(e), m => mass%value(e))
-               if (abs(m - mass%at(j, i)) > asymmetry*sqrt(diagonal(i)*diagonal(j))) then
+               if (abs(m - mass%at(j, i)) > max_asymmetry*sqrt(diagonal(i)*diagonal(j))) then
                   call fail(error, "the mass matrix must be symmetric; between "//trim(labels(i))//" and "//trim(labels(j))// &
                             " it is "//to_text(m)//" one way and "//to_text(mass%at(j, i))//" the other")
-               else if (abs(m) > (1.0_wp + asymmetry)*sqrt(diagonal(i)*diagonal(j))) then
+               else if (abs(m) > (1.0_wp + max_asymmetry)*sqrt(diagonal(i)*diagonal(j))) then
                   call fail(error, "the mass matrix is indefinite: the mass between "//trim(labels(i))//" and "//trim(labels(j))// &
                             " is larger than their own")
                end if

@@ -16,7 +16,7 @@ module hb_branch_tracking
    real(wp), parameter :: first_step = 1.0_wp/16.0_wp, longest_step = 0.25_wp, shortest_step = 1.0_wp/1024.0_wp ! of the interval
    real(wp), parameter :: largest_turn = 0.3_wp                       ! distance from the line, relative to the step
    real(wp), parameter :: small_turn = 0.1_wp                         ! below which steps grow
-   real(wp), parameter :: leaps(3) = [4.0_wp, 16.0_wp, 64.0_wp]       ! over a fold of a corner, in shortest steps
+   real(wp), parameter :: leap_lengths(3) = [4.0_wp, 16.0_wp, 64.0_wp] ! over a fold of a corner, in shortest steps
 
    !> Outcomes.
    type :: finding_t
@@ -137,9 +137,9 @@ contains
          integer :: i
 
          is_over = .false.
-         do i = 1, size(leaps)
+         do i = 1, size(leap_lengths)
             if (stretch%is_spent) return
-            step = min(leaps(i)*shortest_step, 1.0_wp - done)
+            step = min(leap_lengths(i)*shortest_step, 1.0_wp - done)
             call solve_after(step, is_over)
             if (is_over) is_over = difference_of(next, tracking%motion) <= smallest_jump
             if (.not. is_over) cycle

@@ -11,7 +11,7 @@ module hb_curve_jumps
    private
    public :: curve_jumps_t
 
-   real(wp), parameter :: gap = 0.1_wp                                ! of the longest step: from the furthest point to a start
+   real(wp), parameter :: gap_of_start = 0.1_wp                       ! of the longest step: from the furthest point to a start
    integer, parameter :: max_failures = 5                             ! consecutive values at which no motion is found
    real(wp), parameter :: to_go = 0.5_wp                              ! of the rest of the range, at most
 
@@ -43,7 +43,7 @@ contains
       self%furthest = start
       self%target = merge(request%to, request%from, abs(start - request%from) < abs(start - request%to))
       self%range = abs(request%to - request%from)
-      self%shortest = gap*request%longest_step*self%range
+      self%shortest = gap_of_start*request%longest_step*self%range
    end subroutine curve_jumps_begin
 
    !> Notes a row of the present part, and whether a jump follows it.

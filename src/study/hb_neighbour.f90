@@ -11,7 +11,7 @@ module hb_neighbour
    private
    public :: neighbour_t
 
-   real(wp), parameter :: farthest = 4.0_wp                           ! limit of the extrapolation, in steps between its points
+   real(wp), parameter :: max_extrapolation = 4.0_wp                  ! limit of the extrapolation, in steps between its points
    integer, parameter :: longest_pause = 8                            ! points
 
    !> The last two solutions of a chain. By tolerance a point starts on the set of the last one. Where such a set had to grow, a few
@@ -91,7 +91,7 @@ contains
       end if
       start = self%last%unknowns
       if (.not. secant .or. self%n_retained < 2) return
-      if (.not. abs(parameter - self%last_value) <= farthest*abs(self%last_value - self%before_value)) return
+      if (.not. abs(parameter - self%last_value) <= max_extrapolation*abs(self%last_value - self%before_value)) return
       start = start + (start - self%before)*((parameter - self%last_value)/(self%last_value - self%before_value))
    end subroutine neighbour_predict
 

@@ -16,7 +16,7 @@ module hb_padding
    public :: remove_padding
 
    real(wp), parameter :: worth_it = 1.0e6_wp                         ! [B] smallest saving that justifies a copy
-   integer, parameter :: many = 1000                                  ! points, whose copy takes a second or more
+   integer, parameter :: many_points = 1000                           ! points, whose copy takes a second or more
 
 contains
 
@@ -50,10 +50,10 @@ contains
          call measure_row(plan, size(layout%parameters), narrow, n_datasets)
          call row_of_study(study, wide, n_datasets, size(record%tuples, 2))
          if (narrow < 0.5_wp*wide .and. record%n_points*(wide - narrow) > worth_it) then
-            if (record%n_points > many .and. .not. has_time) then
+            if (record%n_points > many_points .and. .not. has_time) then
                call progress%say("complete; no time was left to compact it, which nhbm resume "//path//" does")
             else
-               if (record%n_points > many) call progress%say("compacting "//path)
+               if (record%n_points > many_points) call progress%say("compacting "//path)
                source%rows = [(i, i=1, record%n_points)]
                call make_file(path, layout, plan, .true., error, [source])
             end if

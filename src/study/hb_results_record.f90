@@ -468,7 +468,7 @@ contains
       character(*), intent(in) :: path
       logical, intent(in) :: is_damaged(:)                            !! (points)
       type(error_t), allocatable, intent(out) :: error
-      integer, parameter :: most = 20                                 ! points named in the message
+      integer, parameter :: max_named_points = 20                     ! points named in the message
       integer, allocatable :: points(:)
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: more
@@ -476,12 +476,12 @@ contains
 
       points = pack([(i - 1, i=1, size(is_damaged))], is_damaged)
       if (size(points) == 0) return
-      allocate (names(min(size(points), most)))
+      allocate (names(min(size(points), max_named_points)))
       do i = 1, size(names)
          names(i)%value = to_text(points(i))
       end do
       more = ""
-      if (size(points) > most) more = " and "//to_text(size(points) - most)//" more"
+      if (size(points) > max_named_points) more = " and "//to_text(size(points) - max_named_points)//" more"
       call fail(error, "result file '"//path//"' is damaged: the results of "//number_of(size(points), "point")// &
                 " are not what was written ("//join(names, ", ")//more//"); nhbm resume "//path//" solves them again")
    end subroutine fail_where_damaged
@@ -534,7 +534,7 @@ contains
       !> Continues the checksums of wanted rows of so many bytes, over gaps that are shorter than a block.
       subroutine add_wanted(n_bytes)
          integer(int64), intent(in) :: n_bytes
-         integer(int64), parameter :: block = 2_int64**20
+         integer(int64), parameter :: copied_bytes = 2_int64**20
          integer :: first, last, next
 
          first = findloc(is_wanted, .true., dim=1)
@@ -542,7 +542,7 @@ contains
             last = first
             do
                next = last + findloc(is_wanted(last + 1:), .true., dim=1)
-               if (next == last .or. (next - last - 1)*n_bytes > block) exit
+               if (next == last .or. (next - last - 1)*n_bytes > copied_bytes) exit
                last = next
             end do
             call checksum_rows(path, offset + (first - 1)*n_bytes, n_bytes, checksums(first:last), ok)

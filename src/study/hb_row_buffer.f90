@@ -15,7 +15,7 @@ module hb_row_buffer
    public :: capacity_for, hold_seconds, new_row_buffer, row_buffer_t
 
    real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of the capacity of a large file system
-   real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
+   real(wp), parameter :: min_point_time = 0.01_wp                    ! [s], for points that take less than that
    real(wp), parameter :: max_bytes = 1.6e7_wp                       ! [B] held by a rank
    integer, parameter :: max_rows = 128                              ! with more rows the saving is below one percent
 
@@ -48,7 +48,7 @@ contains
       integer, intent(in) :: n_ranks
       integer, intent(in) :: n_datasets                               !! written by a point
 
-      hold_seconds = max(shortest, real(n_ranks, wp)*n_datasets/writes_per_second)
+      hold_seconds = max(min_point_time, real(n_ranks, wp)*n_datasets/writes_per_second)
    end function hold_seconds
 
    !> Largest number of points that a rank holds, at least one.

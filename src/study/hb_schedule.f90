@@ -20,7 +20,7 @@ module hb_schedule
 
    integer, parameter :: ranks_per_counter = 256
    integer, parameter :: largest_block = 32                           ! points; more would save no time and risk more
-   integer, parameter :: divisor = 8                                  ! a block is at most this part of a fair share of the rest
+   integer, parameter :: share_divisor = 8                            ! a block is at most this part of a fair share of the rest
 
    !> The present counter of a rank, and its speed.
    type :: cursor_t
@@ -168,7 +168,7 @@ contains
       n = 1
       if (cursor%seen < 0 .or. cursor%seconds < 0.0_wp) return
       n_left = share_start(self, cursor%counter + 1) - share_start(self, cursor%counter) - cursor%seen
-      n = min(self%largest, n_left/(divisor*ranks_of(self, cursor%counter)))
+      n = min(self%largest, n_left/(share_divisor*ranks_of(self, cursor%counter)))
       if (n*cursor%seconds > self%block_seconds) n = int(self%block_seconds/cursor%seconds)
       n = max(1, n)
    end function schedule_ask

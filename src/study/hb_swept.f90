@@ -134,13 +134,13 @@ contains
    !> Whether a parameter is a range whose spacing is much larger than rounding errors.
    pure logical function is_clear_range(self)
       type(swept_t), intent(in) :: self
-      real(wp), parameter :: roundings = 16.0_wp
+      real(wp), parameter :: max_ulps = 16.0_wp
 
       is_clear_range = .false.
       if (self%is_text .or. allocated(self%values)) return
       associate (first => self%range%first, last => self%range%last, n => self%range%n)
-         is_clear_range = abs(last - first) > roundings*n*epsilon(1.0_wp)*max(abs(first), abs(last))
-         if (self%range%is_log) is_clear_range = abs(log(last/first)) > roundings*n*epsilon(1.0_wp)*(1.0_wp + abs(log(last/first)))
+         is_clear_range = abs(last - first) > max_ulps*n*epsilon(1.0_wp)*max(abs(first), abs(last))
+         if (self%range%is_log) is_clear_range = abs(log(last/first)) > max_ulps*n*epsilon(1.0_wp)*(1.0_wp + abs(log(last/first)))
       end associate
    end function is_clear_range
 

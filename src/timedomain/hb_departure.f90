@@ -28,9 +28,9 @@ module hb_departure
    public :: find_departure
 
    real(wp), parameter :: enough_decay = 3.0_wp                       ! of the slowest mode, as a logarithm
-   real(wp), parameter :: tolerance = 1.0e-7_wp                       ! of the integration
-   real(wp), parameter :: nearness = 1.0e-6_wp                        ! of the second one at its start, relative to the motion
-   real(wp), parameter :: growing = 3.0_wp                            ! of their distance
+   real(wp), parameter :: integration_tolerance = 1.0e-7_wp           ! of the integration
+   real(wp), parameter :: start_distance = 1.0e-6_wp                  ! of the second one at its start, relative to the motion
+   real(wp), parameter :: growth_limit = 3.0_wp                       ! of their distance
    real(wp), parameter :: step_of_mode = 0.2_wp                       ! radians of the fastest mode, of fixed steps
    integer, parameter :: longest_transient = 5                        ! periods of the slowest tone
    integer, parameter :: samples_of_tone = 40                         ! in a period of the fastest one, at least
@@ -81,12 +81,12 @@ contains
       law_dofs = system%dofs_of_unknowns()
       scale = maxval(sum(abs(motion%amplitudes), dim=2))
       other = state
-      other%q = other%q + nearness*scale*[(cos(real(i, wp)), i=1, size(other%q))]
+      other%q = other%q + start_distance*scale*[(cos(real(i, wp)), i=1, size(other%q))]
       call plan_integration()
       call integrate_from(equations, config, step, law_dofs, state, record, error)
       if (.not. allocated(error)) call integrate_from(equations, config, step, law_dofs, other, other_record, error)
       if (allocated(error)) return
-      if (maxval(abs(other%q - state%q)) > growing*nearness*scale) return
+      if (maxval(abs(other%q - state%q)) > growth_limit*start_distance*scale) return
       associate (times => record%start + record%step*[(real(i, wp), i=0, size(record%every_displacement, 1) - 1)])
          allocate (there(size(times), size(state%q)), rates(size(times), size(state%q)))
          call series%at(series%phases(times), there, rates, with_rates=.false.)
@@ -100,7 +100,7 @@ contains
       !> used.
       subroutine plan_integration()
          config = options%integration
-         config%tolerance = max(config%tolerance, tolerance)
+         config%tolerance = max(config%tolerance, integration_tolerance)
          config%decimation = huge(1)
          config%transient = n_transient*period
          config%duration = period

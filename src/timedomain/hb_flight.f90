@@ -17,13 +17,13 @@ module hb_flight
    private
    public :: flight_t, is_made_of_flights, new_flight
 
-   integer, parameter :: order = 20                                   ! of the series
+   integer, parameter :: series_order = 20                            ! of the series
    integer, parameter :: n_parts = 4                                  ! of a step on which events are sought
    real(wp), parameter :: error_of_step = 1.0e-16_wp                  ! relative to the largest motion so far
-   real(wp), parameter :: longest = 2.0_wp                            ! step, in units of the time of the fastest motion
+   real(wp), parameter :: max_step = 2.0_wp                           ! step, in units of the time of the fastest motion
    real(wp), parameter :: first_part = 1.0e-4_wp                      ! relative to the others
-   real(wp), parameter :: growth = 4.0_wp                             ! from one part to the next
-   real(wp), parameter :: difference = 1.0e-3_wp                      ! for slopes, relative to a part
+   real(wp), parameter :: max_growth_of_parts = 4.0_wp                ! from one part to the next
+   real(wp), parameter :: slope_distance = 1.0e-3_wp                  ! for slopes, relative to a part
    real(wp), parameter :: time_rounding = 4.0_wp*epsilon(1.0_wp)      ! of an event, relative
    integer, parameter :: max_iterations = 200                         ! to locate an event
    integer, parameter :: steps_between_checks = 32
@@ -66,7 +66,7 @@ contains
 
       self%equations => equations
       associate (system => equations%system)
-         allocate (self%q(system%n_dofs, 0:order + 1), self%found(equations%n_events()))
+         allocate (self%q(system%n_dofs, 0:series_order + 1), self%found(equations%n_events()))
          allocate (self%g(equations%n_events()), self%slope(equations%n_events()))
          fastest = system%loads%highest_frequency()
          do i = 1, system%n_dofs
@@ -116,7 +116,7 @@ contains
                call expand(self, self%to, y)
             end if
             call search(self, min(self%to, self%searched + self%part))
-            self%part = min(growth*self%part, (self%to - self%from)/n_parts)
+            self%part = min(max_growth_of_parts*self%part, (self%to - self%from)/n_parts)
          end do
       end associate
       is_event = self%has_event .and. self%searched <= t_end
@@ -146,7 +146,7 @@ contains
          q(:, 1) = unit*y(n + 1:)
          associate (loads => system%accelerations)
             phasors = loads%phasor*exp(cmplx(0.0_wp, loads%frequency*t, wp))
-            do k = 0, order - 1
+            do k = 0, series_order - 1
                a = matmul(loads%cosine, real(phasors, wp)) + matmul(loads%sine, aimag(phasors))
                phasors = phasors*cmplx(0.0_wp, loads%frequency*unit/(k + 1), wp)
                rate = (k + 1)/unit*q(:, k + 1)
@@ -163,9 +163,9 @@ contains
                q(:, k + 2) = unit**2/((k + 1.0_wp)*(k + 2.0_wp))*a
             end do
          end associate
-         system%laws%n_evaluations = system%laws%n_evaluations + order
-         length = longest
-         do k = order, order + 1
+         system%laws%n_evaluations = system%laws%n_evaluations + series_order
+         length = max_step
+         do k = series_order, series_order + 1
             length = min(length, shortest(abs(q(:, k)), equations%scale(:n), k), &
                          shortest(k*abs(q(:, k))/unit, equations%scale(n + 1:), k - 1))
          end do
@@ -195,9 +195,9 @@ contains
 
       n = size(self%q, 1)
       s = (t - self%from)/self%unit
-      y(:n) = self%q(:, order + 1)
-      y(n + 1:) = (order + 1)*self%q(:, order + 1)
-      do k = order, 1, -1
+      y(:n) = self%q(:, series_order + 1)
+      y(n + 1:) = (series_order + 1)*self%q(:, series_order + 1)
+      do k = series_order, 1, -1
          y(:n) = self%q(:, k) + s*y(:n)
          y(n + 1:) = k*self%q(:, k) + s*y(n + 1:)
       end do
@@ -223,8 +223,8 @@ contains
       real(wp), intent(in) :: g(:)                                    !! functions there
       real(wp), intent(out), contiguous :: slope(:)
 
-      call find_functions(self, t + difference*part, slope)
-      slope = (slope - g)/(difference*part)
+      call find_functions(self, t + slope_distance*part, slope)
+      slope = (slope - g)/(slope_distance*part)
    end subroutine find_slope
 
    !> Seeks the first event up to a time, or on the first part of this interval on which there can be no event between its ends.

@@ -19,7 +19,7 @@ module hb_impact_gradient
    public :: find_impact_gradient, has_periodic_impacts, store_slopes
 
    integer, parameter :: max_shots = 30                               ! of Newton's method
-   real(wp), parameter :: nearby = 0.1_wp                             ! the periodic state, scaled: harmonics are few
+   real(wp), parameter :: max_state_distance = 0.1_wp                 ! the periodic state, scaled: harmonics are few
 
 contains
 
@@ -54,7 +54,7 @@ contains
             begun = orbit%map%state_at(orbit%section*orbit%period())
             x = begun
             call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=max_shots), x, report)
-            if (report%status == outcome%converged .and. maxval(abs(x - begun)) <= nearby) then
+            if (report%status == outcome%converged .and. maxval(abs(x - begun)) <= max_state_distance) then
                call orbit%find_slopes(set, x, model%options%gradient%by, slopes, error)
                call store_slopes(model, set, slopes, c, result)
                if (allocated(error) .and. .not. allocated(result%message)) result%message = "no derivatives: "//error%message

@@ -40,10 +40,10 @@ module hb_impact_orbit
 
    real(wp), parameter :: accurate = 1.0e-10_wp                       !! residual of a periodic motion, scaled
 
-   real(wp), parameter :: accuracy = 1.0e-9_wp                        ! of the integration: all digits
-   real(wp), parameter :: noise = 1.0e-12_wp                          ! of a period map, scaled
-   real(wp), parameter :: enough = 1.0e-8_wp                          ! change of a derivative that needs no shorter distance
-   real(wp), parameter :: nearer = 0.5_wp                             ! from one distance to the next: derivatives are large
+   real(wp), parameter :: integration_tolerance = 1.0e-9_wp           ! of the integration: all digits
+   real(wp), parameter :: map_noise = 1.0e-12_wp                      ! of a period map, scaled
+   real(wp), parameter :: derivative_tolerance = 1.0e-8_wp            ! change of a derivative that needs no shorter distance
+   real(wp), parameter :: distance_reduction = 0.5_wp                 ! from one distance to the next: derivatives are large
    integer, parameter :: max_levels = 20                             ! distances; near a graze the long ones change the impacts
    integer, parameter :: min_samples = 2048                        ! in a period: their coefficients, corrected for impacts, err by
                                                                       ! 1e-10
@@ -117,7 +117,7 @@ contains
       if (allocated(error)) return
       allocate (self%system)
       call build_system(self)
-      call new_state_map(self%map, self%system, motion, options%integration%restitution, accuracy, error)
+      call new_state_map(self%map, self%system, motion, options%integration%restitution, integration_tolerance, error)
       if (allocated(error)) return
       self%section = farthest_phase(self%map)/two_pi
       self%n_unknowns = size(self%map%scale)
@@ -310,13 +310,13 @@ contains
       integer :: k, level, n_added
       logical :: is_done
 
-      limit%ratio = nearer
+      limit%ratio = distance_reduction
       n_added = 0
       unit = 1.0_wp
       do level = 1, max_levels
          allocate (all_slopes(0))
          do k = 1, size(changes, 2)
-            call differ(self, x, changes(:, k), distance_at(level, nearer), 1.0_wp, set, slope, is_done)
+            call differ(self, x, changes(:, k), distance_at(level, distance_reduction), 1.0_wp, set, slope, is_done)
             if (.not. is_done) exit
             all_slopes = [all_slopes, slope]
          end do
@@ -325,11 +325,11 @@ contains
             if (present(is_relative) .and. n_added == 1) unit = max(maxval(abs(all_slopes)), tiny(1.0_wp))
             call limit%add(reshape(all_slopes/unit, [size(slope), size(changes, 2)]))
          else
-            limit = limit_t(nearer)
+            limit = limit_t(distance_reduction)
             n_added = 0
          end if
          deallocate (all_slopes)
-         if (is_done .and. (limit%estimate <= enough .or. limit%n_idle > 1)) exit     ! rounding
+         if (is_done .and. (limit%estimate <= derivative_tolerance .or. limit%n_idle > 1)) exit ! rounding
       end do
       estimate = limit%estimate
       if (allocated(limit%best)) slopes = unit*limit%best
@@ -492,7 +492,7 @@ contains
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
 
-      impact_orbit_rounding_level = noise*max(1.0_wp, norm2(x))
+      impact_orbit_rounding_level = map_noise*max(1.0_wp, norm2(x))
    end function impact_orbit_rounding_level
 
    !> There is no easier problem.
@@ -578,7 +578,7 @@ contains
       real(wp) :: after(size(x))
 
       associate (part => modulo(section - self%section, 1.0_wp))
-         call differ(self, x, [direction, of_value], distance_at(1, nearer), part, slope=slope, is_done=is_done)
+         call differ(self, x, [direction, of_value], distance_at(1, distance_reduction), part, slope=slope, is_done=is_done)
          if (is_done) call advance_part(self, x, self%value, part, after, is_done)
       end associate
       if (.not. is_done) return
@@ -676,7 +676,7 @@ contains
          steady%left_out = maxval(norm2(remainder, 1)/max(norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1), &
                                                           at_rest*norm2(z, 1), tiny(1.0_wp)))
       end associate
-      steady%spread = noise
+      steady%spread = map_noise
       call differentiate(self, x)
       if (allocated(self%slopes)) steady%monodromy = self%slopes(:, :size(x))
       if (options%integration%aim > 0.0_wp) then                      ! as for fits to candidates

@@ -18,10 +18,10 @@ module hb_integrated_floquet
    private
    public :: integrated_floquet_t, integrated_propagation_t, new_integrated_propagation
 
-   real(wp), parameter :: distance = 1.0e-5_wp ! of the neighbouring trajectories, scaled: kinks and jumps in between are rare,
+   real(wp), parameter :: orbit_distance = 1.0e-5_wp ! of neighbouring trajectories, scaled: kinks and jumps in between are rare,
                                                !! and rounding is small in comparison
    integer, parameter :: min_steps = 200                           ! in a period of the fastest tone, for fixed steps
-   real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a coordinate that friction always holds, scaled
+   real(wp), parameter :: max_held_change = 1.0e-9_wp                 ! change of a coordinate that friction always holds, scaled
 
    !> Propagation of disturbances along a motion of several tones by time integration of the motion and of states on
    !> both sides of it. It continues from period to period, and is only compared with the given motion, from which it
@@ -180,7 +180,7 @@ contains
          begun = self%x
          call integrate_period(self, is_done)
          if (.not. is_done) return
-         is_still = is_still .and. abs(matmul(self%x - begun, axes)) <= unmoved
+         is_still = is_still .and. abs(matmul(self%x - begun, axes)) <= max_held_change
       end do
       self%still = axes(:, pack([(i, i=1, size(is_still))], is_still))
       allocate (lost(size(self%still, 2)))
@@ -210,7 +210,7 @@ contains
       real(wp) :: after(size(x, 1), size(x, 2))
 
       x = x - matmul(self%still, matmul(transpose(self%still), x))
-      call self%integration%differences(self%time, self%length, self%x, distance, x, after, is_done)
+      call self%integration%differences(self%time, self%length, self%x, orbit_distance, x, after, is_done)
       if (is_done) call integrate_period(self, is_done)
       if (is_done) x = after - matmul(self%still, matmul(transpose(self%still), after))
    end subroutine integrated_propagation_propagate

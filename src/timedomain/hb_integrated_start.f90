@@ -24,13 +24,13 @@ module hb_integrated_start
 
    integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless given
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
-   real(wp), parameter :: perturbations(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp] ! of the length of the laws
-   real(wp), parameter :: first_perturbation = perturbations(1)
+   real(wp), parameter :: start_perturbations(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp] ! of the length of the laws
+   real(wp), parameter :: first_perturbation = start_perturbations(1)
    real(wp), parameter :: step_of_mode = 0.2_wp                       ! radians of the fastest mode, of fixed steps
-   real(wp), parameter :: guessed = 1.0e-7_wp                         ! tolerance of the integrator: below what decides on locking
+   real(wp), parameter :: guess_tolerance = 1.0e-7_wp                 ! tolerance of the integrator: below what decides on locking
    real(wp), parameter :: steady = 0.02_wp                            !! change of the power from one half to the other
-   real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
-   real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the perturbation
+   real(wp), parameter :: runaway_ratio = 1.0e4_wp                    ! relative to the first displacement
+   real(wp), parameter :: decay_ratio = 1.0e-3_wp                     ! relative to the perturbation
    integer, parameter :: periods_of_rest = 10                         ! in which a motion that has decayed is seen
 
 contains
@@ -53,13 +53,13 @@ contains
       logical :: has_start
 
       has_start = .not. discretisation%start%is_zero()
-      n_tries = merge(size(perturbations), 1, any(system%tones%is_unknown) .and. .not. has_start)
+      n_tries = merge(size(start_perturbations), 1, any(system%tones%is_unknown) .and. .not. has_start)
       best = huge(1.0_wp)
       n_failed = 0
       decayed = 0.0_wp
       do i = 1, n_tries
-         if (perturbations(i) < decayed) cycle                        ! a larger one has passed this size
-         call integrate_once(system, discretisation, options, omega, law_dofs, perturbations(i), record, error)
+         if (start_perturbations(i) < decayed) cycle                  ! a larger one has passed this size
+         call integrate_once(system, discretisation, options, omega, law_dofs, start_perturbations(i), record, error)
          if (allocated(error)) then
             n_failed = n_failed + 1
             if (n_failed == n_tries) return
@@ -68,8 +68,8 @@ contains
          end if
          found = omega
          if (any(system%tones%is_unknown)) then
-            if (is_dead(discretisation, record, perturbations(i)*length_of(system), has_start)) then
-               decayed = max(decayed, perturbations(i))
+            if (is_dead(discretisation, record, start_perturbations(i)*length_of(system), has_start)) then
+               decayed = max(decayed, start_perturbations(i))
                cycle
             end if
             found = system%tones%omega                                ! only guesses of the user are used
@@ -119,15 +119,15 @@ contains
       end if
       config = options%integration
       config%decimation = huge(1)
-      config%tolerance = max(config%tolerance, guessed)
+      config%tolerance = max(config%tolerance, guess_tolerance)
       period = two_pi/minval(omega)
       if (config%duration <= 0.0_wp) then
          config%duration = periods_of_record*period
          config%transient = periods_of_transient*period
       end if
       if (any(system%tones%is_unknown)) then
-         config%largest = runaway*max(maxval(abs(state%q)), equations%length)
-         early_end%smallest = dead*min(maxval(abs(state%q)), length_of(system))
+         config%largest = runaway_ratio*max(maxval(abs(state%q)), equations%length)
+         early_end%smallest = decay_ratio*min(maxval(abs(state%q)), length_of(system))
          early_end%rest = periods_of_rest*period
       end if
       step = min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies))))
@@ -166,7 +166,7 @@ contains
       begun = perturbation
       if (has_start) begun = maxval(abs(discretisation%start%values))
       associate (x => record%every_displacement)
-         is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < dead*begun
+         is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < decay_ratio*begun
       end associate
    end function is_dead
 

@@ -24,7 +24,7 @@ module hb_integration_cvode
    ! Rounding of the time at each step of CVODE is systematic; it is small if the origin of time is near.
    integer, parameter :: steps_from_base = 1000
    integer, parameter :: max_events = 100000                          ! from one sample to the next
-   real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
+   real(wp), parameter :: min_bounce_speed = 1.0e-6_wp                ! relative speed below which there is no bounce
    real(wp), parameter :: part_of_fastest = 1.0e-5_wp                 ! of the time of the fastest motion: slightly later
    real(wp), parameter :: time_rounding = 64.0_wp*epsilon(1.0_wp)     ! of a time, relative
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
@@ -486,7 +486,7 @@ contains
       slips = 0
       struck = 0
       associate (equations => self%equations, laws => self%system%laws, y => self%cvode%values)
-         crawling = slow*maxval(equations%scale(self%system%n_dofs + 1:))
+         crawling = min_bounce_speed*maxval(equations%scale(self%system%n_dofs + 1:))
          call equations%gather(t, y)
          call self%system%laws%switches_here(now)
          equations%is_positive = now > 0.0_wp

@@ -42,7 +42,7 @@ contains
       associate (equations => self%equations, rigid => self%equations%rigid, n_dofs => self%system%n_dofs)
          touched = merge(merge(equations%mode, struck, equations%mode /= 0), 0, rigid%is_wall)
          near = self%tolerance*maxval(equations%scale(:n_dofs))
-         crawling = slow*maxval(equations%scale(n_dofs + 1:))
+         crawling = min_bounce_speed*maxval(equations%scale(n_dofs + 1:))
          is_struck = .false.
          do n = 1, max_collisions
             rates = matmul(self%cvode%values(n_dofs + 1:), self%system%laws%shape(:, rigid%coordinate))
@@ -124,7 +124,7 @@ contains
       associate (equations => self%equations)
          associate (speed => self%system%laws%z_rate(equations%rigid(i)%coordinate))
             back = -equations%rigid(i)%restitution*speed
-            if (abs(speed) <= slow*maxval(equations%scale(self%system%n_dofs + 1:))) back = 0.0_wp
+            if (abs(speed) <= min_bounce_speed*maxval(equations%scale(self%system%n_dofs + 1:))) back = 0.0_wp
          end associate
          where (.not. equations%rigid%is_wall) equations%mode = sign(1, equations%mode*2 + 1)   ! friction gives no impulse
          equations%mode(i) = side

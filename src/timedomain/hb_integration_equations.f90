@@ -20,7 +20,7 @@ module hb_integration_equations
    public :: integration_equations_t, new_integration_equations
 
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of one unknown, relative to the largest
-   real(wp), parameter :: regular = 1.0e-10_wp                        ! relative pivot of independent reactions
+   real(wp), parameter :: min_relative_pivot = 1.0e-10_wp             ! relative pivot of independent reactions
 
    type, extends(ode_t) :: integration_equations_t
       type(integration_system_t), pointer :: system => null()
@@ -225,7 +225,7 @@ contains
             if (m == 0) return
             self%factor = self%yield(self%active, self%active)
             call dgetrf(m, m, self%factor, m, self%pivots, info)
-            dependent = findloc([(abs(self%factor(k, k)) <= regular*self%yield(self%active(k), self%active(k)) .and. &
+            dependent = findloc([(abs(self%factor(k, k)) <= min_relative_pivot*self%yield(self%active(k), self%active(k)) .and. &
                                   self%rigid(self%active(k))%is_wall, k=1, m)], .true., dim=1)
             if (dependent == 0) return
             self%mode(self%active(dependent)) = 0

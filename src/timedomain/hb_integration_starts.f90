@@ -12,11 +12,11 @@ module hb_integration_starts
    private
    public :: motions_of, scattered, state_on_sphere
 
-   real(wp), parameter :: golden = 0.6180339887498949_wp
-   real(wp), parameter :: radii(3) = [1.0_wp, 3.0_wp, 10.0_wp]         ! of spheres, relative to the motion
+   real(wp), parameter :: golden_ratio = 0.6180339887498949_wp
+   real(wp), parameter :: sphere_radii(3) = [1.0_wp, 3.0_wp, 10.0_wp]  ! of spheres, relative to the motion
    real(wp), parameter :: min_distance = 1.0e-2_wp                  ! of two motions, relative
-   real(wp), parameter :: safety = 5.0_wp                             ! of spreads
-   real(wp), parameter :: smallest = 1.0e-3_wp ! smallest motion of a coordinate that counts, relative to the largest
+   real(wp), parameter :: spread_safety = 5.0_wp                      ! of spreads
+   real(wp), parameter :: min_relative_motion = 1.0e-3_wp ! smallest motion of a coordinate that counts, relative to the largest
 
 contains
 
@@ -40,8 +40,8 @@ contains
          right = matmul(system%structure%mass, right)
          call dpotrs("L", system%n_dofs, 2, factor, system%n_dofs, right, system%n_dofs, info)
       end if
-      radius = radii(1 + modulo(number - 1, size(radii)))*size_of_motion
-      angle = two_pi*golden*number
+      radius = sphere_radii(1 + modulo(number - 1, size(sphere_radii)))*size_of_motion
+      angle = two_pi*golden_ratio*number
       state%q = radius*cos(angle)*unit_of(right(:, 1))
       state%v = middle*radius*sin(angle)*unit_of(right(:, 2))
 
@@ -74,7 +74,7 @@ contains
          if (kind(i) == 0) cycle
          do j = 1, i - 1
             if (kind(j) /= kind(i)) cycle
-            if (distance(c(:, :, i), c(:, :, j)) > max(min_distance, safety*(spread(i) + spread(j)))) cycle
+            if (distance(c(:, :, i), c(:, :, j)) > max(min_distance, spread_safety*(spread(i) + spread(j)))) cycle
             motion(i) = motion(j)
             exit
          end do
@@ -89,7 +89,7 @@ contains
       integer :: k
 
       own = [(max(norm2(abs(a(:, k))), norm2(abs(b(:, k)))), k=1, size(a, 2))]
-      own = max(own, smallest*maxval(own), tiny(1.0_wp))
+      own = max(own, min_relative_motion*maxval(own), tiny(1.0_wp))
       distance = maxval([(norm2(abs(a(:, k) - b(:, k)))/own(k), k=1, size(a, 2))])
    end function distance
 
@@ -97,6 +97,6 @@ contains
    pure real(wp) function scattered(i)
       integer, intent(in) :: i
 
-      scattered = 2.0_wp*modulo(i*golden, 1.0_wp) - 1.0_wp
+      scattered = 2.0_wp*modulo(i*golden_ratio, 1.0_wp) - 1.0_wp
    end function scattered
 end module hb_integration_starts

@@ -12,21 +12,21 @@ module hb_integration_verdict
    public :: decide, growing, grown, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_t, &
       verdict_text
 
-   real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the error estimate
+   real(wp), parameter :: estimate_safety = 5.0_wp                    ! on the estimate of the error estimate
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
                                                                       !! a longer time integration would find up to a tenth
    real(wp), parameter :: smallest_limit = 1.0e-9_wp
    real(wp), parameter :: grown = 30.0_wp                             !! of the distance: certain, unless it may be transient
    real(wp), parameter :: beyond_transients = 1.0e6_wp                ! likewise: certain in any case
    real(wp), parameter :: growing = 3.0_wp !! of the distance: before the difference exceeds its limit, growth
-   real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start has no influence
-   real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one group of periods to the next
+   real(wp), parameter :: forgetting_fall = 100.0_wp                  ! fall of the distance after which the start has no influence
+   real(wp), parameter :: min_fall_of_difference = 1.3_wp             ! of the difference, from one group of periods to the next
    real(wp), parameter :: half_decay = 1.5_wp                     ! likewise over `decay` periods, as a logarithm: half of its fall
-   real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that counts
-   real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that does not count
-   real(wp), parameter :: sheared = 4.5_wp                            ! likewise if nothing decays: like the square of time
-   real(wp), parameter :: drifting = 2.2_wp                           ! likewise: like time
-   real(wp), parameter :: slowing = 0.42_wp                           ! part of a logarithmic growth in the second half of the
+   real(wp), parameter :: distance_fall = 2.0_wp                      ! fall of the distance that counts
+   real(wp), parameter :: neutral_rise = 1.2_wp                       ! rise of the distance that does not count
+   real(wp), parameter :: shear_rise = 4.5_wp                         ! likewise if nothing decays: like the square of time
+   real(wp), parameter :: drift_rise = 2.2_wp                         ! likewise: like time
+   real(wp), parameter :: max_late_growth_share = 0.42_wp             ! part of a logarithmic growth in the second half of the
                                                                       ! periods: 0.5 if exponential, 0.37 if threefold like time
    integer, parameter :: min_fitted = 2                            ! periods
 
@@ -81,7 +81,7 @@ contains
       real(wp), intent(in) :: estimate                                !! relative error according to the error estimate
       real(wp), intent(in) :: share                                   !! factor by which it may be larger in this coordinate, >= 1
 
-      limit_of = min(largest_limit, max(safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
+      limit_of = min(largest_limit, max(estimate_safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
    end function limit_of
 
    !> Verdict after some periods; `not_done` if the time integration must continue. Disturbances of a stable motion may grow before
@@ -106,7 +106,7 @@ contains
       if (n < fewest .and. .not. is_last) return
       tail = n_steady(n, fewest)
       has_left = maxval(ratio(n - tail + 1:)) > 1.0_wp
-      has_forgotten = distance(n) <= start_of(distance) - log(forgotten)
+      has_forgotten = distance(n) <= start_of(distance) - log(forgetting_fall)
       call find_growth(ratio, distance, has_left, gain, rise)
       certain = grown
       if (present(may_recover)) then
@@ -120,17 +120,18 @@ contains
          else if (has_forgotten .or. is_last .or. n >= max(decay, 2*fewest)) then
             kind = merge(verdict%unstable, verdict%differs, gain >= log(growing) .and. rise > 0.0_wp)
             if (kind == verdict%unstable .and. present(is_free)) then
-               if (is_free .and. rise <= min(log(drifting), slowing*gain)) kind = verdict%undecided
+               if (is_free .and. rise <= min(log(drift_rise), max_late_growth_share*gain)) kind = verdict%undecided
             end if
          end if
-      else if (has_forgotten .and. rise_of(distance(n - tail + 1:)) <= log(neutral)) then
+      else if (has_forgotten .and. rise_of(distance(n - tail + 1:)) <= log(neutral_rise)) then
          kind = verdict%agrees
       else if (is_last) then
          kind = verdict%undecided
-         if (rise <= -log(halved) .or. (n >= fewest .and. rise <= log(merge(neutral, sheared, decay > 0)))) kind = verdict%agrees
+         if (rise <= -log(distance_fall) .or. (n >= fewest .and. rise <= log(merge(neutral_rise, shear_rise, decay > 0)))) &
+            kind = verdict%agrees
       end if
       if (.not. present(may_recover)) return
-      if (may_recover .and. is_last .and. kind == verdict%unstable .and. n < decay .and. rise <= log(sheared)) &
+      if (may_recover .and. is_last .and. kind == verdict%unstable .and. n < decay .and. rise <= log(shear_rise)) &
          kind = verdict%undecided                                     ! like a power of time, over less than a decay
    end function decide
 
@@ -179,7 +180,7 @@ contains
       if (is_last) stretch = max(tail, n/4)                           ! fluctuations fall from time to time
       is_falling = n >= 2*stretch
       if (is_falling) is_falling = mean_of(ratio(n - stretch + 1:)) < mean_of(ratio(n - 2*stretch + 1:n - stretch)) &
-                                   - min(log(falling), half_decay*stretch/max(1, decay))
+                                   - min(log(min_fall_of_difference), half_decay*stretch/max(1, decay))
       if (is_last .and. n >= 2*decay .and. decay > 0) is_falling = .false.
    end function is_falling
 

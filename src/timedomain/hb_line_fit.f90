@@ -21,7 +21,7 @@ module hb_line_fit
    integer, parameter :: width = 14                                   ! positions over which a line is distributed: errors of 1e-11
    integer, parameter :: max_products = 100
    real(wp), parameter :: work_of_position = 35.0_wp                  ! [ns] in a product: .6 to 1.3 times the time
-   real(wp), parameter :: curved = 13.4_wp                            ! 6 sqrt(5): phase squared over misfit of such lines
+   real(wp), parameter :: max_curvature_ratio = 13.4_wp               ! 6 sqrt(5): phase squared over misfit of such lines
    real(wp), parameter :: one_line = 1.0e-6_wp                        ! [rad] in a record: lines of one frequency
 
    type :: line_fit_t
@@ -166,7 +166,7 @@ contains
             beat = turns(order(k)) - turns(order(i))
             if (beat >= two_pi) exit
             if (beat <= one_line) cycle
-            squares = squares + (min(amplitude/moving, abs(coefficients(order(k)))/moving, misfit*curved/beat**2))**2
+            squares = squares + (min(amplitude/moving, abs(coefficients(order(k)))/moving, misfit*max_curvature_ratio/beat**2))**2
          end do
       end do
       share = sqrt(6.0_wp*squares)

@@ -8,7 +8,7 @@ module hb_record_share
    private
    public :: amplitude_of, as_real, distance_of, largest_in_parts, largest_share, remainder_of, scale_of
 
-   integer, parameter :: parts = 4                                    ! of a record; the worst one determines the error of a series
+   integer, parameter :: parts_of_record = 4                          ! of a record; the worst one determines the error of a series
 
 contains
 
@@ -32,8 +32,8 @@ contains
 
       share = 0.0_wp
       associate (n => size(z, 1))
-         do part = 1, parts
-            share = max(share, largest_share(remainder((part - 1)*n/parts + 1:part*n/parts, :), z, rest))
+         do part = 1, parts_of_record
+            share = max(share, largest_share(remainder((part - 1)*n/parts_of_record + 1:part*n/parts_of_record, :), z, rest))
          end do
       end associate
    end function largest_in_parts

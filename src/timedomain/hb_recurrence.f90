@@ -27,11 +27,11 @@ module hb_recurrence
 
    integer, parameter :: max_parts = 8                               ! largest number of cycles after which a motion may repeat
    real(wp), parameter :: min_gain = 0.7_wp                         ! phase defect, relative to a shorter shift
-   real(wp), parameter :: exact = 1.0e-9_wp                           ! cycles
-   real(wp), parameter :: farthest = 0.05_wp                          ! largest phase defect, in cycles
-   real(wp), parameter :: near = 1.0e-4_wp                            ! likewise: negligible
-   real(wp), parameter :: clearly = 0.3_wp                            ! ratio below which one part of the motion is negligible
-   real(wp), parameter :: mostly = 0.7_wp                             ! ratio above which it is significant
+   real(wp), parameter :: exact_phase_defect = 1.0e-9_wp              ! cycles
+   real(wp), parameter :: max_phase_defect = 0.05_wp                  ! largest phase defect, in cycles
+   real(wp), parameter :: negligible_phase_defect = 1.0e-4_wp         ! likewise: negligible
+   real(wp), parameter :: max_negligible_ratio = 0.3_wp               ! ratio below which one part of the motion is negligible
+   real(wp), parameter :: min_significant_ratio = 0.7_wp              ! ratio above which it is significant
 
 contains
 
@@ -64,14 +64,14 @@ contains
       least = minval(largest(2:))
       part = findloc(largest <= max(allowed, 2.0_wp*least), .true., dim=1)
       if (share > allowed .and. part > 1) then
-         within = max(near, maxval(missing(:, part), mask=returns(:, part)))
+         within = max(negligible_phase_defect, maxval(missing(:, part), mask=returns(:, part)))
          in_one = maxval(defect(:, 1)*(within/max(within, missing(:, 1)))**2, mask=returns(:, 1))
-         if (least <= clearly*min(in_one, share)) return
+         if (least <= max_negligible_ratio*min(in_one, share)) return
       end if
       part = repetition%not_known
-      if (share <= allowed .or. largest(1) <= max(allowed, clearly*share)) then
+      if (share <= allowed .or. largest(1) <= max(allowed, max_negligible_ratio*share)) then
          part = 1
-      else if (any(returns(:, 1)) .and. all(defect(:, 1) >= mostly*share .or. .not. returns(:, 1))) then
+      else if (any(returns(:, 1)) .and. all(defect(:, 1) >= min_significant_ratio*share .or. .not. returns(:, 1))) then
          part = repetition%none
       end if
    end function turns_to_repeat
@@ -86,7 +86,7 @@ contains
       class = 0
       do k = 1, int(longest*turns(1))
          cycles = k*(turns/turns(1))
-         if (any(abs(cycles - anint(cycles)) > exact*k)) cycle
+         if (any(abs(cycles - anint(cycles)) > exact_phase_defect*k)) cycle
          class = sum([(merge(2**(m - 1), 0, modulo(nint(cycles(m)), 2) == 1), m=1, size(turns))])
          return
       end do
@@ -137,15 +137,15 @@ contains
       integer :: i, m
 
       shift = 0
-      nearest = farthest/min_gain
+      nearest = max_phase_defect/min_gain
       do i = 1, longest
          missing = 0.0_wp
          do m = 1, size(turns)
             whole = real(merge(part, 0, btest(class, m - 1)), wp)
             missing = max(missing, abs(modulo(i*turns(m) - whole + part, 2.0_wp*part) - part))
-            if (missing >= min_gain*nearest - exact) exit
+            if (missing >= min_gain*nearest - exact_phase_defect) exit
          end do
-         if (missing >= min_gain*nearest - exact) cycle
+         if (missing >= min_gain*nearest - exact_phase_defect) cycle
          nearest = missing
          shift = i
       end do

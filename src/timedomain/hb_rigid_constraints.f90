@@ -42,7 +42,7 @@ contains
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of all laws, (n_dofs, any)
       real(wp), intent(in) :: accelerance(:, :)                       !! mass^-1 shape of the rigid ones, (n_dofs, n_rigid)
       real(wp), intent(inout) :: q(:)                                 !! [m], (n_dofs)
-      real(wp), parameter :: accuracy = 16.0_wp*epsilon(1.0_wp)       ! of a further pass
+      real(wp), parameter :: pass_tolerance = 16.0_wp*epsilon(1.0_wp) ! of a further pass
       integer, parameter :: max_passes = 10000
       real(wp) :: behind, z
       integer :: i, pass
@@ -55,7 +55,7 @@ contains
             z = dot_product(shape(:, rigid(i)%coordinate), q)
             behind = max(z - rigid(i)%gap, 0.0_wp)
             if (rigid(i)%two_sided) behind = behind + min(z + rigid(i)%gap, 0.0_wp)
-            if (pass > 1 .and. abs(behind) <= accuracy*(abs(rigid(i)%gap) + sum(abs(shape(:, rigid(i)%coordinate)*q)))) cycle
+            if (pass > 1 .and. abs(behind) <= pass_tolerance*(abs(rigid(i)%gap) + sum(abs(shape(:, rigid(i)%coordinate)*q)))) cycle
             if (abs(behind) > 0.0_wp) is_done = .false.
             q = q - accelerance(:, i)*(behind/dot_product(shape(:, rigid(i)%coordinate), accelerance(:, i)))
          end do

@@ -47,21 +47,21 @@ module hb_steady_windows
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one per period, at least
    integer, parameter :: samples_of_candidate = 4                     ! likewise, if most of the highest ones are negligible
    real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the requested error: least gain of a product
-   real(wp), parameter :: seen = 0.75_wp                              ! fraction of a record used by a fit
+   real(wp), parameter :: fitted_fraction = 0.75_wp                   ! fraction of a record used by a fit
    real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record used by the first fit, below its highest
                                                                       !! frequency
-   real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the previous one
+   real(wp), parameter :: min_fit_gain = 0.8_wp                       ! error of a fit, relative to the previous one
    real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
    real(wp), parameter :: max_terms = 2.0e9_wp                       ! of the averages over one window
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
    real(wp), parameter :: aim = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
-   real(wp), parameter :: close = 0.1_wp                              ! likewise, after `min_windows`
+   real(wp), parameter :: near_tolerance_share = 0.1_wp               ! likewise, after `min_windows`
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
-   real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the previous one
-   real(wp), parameter :: perturbation = 1.0e-6_wp                    ! of the length of the system, at the start
+   real(wp), parameter :: min_spread_fall = 0.5_wp                    ! spread relative to the previous one
+   real(wp), parameter :: start_perturbation = 1.0e-6_wp              ! of the length of the system, at the start
    character(*), parameter :: more_work = "; raise solver%max_fallback_work"
    character(*), parameter :: ended = "time integration was ended before its time"
-   real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
+   real(wp), parameter :: runaway_ratio = 1.0e4_wp                    ! displacement relative to the length of the system
 
    !> Windows of a time integration, each twice as long as the one before, and the series of the last one.
    type :: windows_t
@@ -104,7 +104,7 @@ contains
       n_periods = first_window
       if (options%integration%aim <= 0.0_wp) return
       associate (omega => system%tones%omega)
-         n_periods = max(n_periods, ceiling(numbers_of_unknown/seen*discretisation%harmonics%n_harmonics*minval(omega)/ &
+         n_periods = max(n_periods, ceiling(numbers_of_unknown/fitted_fraction*discretisation%harmonics%n_harmonics*minval(omega)/ &
                                             maxval(abs(discretisation%harmonics%frequencies(omega)))))
       end associate
    end function periods_of_first
@@ -251,7 +251,7 @@ contains
          self%config = options%integration
          self%config%transient = 0.0_wp
          self%config%decimation = huge(1)
-         self%config%largest = runaway*max(equations%length, maxval(abs(state%q)), tiny(1.0_wp))
+         self%config%largest = runaway_ratio*max(equations%length, maxval(abs(state%q)), tiny(1.0_wp))
          self%decay = slowest_decay(equations%structure%mass, equations%structure%damping, equations%structure%stiffness)
       end associate
       self%n_first = periods_of_first(system, discretisation, options)
@@ -299,7 +299,7 @@ contains
       logical :: finds_lines
 
       finds_lines = options%integration%aim > 0.0_wp
-      if (finds_lines) call new_line_fit(self%fit, size(z, 1), nint(seen*size(z, 1)), self%record%start, self%step, &
+      if (finds_lines) call new_line_fit(self%fit, size(z, 1), nint(fitted_fraction*size(z, 1)), self%record%start, self%step, &
                                          self%frequencies, importance_of(discretisation), error)
       if (allocated(error)) return
       self%fit%max_work = options%integration%max_work - steady%work
@@ -438,11 +438,11 @@ contains
       associate (spread => steady%spread)
          if (steady%status /= outcome%integrated) then
             is_final = any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. steady%status == status_before .and. &
-               (spread > merge(gaining, falling, aim_of_lines > 0.0_wp)*spread_before .or. spread <= aim*allowed)
+               (spread > merge(min_fit_gain, min_spread_fall, aim_of_lines > 0.0_wp)*spread_before .or. spread <= aim*allowed)
          else if (aim_of_lines > 0.0_wp) then
-            is_final = spread <= aim_of_lines .or. spread > gaining*spread_before
+            is_final = spread <= aim_of_lines .or. spread > min_fit_gain*spread_before
          else
-            is_final = spread <= close*allowed
+            is_final = spread <= near_tolerance_share*allowed
          end if
       end associate
    end function is_final
@@ -459,7 +459,7 @@ contains
          state%q = sum(real(discretisation%start%values), 2)
          state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
       end if
-      state%q = state%q + perturbation*system%length*[(scattered(i), i=1, system%n_dofs)]
+      state%q = state%q + start_perturbation*system%length*[(scattered(i), i=1, system%n_dofs)]
    end subroutine begin
 
    !> Describes a steady record. The remainder of a fit to candidates consists of lines beyond them: they are faster

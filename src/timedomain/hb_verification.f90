@@ -51,14 +51,14 @@ module hb_verification
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm: the bound
    real(wp), parameter :: max_decay = 3.0_wp                         ! likewise: the start has no influence any more
    real(wp), parameter :: integration_tolerance = 1.0e-13_wp ! of the time integration, unless the input requests a smaller one
-   real(wp), parameter :: remembered = 10.0_wp ! fall of the distance below which the start still has influence
-   real(wp), parameter :: nearness = 1.0e-6_wp ! of the second time integration at its start, relative to the motion
+   real(wp), parameter :: min_distance_fall = 10.0_wp ! fall of the distance below which the start still has influence
+   real(wp), parameter :: start_distance = 1.0e-6_wp ! of the second time integration at its start, relative to the motion
    real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is reset
-   real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
+   real(wp), parameter :: runaway_ratio = 1.0e4_wp                    ! displacement relative to the motion
    integer, parameter :: finer_steps = 8                              ! of central differences, of first order under rigid laws
    integer, parameter :: min_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
-   real(wp), parameter :: falls = 1.5_wp ! ratio of differences by a step and its half, if they are errors of the steps
+   real(wp), parameter :: halving_ratio = 1.5_wp ! ratio of differences by a step and its half, if they are errors of the steps
    real(wp), parameter :: shooting_tolerance = 1.0e-7_wp ! of the matrix with which the periodic motion is found
    integer, parameter :: max_matrices = 20                           ! work of shooting, in that of one matrix
    integer, parameter :: max_shooting_dofs = 50
@@ -176,13 +176,13 @@ contains
       end if
       gain = maxval(pair%distance) - max(pair%distance(1), 0.0_wp)
       if (gain > log(growing)) then                                   ! errors of the steps grow as any other
-         if (gain < log(grown) .or. finer%first_difference > result%first_difference/falls) return
+         if (gain < log(grown) .or. finer%first_difference > result%first_difference/halving_ratio) return
          result = finer
          result%kind = verdict%unstable
          result%growth = gain/(maxloc(pair%distance, dim=1)*pair%length%period)
          return
       end if
-      if (finer%difference > result%difference/falls .or. any(abs(finer%drift) > abs(result%drift)/falls)) return
+      if (finer%difference > result%difference/halving_ratio .or. any(abs(finer%drift) > abs(result%drift)/halving_ratio)) return
       finer%limit = max(finer%limit, min(result%difference - finer%difference, limit_of(1.0_wp, 1.0_wp)))
       if (finer%kind == verdict%differs .and. finer%difference <= finer%limit) then
          finer%kind = verdict%agrees
@@ -233,8 +233,8 @@ contains
 
       associate (n => self%system%n_dofs)
          self%other = self%state
-         self%other%q = self%state%q + nearness*self%scale*directions(n, 0)
-         self%other%v = self%state%v + nearness*self%speed*directions(n, n)
+         self%other%q = self%state%q + start_distance*self%scale*directions(n, 0)
+         self%other%v = self%state%v + start_distance*self%speed*directions(n, n)
       end associate
    end subroutine place_neighbour
 
@@ -260,7 +260,7 @@ contains
          step = self%length%period/self%length%n_samples
          self%scale = sum(abs(amplitudes), dim=1)
          self%scale = [(maxval(self%scale, mask=system%structure%units == system%structure%units(i)), i=1, size(self%scale))]
-         where (self%scale <= 0.0_wp) self%scale = max(length, nearness)
+         where (self%scale <= 0.0_wp) self%scale = max(length, start_distance)
          equations%length = min(length, maxval(self%scale))           ! errors of time integration: a law's length may be far larger
          self%speed = self%scale*max(leading_of(amplitudes, frequencies), minval(omega))
          self%config = options%integration
@@ -279,12 +279,12 @@ contains
             if (self%config%method == integration_method%central_differences) &
                self%config%substeps = finer_steps*self%config%substeps
          end if
-         self%config%largest = runaway*maxval(self%scale)
+         self%config%largest = runaway_ratio*maxval(self%scale)
          call new_integration_state(self%state, equations%n_dofs, equations%laws%n_states)
          call place_state(equations, amplitudes, frequencies, -periods_of_sliders*self%length%period, step, self%state)
          call place_neighbour(self)
          call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, system%tones%is_unknown), &
-                                         equations%laws%shape, system%structure%units, max(length, nearness), &
+                                         equations%laws%shape, system%structure%units, max(length, start_distance), &
                                          n_steady(self%length%most, self%length%fewest))
          self%estimate = options%error_estimate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
@@ -339,10 +339,10 @@ contains
          end if
          call difference%add(self%record, other_record, n_new)
          self%distance = [self%distance, &
-                          log(max(difference%apart(size(self%distance) + 1:)/nearness, tiny(1.0_wp))) + self%moved_back]
+                          log(max(difference%apart(size(self%distance) + 1:)/start_distance, tiny(1.0_wp))) + self%moved_back]
       end associate
       associate (length => self%length, difference => self%difference, distance => self%distance)
-         self%expected = self%estimate*merge(self%share, 1.0_wp, distance(size(distance)) > -log(remembered))
+         self%expected = self%estimate*merge(self%share, 1.0_wp, distance(size(distance)) > -log(min_distance_fall))
          self%ratio = [(maxval(difference%largest(:, i)/limit_of(self%expected, difference%share), mask=difference%counts), &
                         i=1, difference%n_periods)]
          call reset_distance(self%state, self%other, self%scale, self%speed, self%moved_back)
@@ -502,10 +502,10 @@ contains
 
       apart = max(maxval(abs(other%q - state%q)/scale), maxval(abs(other%v - state%v)/speed))
       if (apart <= too_far .and. (apart >= too_near .or. apart <= epsilon(1.0_wp))) return
-      other%q = state%q + nearness/apart*(other%q - state%q)
-      other%v = state%v + nearness/apart*(other%v - state%v)
-      other%s = state%s + nearness/apart*(other%s - state%s)
-      moved_back = moved_back + log(apart/nearness)
+      other%q = state%q + start_distance/apart*(other%q - state%q)
+      other%v = state%v + start_distance/apart*(other%v - state%v)
+      other%s = state%s + start_distance/apart*(other%s - state%s)
+      moved_back = moved_back + log(apart/start_distance)
    end subroutine reset_distance
 
    !> The coordinate, or the tone of a coordinate, with the largest ratio to its limit in the last periods.

@@ -38,7 +38,7 @@ module hb_integrate_to_tolerance
 
    integer, parameter :: candidates_of_retained = 4                   ! at most, for each tuple of a set
    real(wp), parameter :: share_of_several = 1.0_wp/3.0_wp          ! of the work, under three tones or more: more rarely decides
-   real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
+   real(wp), parameter :: order_growth_power = 0.7_wp                 ! power of the tolerance with which orders of candidates grow
    real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: with one tone a larger box is cheap
    real(wp), parameter :: share_of_tail = 0.3_wp                      ! of the tolerance, in omitted tuples; the rest is the misfit
 
@@ -255,9 +255,9 @@ contains
       type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result                     !! of the sequence of orders
       real(wp), intent(in) :: work                                    !! of its solutions, in about a nanosecond
-      integer, parameter :: many = 3                                  ! tones
+      integer, parameter :: many_tones = 3                            ! tones
 
-      needs = system%tones%n_tones >= many .and. estimate_of(result) < reliable .and. &
+      needs = system%tones%n_tones >= many_tones .and. estimate_of(result) < reliable .and. &
          (work > options%accuracy%max_work .or. result%work_spent >= options%max_work())
    end function needs_larger_set
 
@@ -444,7 +444,7 @@ contains
       integer, intent(in) :: most                                     !! candidates
 
       associate (n_tones => system%tones%n_tones, tolerance => options%accuracy%tolerance)
-         first_order = min(ceiling(min(1.0e6_wp, tolerance**(-merge(fall_of_one_tone, fall, n_tones == 1)))), &
+         first_order = min(ceiling(min(1.0e6_wp, tolerance**(-merge(fall_of_one_tone, order_growth_power, n_tones == 1)))), &
                            int(0.5_wp*((2.0_wp*most)**(1.0_wp/n_tones) - 1.0_wp)))
          first_order = max(first_order, lowest_order(n_tones))
       end associate

@@ -39,7 +39,7 @@ module hb_level
    real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid; multipliers were less accurate after 1.8
    real(wp), parameter :: more_to_check = 4.0_wp, least_to_check = 1.5_wp ! samples, where a level only checks the estimate of
                                                                       ! another
-   real(wp), parameter :: decay = 2.4_wp ! power of the spacing of samples with which aliasing decreases
+   real(wp), parameter :: aliasing_power = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: min_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
    !> A set with its grid, and a motion in it.
@@ -99,7 +99,7 @@ contains
       integer, intent(in) :: n_failures                               !! of levels chosen from this one
       real(wp), parameter :: per_failure = 1.3_wp
 
-      finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
+      finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/aliasing_power)
       finer = max(clearly_smaller, min(finer, largest_refinement))
       if (estimate_of_wanted(result) <= margin*options%accuracy%tolerance) &
          finer = min(finer, affordable_growth(options, result)**(1.0_wp/top%set%n_tones))
@@ -238,7 +238,7 @@ contains
       density = 1.0_wp
       if (degree_of(system) == 0) then
          allowed = share_of_grid*margin*options%accuracy%tolerance
-         density = min(1.0_wp, (raised_by(result)*result%error_estimate%aliasing/allowed)**(1.0_wp/decay))
+         density = min(1.0_wp, (raised_by(result)*result%error_estimate%aliasing/allowed)**(1.0_wp/aliasing_power))
       end if
       level%n_samples = min(level%n_samples, max(needed_samples(level%set%highest, degree_of(system)), &
                                                  fast_size(ceiling(density*level%n_samples))))
@@ -251,9 +251,9 @@ contains
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(inout) :: level
-      real(wp), parameter :: few = 3.0_wp                             ! tolerances
+      real(wp), parameter :: max_excess_in_tolerances = 3.0_wp        ! tolerances
 
-      call trim_set(discretisation, options, few, level)
+      call trim_set(discretisation, options, max_excess_in_tolerances, level)
       if (options%accuracy%refines_grid) &
          level%n_samples = min(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
    end subroutine coarsen

@@ -22,7 +22,7 @@ module hb_level_solver
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
    real(wp), parameter :: share_of_first = 0.5_wp                     ! of all work: a level that takes more leaves too little
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
-   integer, parameter :: patience = 3                                 ! steps without improvement from the level below
+   integer, parameter :: steps_without_gain = 3                       ! steps without improvement from the level below
 
    !> Solves the levels of a point and counts their work.
    type, extends(effort_t) :: level_solver_t
@@ -87,7 +87,7 @@ contains
       call move_alloc(level%unknowns, first_guess)
       associate (options => self%options, solver => self%level_options%solver)
          solver%fallback = options%solver%fallback .and. with_fallback
-         solver%patience = merge(0, patience, with_fallback)
+         solver%patience = merge(0, steps_without_gain, with_fallback)
          solver%max_fallback_work = min(options%solver%max_fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%max_fallback_work = share_of_fallback*solver%max_fallback_work
          call limit%enter(huge(1.0_wp), self%permitted_work(with_fallback))

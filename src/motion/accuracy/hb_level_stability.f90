@@ -115,10 +115,10 @@ contains
       real(wp), intent(in) :: departure                               !! relative; negative if it is not known
       real(wp), intent(in) :: tolerance
       type(motion_result_t), intent(inout) :: result
-      real(wp), parameter :: explained = 2.0_wp                       ! of the estimate: it may be too small by as much
+      real(wp), parameter :: max_ratio = 2.0_wp                       ! of the estimate: it may be too small by as much
 
       result%departure = departure
-      if (result%status /= outcome%converged .or. departure <= explained*max(tolerance, estimate_of_motion(result))) return
+      if (result%status /= outcome%converged .or. departure <= max_ratio*max(tolerance, estimate_of_motion(result))) return
       result%status = outcome%truncated
       result%reason = reason%departure
       result%level_estimate = min(1.0_wp, departure)

@@ -200,9 +200,9 @@ contains
    pure real(wp) function least_work_of_next(work_below, samples_below, samples) result(work)
       real(wp), intent(in) :: work_below
       integer, intent(in) :: samples_below(:), samples(:)             !! (n_tones)
-      real(wp), parameter :: least = 0.5_wp ! .4 to 1.7 in 15 pairs of levels under two and three tones
+      real(wp), parameter :: min_ratio_of_levels = 0.5_wp ! .4 to 1.7 in 15 pairs of levels under two and three tones
 
-      work = least*work_below*max(1.0_wp, product(real(samples, wp)/samples_below))
+      work = min_ratio_of_levels*work_below*max(1.0_wp, product(real(samples, wp)/samples_below))
    end function least_work_of_next
 
    !> An estimate far below the tolerance needs no second level.

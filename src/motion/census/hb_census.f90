@@ -119,7 +119,7 @@ contains
       type(census_config_t), intent(in) :: config
       type(census_t), intent(out) :: census
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: grace = 1.0_wp                           ! for what is begun when no start may be made any more [s]
+      real(wp), parameter :: last_start_grace = 1.0_wp                ! for what is begun when no start may be made any more [s]
       type(search_t), target :: search
       type(time_limit_t), target :: limit
 
@@ -129,7 +129,7 @@ contains
          call fail(error, "a census needs given tones; follow self-excited motions and normal modes along a curve")
          return
       end if
-      if (config%time_limit < huge(1.0_wp)) limit%end_of_time = search%started + config%time_limit + grace
+      if (config%time_limit < huge(1.0_wp)) limit%end_of_time = search%started + config%time_limit + last_start_grace
       call limit%enter(huge(1.0_wp))
       call search_all(search, model, config, census, error)
       call limit%leave()

@@ -15,8 +15,8 @@ module hb_census_estimate
    public :: completeness_t, estimate_completeness
 
    integer, parameter :: min_finds = 20                               ! by random starts, for an estimate
-   real(wp), parameter :: deviations = 1.645_wp                       ! of a normal distribution: one-sided bound of 95 %
-   real(wp), parameter :: doubt = 0.05_wp                             ! probability of what a bound excludes
+   real(wp), parameter :: bound_in_deviations = 1.645_wp              ! of a normal distribution: one-sided bound of 95 %
+   real(wp), parameter :: excluded_probability = 0.05_wp              ! probability of what a bound excludes
 
    type :: completeness_t
       integer :: n_finds = 0                                          !! by random starts
@@ -48,8 +48,8 @@ contains
       twice = real(count(n_random == 2), wp)
       seen = real(count(n_random > 0), wp)
       found%unseen = once/n
-      found%unseen_bound = found%unseen + deviations*sqrt(max(0.0_wp, once*(1.0_wp - once/n) + 2.0_wp*twice))/n
-      found%least_share = 1.0_wp - doubt**(1.0_wp/n)
+      found%unseen_bound = found%unseen + bound_in_deviations*sqrt(max(0.0_wp, once*(1.0_wp - once/n) + 2.0_wp*twice))/n
+      found%least_share = 1.0_wp - excluded_probability**(1.0_wp/n)
       found%unseen_bound = min(1.0_wp, max(found%unseen_bound, found%least_share))
       by_counts = seen + (n - 1.0_wp)/n*once*(once - 1.0_wp)/(2.0_wp*(twice + 1.0_wp))
       by_both = (count(n_other > 0) + 1.0_wp)*(seen + 1.0_wp)/(count(n_other > 0 .and. n_random > 0) + 1.0_wp) - 1.0_wp

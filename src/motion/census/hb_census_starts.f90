@@ -53,7 +53,7 @@ module hb_census_starts
    real(wp), parameter :: spread_of_sizes = 0.5_wp, spread_near = 0.1_wp ! of their logarithms
    integer, parameter :: n_phases = 4                                 ! of a mode
    real(wp), parameter :: smallest = 1.0e-3_wp, largest = 1.0e4_wp    ! motion of a guess, relative to the typical one
-   real(wp), parameter :: ratio = 1.5_wp                              ! of consecutive sizes
+   real(wp), parameter :: size_ratio = 1.5_wp                         ! of consecutive sizes
    integer, parameter :: mean_steps = 40                              ! of Newton's method for an equilibrium
 
    type :: mode_t
@@ -302,10 +302,10 @@ contains
          if (.not. ieee_is_finite(work)) return
          if (before*work < 0.0_wp) then
             n = n + 1
-            sizes(n) = a*(1.0_wp + (1.0_wp/ratio - 1.0_wp)*abs(work)/(abs(work) + abs(before)))
+            sizes(n) = a*(1.0_wp + (1.0_wp/size_ratio - 1.0_wp)*abs(work)/(abs(work) + abs(before)))
          end if
          before = work
-         a = ratio*a
+         a = size_ratio*a
       end do
    end subroutine find_sizes
 

@@ -15,7 +15,7 @@ module hb_curve_course
 
    integer, parameter :: n_points = 4                                 ! from which the frequency of a combination is extrapolated
    real(wp), parameter :: min_decrease = 1.5_wp                       ! of it over these points
-   real(wp), parameter :: straight = 0.15_wp                          ! largest relative change of the slope of a straight line
+   real(wp), parameter :: max_slope_change = 0.15_wp                  ! largest relative change of the slope of a straight line
 
    !> A fold that the branch has passed.
    type :: passed_fold_t
@@ -105,7 +105,7 @@ contains
          if (abs(f(1)) < min_decrease*abs(f(m))) return
          if (any((p(2:) - p(:m - 1))*(p(m) - p(1)) <= 0.0_wp)) return
          slopes = (f(2:)**2 - f(:m - 1)**2)/(p(2:) - p(:m - 1))
-         if (maxval(abs(slopes)) > (1.0_wp + straight)*minval(abs(slopes))) return
+         if (maxval(abs(slopes)) > (1.0_wp + max_slope_change)*minval(abs(slopes))) return
          self%locked_at = p(m) - f(m)**2/slopes(m - 1)
          call move_alloc(combination, self%locked)
       end associate

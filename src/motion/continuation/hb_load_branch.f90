@@ -17,7 +17,7 @@ module hb_load_branch
    public :: follow_loads
 
    ! of the position along the deformation, hb_problem: loads from a thousandth to the sixteenfold
-   real(wp), parameter :: lowest = 0.5_wp, highest = 1.2_wp
+   real(wp), parameter :: min_load_factor = 0.5_wp, max_load_factor = 1.2_wp
    real(wp), parameter :: unit_of_position = 0.2_wp                   ! lengths are measured in it and in known motions
    real(wp), parameter :: curve_tolerance = 1.0e-4_wp                 ! of the residual along the branch
    integer, parameter :: max_corrections = 8
@@ -65,7 +65,7 @@ contains
             if (is_solution) is_solution = .not. is_apart(there, reshape(x, [n, 1]), scale, faint)
             if (is_solution) exit                                     ! the branch is closed
          end if
-         if (curve%x(n + 1) < lowest .or. curve%x(n + 1) > highest) exit
+         if (curve%x(n + 1) < min_load_factor .or. curve%x(n + 1) > max_load_factor) exit
          call curve%turn()
       end do
       call problem%set_parameters([-deformation%load], [1.0_wp], is_possible)

@@ -298,7 +298,7 @@ contains
    subroutine switch_curve(curve, direction)
       type(curve_t), intent(inout) :: curve
       real(wp), intent(inout) :: direction(:)                         !! on entry of the curve, on return of the other one
-      real(wp), parameter :: large = 0.6_wp                           ! of the largest
+      real(wp), parameter :: large_amplitude_share = 0.6_wp           ! of the largest
       real(wp), dimension(size(direction)) :: along, next
       integer :: i
       logical :: is_found
@@ -308,7 +308,7 @@ contains
       call find_null_vector(curve%problem, curve%x, curve%units, spread(.true., 1, size(along)), along/norm2(along), next, &
                             is_found)
       if (.not. is_found) return
-      i = findloc(abs(next/curve%units) > large*maxval(abs(next/curve%units)), .true., dim=1)
+      i = findloc(abs(next/curve%units) > large_amplitude_share*maxval(abs(next/curve%units)), .true., dim=1)
       direction = sign(1.0_wp, next(i))*next
    end subroutine switch_curve
 

@@ -31,7 +31,7 @@ module hb_motion_ridge
    real(wp), parameter :: resonant_angle = 0.1_wp                     ! [rad] of multipliers that are about to meet
    real(wp), parameter :: twin_step = 0.01_wp                         ! of the longest step: near a point that merges with another
    integer, parameter :: max_twin_steps = 50                          ! likewise
-   real(wp), parameter :: beyond = 0.1_wp                             ! of the range of the first value: points next to its ends
+   real(wp), parameter :: margin_beyond_ends = 0.1_wp                 ! of the range of the first value: points next to its ends
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are
    !> relative to the range of the second value.
@@ -137,8 +137,8 @@ contains
       self%inner%n_points = huge(1)
       self%inner%responses = request%responses
       self%nearby = self%inner
-      self%nearby%from = self%inner%from - beyond*(self%inner%to - self%inner%from)
-      self%nearby%to = self%inner%to + beyond*(self%inner%to - self%inner%from)
+      self%nearby%from = self%inner%from - margin_beyond_ends*(self%inner%to - self%inner%from)
+      self%nearby%to = self%inner%to + margin_beyond_ends*(self%inner%to - self%inner%from)
    end subroutine prepare
 
    !> Sets both values, and what follows them, in the model.

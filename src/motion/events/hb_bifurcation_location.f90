@@ -23,7 +23,7 @@ module hb_bifurcation_location
 
    integer, parameter :: max_divisions = 6                            ! of a piece
    integer, parameter :: max_halvings = 4                             ! of them
-   real(wp), parameter :: far = 0.25_wp                               ! movement within which two multipliers may meet and part
+   real(wp), parameter :: max_travel = 0.25_wp                        ! movement within which two multipliers may meet and part
 
    !> Part of the step without grazes; at grazes multipliers may jump.
    type :: piece_t
@@ -78,7 +78,7 @@ contains
          if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
          if (is_branch_known(search)) call find_pair_of_branches(search, piece)
          call find_on_piece(search, piece, merge(max_divisions, 0, are_all_stored(piece)), &
-                            movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers) > far)
+                            movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers) > max_travel)
       end do
    end subroutine find_bifurcations
 
@@ -134,7 +134,7 @@ contains
          logical :: move_far
          integer :: k
 
-         move_far = maxval([(movement(parts(k)%stability(1)%multipliers, parts(k)%stability(2)%multipliers), k=1, 2)]) > far
+         move_far = maxval([(movement(parts(k)%stability(1)%multipliers, parts(k)%stability(2)%multipliers), k=1, 2)]) > max_travel
          do k = 1, 2
             call find_on_piece(search, parts(k), n_divisions - 1, move_far)
          end do
@@ -146,7 +146,7 @@ contains
       type(search_t), intent(in) :: search
       type(piece_t), intent(in) :: piece
 
-      reach = far
+      reach = max_travel
       if (search%at_start%speed >= 0.0_wp) reach = search%at_start%speed*(piece%ends(2) - piece%ends(1))
       reach = max(reach, movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers))
    end function reach_on
@@ -303,7 +303,7 @@ contains
       real(wp), intent(in) :: at_ends(2)
       real(wp), intent(out) :: position                               !! on the step
       logical, intent(out) :: is_found
-      real(wp), parameter :: near = 0.3_wp                            ! to a bifurcation; also the least relative change
+      real(wp), parameter :: near_bifurcation = 0.3_wp                ! to a bifurcation; also the least relative change
       type(bifurcation_event_t) :: change
       type(stability_t) :: there
       real(wp) :: products(2), value, x(size(search%curve%x))
@@ -311,8 +311,8 @@ contains
 
       is_found = .false.
       position = 0.0_wp
-      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near) return
-      if (kind /= bifurcation%doubling .and. abs(at_ends(2) - at_ends(1)) < near*minval(abs(at_ends))) return
+      if (.not. search%is_smooth .or. minval(abs(at_ends)) > near_bifurcation) return
+      if (kind /= bifurcation%doubling .and. abs(at_ends(2) - at_ends(1)) < near_bifurcation*minval(abs(at_ends))) return
       call point_between(search%curve, 0.5_wp*sum(piece%ends)/search%curve%last%step, x, is_found)
       if (is_found) call search%followed%find_stability(x, search%followed%model%options%stability%tolerance, there)
       is_found = .false.

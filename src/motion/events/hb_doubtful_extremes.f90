@@ -15,8 +15,8 @@ module hb_doubtful_extremes
    private
    public :: remove_doubtful_extremes
 
-   real(wp), parameter :: finer = 0.25_wp                             ! first and longest step, relative to those of the curve
-   real(wp), parameter :: widest = 15.0_wp                            ! part of the curve that is searched, in its last steps
+   real(wp), parameter :: refined_step_ratio = 0.25_wp                ! first and longest step, relative to those of the curve
+   real(wp), parameter :: searched_steps = 15.0_wp                    ! part of the curve that is searched, in its last steps
 
    !> An extremum of a function along the curve.
    type :: extreme_t
@@ -144,8 +144,8 @@ contains
          beside%direction = -beside%last%direction
          beside%orientation = 0.0_wp
       end if
-      beside%step = finer*beside%last%step
-      beside%config%longest_step = finer*beside%config%longest_step
+      beside%step = refined_step_ratio*beside%last%step
+      beside%config%longest_step = refined_step_ratio*beside%config%longest_step
       length = curve%last%length
       span = 0.0_wp
       is_clear = .true.
@@ -164,7 +164,7 @@ contains
          end if
          if (side < 0 .and. is_clear) is_clear = .not. any(reported%response == extreme%response .and. &
                                                            reported%length >= length)
-         if (.not. is_clear .or. span >= widest*curve%last%step) exit
+         if (.not. is_clear .or. span >= searched_steps*curve%last%step) exit
          call beside%advance()
          if (beside%status /= outcome%pending) exit
          length = length - beside%last%step

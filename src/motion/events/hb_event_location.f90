@@ -18,7 +18,7 @@ module hb_event_location
    private
    public :: find_events, response_event_t
 
-   real(wp), parameter :: nearby = 0.5_wp                             ! of the unit of a function: it may be zero on the step
+   real(wp), parameter :: max_value_of_zero = 0.5_wp                  ! of the unit of a function: it may be zero on the step
 
    !> A zero of the function of a response.
    type, extends(event_t) :: response_event_t
@@ -145,7 +145,7 @@ contains
          if (curve_kinds(response%kind)%is_extreme) then
             between = quadratic_between(values/[1.0_wp, search%along], &
                                         (search%at_end%squares(i) - search%at_start%squares(i))/search%length)
-         else if (.not. minval(abs(values)) < nearby*response%unit_of(search%at_end%squares(i))) then
+         else if (.not. minval(abs(values)) < max_value_of_zero*response%unit_of(search%at_end%squares(i))) then
             return
          else if (response%kind == curve_kind%amplitude) then         ! `slope` is that of its function
             slopes(1) = search%followed%slope_at(response, curve%last%x, curve%last%direction)

@@ -12,7 +12,7 @@ module hb_event_pairs
       quadratic_between
 
    integer, parameter :: n_between = 9                                ! points of the cubic
-   real(wp), parameter :: close = 0.5_wp                              ! to zero, relative to the nearer end: cubics are inexact
+   real(wp), parameter :: max_minimum = 0.5_wp                        ! to zero, relative to the nearer end: cubics are inexact
 
 contains
 
@@ -68,7 +68,7 @@ contains
          along = dot_product(now, last)/dot_product(last, last)
          length = dot_product((curve%x - curve%last%x)/curve%units, last)/dot_product(last, last)
       end associate
-      is_smooth = along > close .and. length > 0.0_wp
+      is_smooth = along > max_minimum .and. length > 0.0_wp
    end subroutine place_of_end
 
    !> Point of the cubic through both ends of the last step with their tangents.
@@ -93,7 +93,7 @@ contains
 
       may_change_sign = at_ends(1)*at_ends(2) > 0.0_wp .and. size(between) > 0
       if (may_change_sign) may_change_sign = &
-         minval(sign(1.0_wp, at_ends(1))*between) < close*minval(abs(at_ends))
+         minval(sign(1.0_wp, at_ends(1))*between) < max_minimum*minval(abs(at_ends))
    end function may_change_sign
 
    !> Searches on the last step, or a part of it, for a point at which the function of an event has the other sign than at both
@@ -108,7 +108,7 @@ contains
       real(wp), intent(out) :: value                                  !! of the function there
       logical, intent(out) :: is_found
       integer, parameter :: max_points = 12
-      real(wp), parameter :: margin = 1.0e-3_wp                       ! of this part, beside its ends
+      real(wp), parameter :: end_margin = 1.0e-3_wp                   ! of this part, beside its ends
       class(event_t), allocatable :: sought
       real(wp) :: at(3), expected, sense, values(3), x(size(curve%x))
       integer :: i
@@ -129,8 +129,8 @@ contains
          if (is_found) return
          call insert(position, sense*value)
          call find_vertex(position, expected)
-         if (min(position - ends(1), ends(2) - position) <= margin*(ends(2) - ends(1))) return
-         if (expected > close*values(2) .or. minval(abs(position - at)) <= sqrt(epsilon(1.0_wp))*(ends(2) - ends(1))) return
+         if (min(position - ends(1), ends(2) - position) <= end_margin*(ends(2) - ends(1))) return
+         if (expected > max_minimum*values(2) .or. minval(abs(position - at)) <= sqrt(epsilon(1.0_wp))*(ends(2) - ends(1))) return
       end do
 
    contains

@@ -13,9 +13,9 @@ module hb_switch_extremes
    public :: extremes_of_switches
 
    integer, parameter :: largest_grid = 16384                         ! phases
-   integer, parameter :: coarsest = 5                                 ! phases of a tone, where all together are too many
-   real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
-   real(wp), parameter :: rival = 0.25_wp                             ! of the range: so close to the best one, others are tried
+   integer, parameter :: min_phases_of_tone = 5                       ! phases of a tone, where all together are too many
+   real(wp), parameter :: far_from_zero = 0.25_wp                     ! from zero, relative to the range of the values
+   real(wp), parameter :: rival_distance = 0.25_wp                    ! of the range: so close to the best one, others are tried
    integer, parameter :: max_rivals = 12
    integer, parameter :: max_rounds = 40                              ! of Newton's method
    real(wp), parameter :: smallest_width = 1.0e-4_wp                  ! [rad] of differences: less would show rounding errors only
@@ -71,8 +71,8 @@ contains
       integer :: i, m, quotient
 
       each = max(24, 4*maxval(abs(tuples), dim=2))
-      do while (product(real(each, wp)) > real(largest_grid, wp) .and. any(each > coarsest))
-         where (each == maxval(each)) each = max(coarsest, 9*each/10)
+      do while (product(real(each, wp)) > real(largest_grid, wp) .and. any(each > min_phases_of_tone))
+         where (each == maxval(each)) each = max(min_phases_of_tone, 9*each/10)
       end do
       if (product(real(each, wp)) > real(largest_grid, wp)) then
          each = 0
@@ -138,8 +138,8 @@ contains
 
       extreme = maxval(values)
       associate (range => maxval(values) - minval(values))
-         if (abs(extreme) > far*range) return
-         is_left = values >= extreme - rival*range
+         if (abs(extreme) > far_from_zero*range) return
+         is_left = values >= extreme - rival_distance*range
       end associate
       do i = 1, merge(0, size(values), any(each == 0))
          if (is_left(i)) is_left(i) = is_local_extreme(each, values, i)
@@ -147,7 +147,7 @@ contains
       do k = 1, min(max_rivals, count(is_left))
          i = maxloc(values, dim=1, mask=is_left)
          is_left(i) = .false.
-         call climb(box, switch, 0.5_wp*two_pi/max(coarsest, maxval(each)), phases(:, i), extreme)
+         call climb(box, switch, 0.5_wp*two_pi/max(min_phases_of_tone, maxval(each)), phases(:, i), extreme)
       end do
    end subroutine locate_extreme
 
@@ -239,7 +239,7 @@ contains
       real(wp), intent(in) :: f(:)
       real(wp), intent(out) :: shift(:)
       logical, intent(out) :: is_concave                              !! otherwise there is no step
-      real(wp), parameter :: flat = 1.0e-9_wp                         ! of the largest curvature: a direction without any
+      real(wp), parameter :: min_curvature_ratio = 1.0e-9_wp          ! of the largest curvature: a direction without any
       real(wp) :: factor(size(shift), size(shift))
       integer :: i, k, m, n
 
@@ -254,7 +254,7 @@ contains
             i = i + 4
          end do
       end do
-      associate (floor => flat*maxval(abs(factor)))
+      associate (floor => min_curvature_ratio*maxval(abs(factor)))
          is_concave = .false.
          do m = 1, n                                                  ! factors of Cholesky
             do k = 1, m - 1

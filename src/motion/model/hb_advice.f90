@@ -18,11 +18,11 @@ module hb_advice
    private
    public :: advice_on, circumstances_t, find_circumstances, limit_of
 
-   real(wp), parameter :: stiff = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
+   real(wp), parameter :: stiff_contact_ratio = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
-   real(wp), parameter :: steep = 1.0e4_wp                            ! speed relative to that over which friction is smoothed
+   real(wp), parameter :: steep_friction_ratio = 1.0e4_wp             ! speed relative to that over which friction is smoothed
    character(*), parameter :: smoothing(2) = [character(13) :: "velocity", "slip_velocity"]        ! keys of this speed [m/s]
-   real(wp), parameter :: far = 1.0e3_wp ! motion relative to a law's length at which its contact is closed
+   real(wp), parameter :: closed_contact_ratio = 1.0e3_wp ! motion relative to a law's length at which its contact is closed
 
    !> Properties that make a model difficult, as far as known.
    type :: circumstances_t
@@ -134,7 +134,7 @@ contains
       allocate (v(2*n, merge(n, 0, law%needs_velocity)), df_dv(2*n, n, merge(n, 0, law%needs_velocity)), source=0.0_wp)
       allocate (p(2*n, 0), df_dp(2*n, n, 0))
       do i = 1, n
-         z(2*i - 1, i) = far*merge(length, 1.0_wp, length > 0.0_wp)
+         z(2*i - 1, i) = closed_contact_ratio*merge(length, 1.0_wp, length > 0.0_wp)
          z(2*i, i) = -z(2*i - 1, i)
       end do
       call law%evaluate(z, v, p, f, df_dz, df_dv, df_dp)
@@ -152,7 +152,7 @@ contains
       associate (c => circumstances)
          if (report%status == outcome%timed_out) call add(text, "raise solver%time_limit")
          if (was_falling(report)) call add(text, "the residual was still decreasing: raise solver%max_iterations")
-         if (c%stiffness_ratio >= stiff) call add(text, "'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
+         if (c%stiffness_ratio >= stiff_contact_ratio) call add(text, "'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
             " times stiffer than the structure: use more harmonics, or a rigid wall")
          if (c%slip_ratio < hardly_sliding) &
             call add(text, "'"//c%slider//"' hardly slips: its motion is "//rounded(c%slip_ratio)// &
@@ -188,7 +188,7 @@ contains
    pure logical function is_steep(circumstances)
       type(circumstances_t), intent(in) :: circumstances
 
-      is_steep = circumstances%speed > steep*circumstances%smoothing
+      is_steep = circumstances%speed > steep_friction_ratio*circumstances%smoothing
    end function is_steep
 
    !> The limit that ended the attempts, of hb_outcome%reason.

@@ -22,7 +22,7 @@ module hb_base_change
    private
    public :: base_change_t
 
-   real(wp), parameter :: slowest = 1.0e-6_wp                         ! base frequency, relative to the largest one
+   real(wp), parameter :: min_base_frequency_ratio = 1.0e-6_wp        ! base frequency, relative to the largest one
 
    type :: base_change_t
       logical :: is_on = .false.
@@ -53,7 +53,7 @@ contains
       if (.not. may_change_base(system, options)) return
       call reduced_base(level%set%tuples, self%matrix, self%inverse)
       call make_positive(self, system%tones%omega, omega)
-      if (minval(omega) < slowest*maxval(omega)) return
+      if (minval(omega) < min_base_frequency_ratio*maxval(omega)) return
       allocate (n_samples, source=samples_in(self, system, level))
       if (has_memory(system%laws)) n_samples = samples_along_time(n_samples, omega)
       if (product(real(n_samples, wp)) > worth_it*product(real(level%n_samples, wp))) return

@@ -23,9 +23,9 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_wider_discretisation, only: finer_samples, wider_orders
    implicit none
 
-   real(wp), parameter :: fill = 40.0_wp                              ! of sparse factors, for each entry; solids have more
+   real(wp), parameter :: fill_of_sparse_factors = 40.0_wp            ! of sparse factors, for each entry; solids have more
    real(wp), parameter :: factors_of_whole = 0.1_wp                    ! real and symmetric, with modes, by those of an interior
-   real(wp), parameter :: copies = 9.0_wp                             ! of a matrix: in the study, and while a point is read
+   real(wp), parameter :: copies_of_matrix = 9.0_wp                   ! of a matrix: in the study, and while a point is read
 
 contains
 
@@ -34,7 +34,7 @@ contains
       integer, allocatable :: orders(:)
 
       n = unknowns(s, s%n_harmonics)
-      bytes%structure = copies*real_bytes*s%matrices + complex_bytes*s%factors
+      bytes%structure = copies_of_matrix*real_bytes*s%matrices + complex_bytes*s%factors
       if (.not. s%is_whole) bytes%structure = bytes%structure + complex_bytes*s%n_dofs*(s%n_coordinates + 2)
       bytes%linear = linear_bytes(s, s%n_harmonics, .true.)
       bytes%results = complex_bytes*s%n_harmonics*(2*s%n_stored_dofs + 3*s%n_law_dofs + s%n_dofs)
@@ -277,7 +277,7 @@ contains
       end associate
       self%matrices = n_entries                                       ! with those of damping and the numbers of columns
       n_entries = min(n_entries, n_interior**2)
-      self%factors = 6*n_entries + min(fill*n_entries, n_interior*factor_rows(n_interior, real(bandwidth, wp)))
+      self%factors = 6*n_entries + min(fill_of_sparse_factors*n_entries, n_interior*factor_rows(n_interior, real(bandwidth, wp)))
    end subroutine count_matrices
 
    !> Adds the storage of law i, see hb_sampled_law, hb_slider_states and hb_hysteresis_tangent.

@@ -232,12 +232,12 @@ contains
    real(wp) function model_problem_roughness(self, x) result(change)
       class(model_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
-      real(wp), parameter :: nearby = 16.0_wp*epsilon(1.0_wp)         ! relative
+      real(wp), parameter :: equal_values_rounding = 16.0_wp*epsilon(1.0_wp) ! relative
       real(wp) :: sides(size(x), -1:1)
       logical :: is_possible
 
       change = 0.0_wp
-      call find_sides(self, x, nearby, sides, is_possible)
+      call find_sides(self, x, equal_values_rounding, sides, is_possible)
       if (is_possible) change = max(self%norm(sides(:, -1) - sides(:, 0)), self%norm(sides(:, 1) - sides(:, 0)))
    end function model_problem_roughness
 
@@ -247,12 +247,12 @@ contains
    real(wp) function model_problem_rounding_level(self, x) result(level)
       class(model_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
-      real(wp), parameter :: away = 16384.0_wp*epsilon(1.0_wp)        ! relative
+      real(wp), parameter :: value_change = 16384.0_wp*epsilon(1.0_wp) ! relative
       real(wp) :: sides(size(x), -1:1)
       logical :: is_possible
 
       level = max(self%balance_t%rounding_level(x), self%roughness(x))
-      call find_sides(self, x, away, sides, is_possible)
+      call find_sides(self, x, value_change, sides, is_possible)
       if (is_possible) level = max(level, 0.5_wp*self%norm(sides(:, -1) - 2.0_wp*sides(:, 0) + sides(:, 1)))
    end function model_problem_rounding_level
 

@@ -231,11 +231,11 @@ contains
    !> Whether a slow tone may carry a fast one through contact: the fast motion may then jump within a period of the slow one.
    logical function system_may_jump_within_period(self) result(may_jump)
       class(system_t), intent(in) :: self
-      real(wp), parameter :: far = 10.0_wp                            ! ratio of two tones
+      real(wp), parameter :: max_tone_ratio = 10.0_wp                 ! ratio of two tones
       integer :: i
 
       may_jump = self%tones%n_tones > 1 .and. .not. any(self%tones%is_unknown)
-      if (may_jump) may_jump = maxval(abs(self%tones%omega)) > far*minval(abs(self%tones%omega)) .and. &
+      if (may_jump) may_jump = maxval(abs(self%tones%omega)) > max_tone_ratio*minval(abs(self%tones%omega)) .and. &
                                any([(self%laws(i)%law%degree == 0, i=1, size(self%laws))])
    end function system_may_jump_within_period
 

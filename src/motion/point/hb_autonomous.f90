@@ -28,7 +28,7 @@ module hb_autonomous
    public :: autonomous_start_t, find_energy, find_motion, find_start
 
    integer, parameter :: max_modes = 8                               ! from which one unknown tone is searched for
-   real(wp), parameter :: amplitudes(9) = [1.0_wp, 0.5_wp, 2.0_wp, 0.25_wp, 4.0_wp, 0.1_wp, 10.0_wp, 0.03_wp, 30.0_wp]
+   real(wp), parameter :: trial_amplitudes(9) = [1.0_wp, 0.5_wp, 2.0_wp, 0.25_wp, 4.0_wp, 0.1_wp, 10.0_wp, 0.03_wp, 30.0_wp]
                                                                       ! relative to the length of the model, without masses
 
    type :: autonomous_start_t
@@ -375,13 +375,13 @@ contains
             mode_shape = modes%shapes(:, k)
             mode_shape = mode_shape/mode_shape(maxloc(abs(mode_shape), dim=1))
             omega(start%tones(1)) = modes%frequency(k)
-            do i = 1, size(amplitudes)
+            do i = 1, size(trial_amplitudes)
                if (work_is_over()) return
                call balance%move(omega, 0.0_wp*omega, error)
                if (allocated(error)) return
                u = start%base%u
-               u(set%cos_at(h), :) = u(set%cos_at(h), :) + amplitudes(i)*search%length*real(mode_shape)
-               u(set%sin_at(h), :) = u(set%sin_at(h), :) - amplitudes(i)*search%length*aimag(mode_shape)
+               u(set%cos_at(h), :) = u(set%cos_at(h), :) + trial_amplitudes(i)*search%length*real(mode_shape)
+               u(set%sin_at(h), :) = u(set%sin_at(h), :) - trial_amplitudes(i)*search%length*aimag(mode_shape)
                call search%from_start(u, is_found)
                if (is_found) return
             end do

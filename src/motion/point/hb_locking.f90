@@ -7,7 +7,7 @@ module hb_locking
    public :: highest_part, locking_t, may_be_locked
 
    integer, parameter :: highest_part = 6                             !! of a tone: lowest common base frequency
-   real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
+   real(wp), parameter :: max_locking_detuning = 0.05_wp              ! |q w_m - p w_l| relative to the larger tone
 
    !> Whether several tones are multiples of one frequency.
    type :: locking_t
@@ -32,7 +32,7 @@ contains
             if (.not. (is_unknown(l) .or. is_unknown(m))) cycle
             do p = 1, highest_part
                do q = 1, highest_part - p + 1
-                  if (abs(q*omega(m) - p*omega(l)) < close*max(omega(l), omega(m))) may_be_locked = .true.
+                  if (abs(q*omega(m) - p*omega(l)) < max_locking_detuning*max(omega(l), omega(m))) may_be_locked = .true.
                end do
             end do
          end do

@@ -265,9 +265,9 @@ contains
    !> sweep: the solution and its error estimate, with twice the order and the samples, in residuals.
    pure real(wp) function usual_work(balance) result(work)
       type(balance_t), intent(in) :: balance
-      real(wp), parameter :: residuals = 300.0_wp                     ! of small models, measured
+      real(wp), parameter :: verdict_cost_in_residuals = 300.0_wp     ! of small models, measured
 
-      work = residuals*balance%residual_work
+      work = verdict_cost_in_residuals*balance%residual_work
    end function usual_work
 
    !> Stores what follows from the motion alone, whether a balance or time integration has found it, at the output degrees of

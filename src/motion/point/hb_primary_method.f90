@@ -36,7 +36,7 @@ contains
    pure logical function integration_is_cheaper(counts)
       type(integration_counts_t), intent(in) :: counts
       real(wp), parameter :: min_periods = 150.0_wp                ! of the windows of a time integration
-      real(wp), parameter :: decays = 3.0_wp                          ! decay times of its transient, until two windows agree
+      real(wp), parameter :: transient_in_decay_times = 3.0_wp        ! decay times of its transient, until two windows agree
       real(wp), parameter :: of_harmonic = 32.0_wp                   ! evaluations in a period, two a step
       real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
       real(wp) :: evaluations, n_balance, n_integration, periods, work_of_integration
@@ -47,7 +47,7 @@ contains
          n_balance = 5.0_wp*tolerance**(-0.55_wp)
          n_integration = tolerance**(-merge(0.67_wp, 0.4_wp, counts%has_walls))
          if (n_integration > counts%max_harmonics) return
-         periods = max(min_periods, decays*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
+         periods = max(min_periods, transient_in_decay_times*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
          evaluations = of_harmonic*max(n_integration, counts%fastest/counts%omega)
          work_of_integration = periods*(evaluation_work(counts%n_dofs, counts%n_coordinates, .false.)*evaluations + &
                                         of_harmonic*n_integration**2*n_coordinates)

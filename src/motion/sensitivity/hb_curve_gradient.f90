@@ -30,7 +30,7 @@ module hb_curve_gradient
    private
    public :: find_curve_gradient
 
-   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value; 1e-5: less exact
+   real(wp), parameter :: relocation_distance = 1.0e-4_wp             ! a step, relative to the value; 1e-5: less exact
    real(wp), parameter :: across_samples = 3.0e-2_wp                  ! likewise, over 20 of the following samples
    integer, parameter :: min_samples = 4096                        ! of one tone, for a position to 1 %
    real(wp), parameter :: max_values = 1.0e6_wp                      ! of them for all coordinates: a second for a step
@@ -40,7 +40,7 @@ module hb_curve_gradient
       class(balance_branch_t), pointer :: branch => null()
       real(wp), allocatable :: direction(:)                           ! of the curve there
       type(curve_point_t) :: point
-      real(wp) :: step = apart                                        ! relative to the value
+      real(wp) :: step = relocation_distance                          ! relative to the value
    contains
       procedure :: differentiate => located_differentiate
    end type located_t
