@@ -49,7 +49,7 @@ _MARKS = {
     "not_finite": Mark("2", style.FAILURE),
     "diverged": Mark(">", style.FAILURE),
     "failed": Mark("X", style.FAILURE),
-    "law_undefined": Mark("H", style.FAILURE),
+    "law_undefined": Mark("8", style.FAILURE),
     "timed_out": Mark("4", style.FAILURE),
     "crashed": Mark("*", style.FAILURE),
     "collapsed": Mark("3", style.INK),
@@ -61,8 +61,8 @@ _MARKS = {
 }
 DOTS = {CONVERGED: "o", INTEGRATED: "d"}  # shapes of answers, in the colour of their curve
 # Statuses that are newer than this table.
-_SOLVED_MARK = Mark("8", "#F0E442")
-_UNSOLVED_MARK = Mark("D", style.FAILURE)
+_SOLVED_MARK = Mark("$n$", "#F0E442")
+_UNSOLVED_MARK = Mark("H", style.FAILURE)
 
 
 def mark(name: str, is_solved: bool) -> Mark:
