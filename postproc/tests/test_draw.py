@@ -261,7 +261,7 @@ def test_views_of_a_rotor_have_names_of_their_own(tmp_path, capsys):
         assert (tmp_path / f"a_rotor_{view}.png").exists()
 
 
-@pytest.mark.parametrize("view", ["speeds", "snapshots", "wave"])
+@pytest.mark.parametrize("view", ["speeds", pytest.param("snapshots", marks=pytest.mark.long), "wave"])
 def test_rotor_pictures(tmp_path, view):
     with Results(rotor_file(tmp_path / "a.h5", "rotating")) as results:
         fig = draw_rotor(results, 0, view)

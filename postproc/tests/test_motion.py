@@ -119,6 +119,7 @@ def test_labels_of_orders_do_not_overlap(tmp_path):
     assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
 
 
+@pytest.mark.long
 def test_waterfall_has_stems(tmp_path):
     path = swept(tmp_path / "a.h5")
     with Results(path) as results:
@@ -194,6 +195,7 @@ def test_the_bar_of_a_flat_spectrum_is_as_high_as_it():
     assert bar.get_position().height == pytest.approx(drawn_map.get_position().height) and bar.get_position().height < 0.5
 
 
+@pytest.mark.long
 def test_animations_are_written(tmp_path, capsys):
     path = single(tmp_path / "a.h5", 2)
     assert main(["animate", str(path), "--frames", "2", "--dpi", "40"]) == 0

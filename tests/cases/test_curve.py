@@ -203,7 +203,7 @@ def test_a_curve_says_that_it_begins_at_the_other_end(tmp_path):
 @pytest.mark.parametrize(
     ("model", "kind", "order", "ends"),
     [
-        pytest.param(DOUBLINGS, DOUBLING, 15, (0.52, 2.54), id="doublings"),
+        pytest.param(DOUBLINGS, DOUBLING, 15, (0.52, 2.54), id="doublings", marks=pytest.mark.long),
         pytest.param(BRANCHES, BRANCH, 7, (0.61, 1.6), id="branches"),
         pytest.param(TORI, TORUS, 15, (0.47, 4.1), id="tori", marks=pytest.mark.long),
     ],
@@ -383,7 +383,7 @@ LONGER = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] if name in ("tolerance", "family") else []) for name in LONGER])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] if name != "order" else []) for name in LONGER])
 def test_a_cut_curve_is_continued_with_more_points(name, tmp_path):
     """To the bits of a run that had them from the start; curves that have ended stay as they are."""
     (tmp_path / "case.nml").write_text(LONGER[name])

@@ -263,7 +263,7 @@ def test_an_interrupt_of_a_curve_is_never_another_error(seconds):
     signal.signal(signal.SIGALRM, before)
 
 
-@pytest.mark.parametrize("n", [3000, pytest.param(100_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n", [pytest.param(n, marks=pytest.mark.long) for n in (3000, 100_000)])
 def test_models_leave_nothing_behind(n):
     """Read and deleted, every tenth solved: less than 200 bytes each."""
 

@@ -47,8 +47,9 @@ def test_input_gives_what_it_promises(source, tmp_path):
     assert not problems, "\n".join(problems)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "least"), [pytest.param("random_contact_beam", 8, marks=pytest.mark.long), ("random_contact_mass", 5)]
+    ("name", "least"), [("random_contact_beam", 8), ("random_contact_mass", 5)]
 )
 def test_some_of_the_random_problems(name, least, tmp_path):
     """Among every twentieth of 200 problems the share solved by the balance alone is as large as among all."""

@@ -17,6 +17,7 @@ def test_examples_of_docstrings(module):
     assert found.attempted > 0 and found.failed == 0
 
 
+@pytest.mark.long
 def test_examples_of_the_library_run(tmp_path, monkeypatch):
     """The lines of the page in sequence, as a reader would type them."""
     matplotlib = pytest.importorskip("matplotlib")

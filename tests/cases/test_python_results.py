@@ -124,6 +124,7 @@ def test_a_motion_without_error_estimate_is_a_result_like_others(settings, statu
         found.nhbm.report().save(tmp_path / "one.html")
 
 
+@pytest.mark.long
 def test_users_get_what_they_need_and_internals_stand_apart():
     for name, data in results().items():
         assert not INTERNALS & set(data.variables), name

@@ -85,7 +85,7 @@ def undisturbed_point(tmp_path_factory):
 
 
 @on_linux
-@pytest.mark.parametrize("ending", [signal.SIGTERM, None], ids=["SIGTERM", "time limit"])
+@pytest.mark.parametrize("ending", [pytest.param(signal.SIGTERM, marks=pytest.mark.long), None], ids=["SIGTERM", "time limit"])
 def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, undisturbed_point, tmp_path):
     """A point of some seconds: its run ends long before, and after resume the result is that of an undisturbed run."""
     whole, undisturbed = undisturbed_point
@@ -178,7 +178,7 @@ def is_at_work(process, ranks):
 
 
 @on_linux
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [pytest.param(None, marks=pytest.mark.long), 2])
 def test_a_signal_keeps_the_verdicts_of_verify(ranks, tmp_path):
     """Disturbances hardly decay: the first point is verified over 30 periods, the others would take days."""
     source = write(tmp_path, RINGING)
@@ -284,7 +284,7 @@ def disturb(folder, whole, disturbance, seed):
 @pytest.mark.parametrize(
     "name",
     [
-        "SIGTERM",
+        pytest.param("SIGTERM", marks=pytest.mark.long),
         "kill -9 of all",
         pytest.param("kill -9 of one rank", marks=pytest.mark.long),
         pytest.param("SIGTERM to mpirun", marks=pytest.mark.long),
@@ -332,9 +332,10 @@ def undisturbed_chains(tmp_path_factory):
 @on_linux
 @pytest.mark.parametrize(
     "disturbance",
-    [kill_all, pytest.param(lambda process: process.send_signal(signal.SIGUSR1), marks=pytest.mark.long)],
+    [kill_all, lambda process: process.send_signal(signal.SIGUSR1)],
     ids=["kill -9 of all", "SIGUSR1"],
 )
+@pytest.mark.long
 def test_broken_chains_are_solved_again_from_their_beginning(disturbance, undisturbed_chains, tmp_path):
     """Each point of a chain starts from the previous solution, so the rest of a chain cannot be solved separately."""
     result = tmp_path / "case.h5"

@@ -42,6 +42,7 @@ def test_pages_of_the_contents_are_those_of_the_site():
                 assert (ROOT / f"{name}.md").is_file(), name
 
 
+@pytest.mark.long
 def test_every_law_has_a_page_with_a_sketch(laws, tmp_path):
     laws.main(tmp_path)
     names = set(laws.LAWS)

@@ -161,6 +161,7 @@ def test_fits_show_how_far_they_are():
         nhbm.fit(model, data, ["structure.stiffness[0]"], "x1 (1)", order=1, progress="yes")
 
 
+@pytest.mark.long
 def test_a_point_of_a_backbone_costs_a_few_solutions(monkeypatch):
     """The force that holds a controlled amplitude is sought from the motion before, not along a curve for each point; the fit
     leaves the load as it was."""

@@ -125,6 +125,7 @@ def test_growth_before_a_decay_is_not_unstable(tmp_path):
     assert verified(result)["integration_verdict"] == [AGREES]
 
 
+@pytest.mark.long
 def test_growth_without_a_decay_is_unstable(tmp_path):
     """Whatever is claimed: without a verdict of the file the integration goes on for longer."""
     text = CASCADE.replace("0.004,0,0,0,0.004,0,0,0,0.004", "0.004,0,0,0,0.004,0,0,0,-0.004")
@@ -170,6 +171,7 @@ def test_verify_integrates_again_what_was_integrated_with_a_set_of_its_own(tmp_p
     assert (verified(result)["integration_verdict"] == AGREES).all()
 
 
+@pytest.mark.long
 def test_verify_passes_spare_rows_of_a_curve_in_silence(tmp_path):
     text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.5, stiffness=1 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
     text += "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=0.1 /\n"
@@ -293,6 +295,7 @@ def test_verify_sees_motions_from_which_integration_departs(tmp_path, name):
         assert growth * duration > 3.0
 
 
+@pytest.mark.long
 def test_verify_is_as_long_as_the_slowest_decay_needs_by_default(tmp_path):
     """With 0.1 % of damping ten periods show nothing, and 700 are sufficient."""
     light = "&structure type='matrices', n_dofs=1, mass=1, damping=0.002, stiffness=1 /\n&tones frequency=1.2 /\n"
@@ -367,6 +370,7 @@ def test_verify_agrees_where_the_basin_is_smaller_than_the_error(tmp_path):
     assert done.status == 0 and "agrees with time integration that starts on the periodic motion" in done.stdout, done.stdout
 
 
+@pytest.mark.long
 def test_verify_knows_unstable_motions_of_coordinates_without_mass(tmp_path):
     """Implicit steps have errors of 1e-6, far above those of the motion: behind the fold they grow, elsewhere they do not."""
     text = "&structure type='matrices', n_dofs=3, mass=1,0,0, 0,0,0, 0,0,1.3, damping=.05,0,0, 0,.2,0, 0,0,.04,\n"

@@ -65,6 +65,7 @@ def test_large_cycles_of_the_rotor_stay_and_small_ones_grow(tmp_path):
     assert kinds[0] == NOT_DONE and (kinds[1:14] == AGREES).all() and (kinds[14:] == UNSTABLE).all(), text
 
 
+@pytest.mark.long
 def test_small_cycle_of_the_rotor_grows_by_its_multiplier(tmp_path):
     """By 1.954 in a period, from shooting (test_rotor_stator.py); 12 periods end before the difference is large."""
     result, text = solved_and_verified(INPUTS / "rotor_stator" / "rotating.nml", tmp_path, "--points", 20, "--periods", 12)
