@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import inspect
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -15,7 +17,7 @@ import h5py
 import numpy as np
 import pytest
 
-from in_process import DUFFING, STOP, same, session_of
+from in_process import DUFFING, ROOT, STOP, same, session_of
 from program import ALL_CONVERGED, run
 
 import nhbm
@@ -261,6 +263,14 @@ def test_an_interrupt_of_a_curve_is_never_another_error(seconds):
         except KeyboardInterrupt:
             pass
     signal.signal(signal.SIGALRM, before)
+
+
+def test_no_argument_of_the_library_is_converted_by_python_code():
+    """An interrupt in such a conversion arrives as an ArgumentError."""
+    assert nhbm._library.library()
+    for name in re.findall(r"\b(nhbm_\w+)\(", (ROOT / "src" / "api" / "nhbm.h").read_text()):
+        for kind in getattr(nhbm._library.library(), name).argtypes or ():
+            assert not inspect.ismethod(kind.from_param), name
 
 
 @pytest.mark.parametrize("n", [pytest.param(n, marks=pytest.mark.long) for n in (3000, 100_000)])

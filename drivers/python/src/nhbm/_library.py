@@ -7,7 +7,7 @@ import ctypes.util
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -208,6 +208,20 @@ EVALUATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(LawSamples))
 ADVANCE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(LawStep))
 
 
+def whole_numbers(values: Any) -> Any:
+    """An array of C that holds these numbers, or shares those of an int32 array.
+
+    An argument whose conversion runs Python code, as those of numpy.ctypeslib do, turns an interrupt into an ArgumentError."""
+    held = np.require(values, np.int32, ("C", "W"))
+    return (ctypes.c_int * held.size).from_buffer(held)
+
+
+def real_numbers(values: Any) -> Any:
+    """An array of C that holds these numbers, or shares those of a float64 array."""
+    held = np.require(values, np.float64, ("C", "W"))
+    return (ctypes.c_double * held.size).from_buffer(held)
+
+
 def _paths() -> Iterator[str]:
     """Where the shared library may be: NHBM_LIBRARY, beside this package, in the build of this checkout, in the folder `lib` of
     this installation, of the system."""
@@ -245,7 +259,7 @@ def _declare(loaded: ctypes.CDLL) -> None:
     text, number, real, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_double, ctypes.c_void_p
     count, texts, numbers, column = ctypes.c_size_t, ctypes.POINTER(text), ctypes.POINTER(number), ctypes.POINTER(Column)
     description = ctypes.POINTER(ColumnDescription)
-    integers, reals = np.ctypeslib.ndpointer(np.int32, flags="C"), np.ctypeslib.ndpointer(np.float64, flags="C")
+    integers, reals = ctypes.POINTER(number), ctypes.POINTER(real)  # `whole_numbers`, `real_numbers`
     for name, arguments in {
         "create": (ctypes.POINTER(pointer),),
         "destroy": (ctypes.POINTER(pointer),),

@@ -33,6 +33,8 @@ from nhbm._library import (
     last_error,
     library,
     raise_error,
+    real_numbers,
+    whole_numbers,
 )
 from nhbm._library import Column as _Column
 from nhbm.errors import ModelError
@@ -53,7 +55,7 @@ except ImportError:
 
 _MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
 _WORDS: dict[str, list[str]] = {}  # names of the numbers in columns, of the library, from the first use on
-_NO_NUMBERS, _HUGE = np.zeros(0), 2**31 - 1
+_HUGE = 2**31 - 1
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 
 
@@ -225,7 +227,7 @@ class Session:
         """Sets all keys of a group that differ."""
         gone = {key.partition("(")[0] for key in held.keys if key not in group.keys}
         for stem in gone:
-            self._alter("set_reals", held.handle, stem.encode(), 0, _NO_NUMBERS)
+            self._alter("set_reals", held.handle, stem.encode(), 0, real_numbers([]))
         for key in sorted(group.keys, key="type".__ne__):
             value = group.keys[key]
             if key not in held.keys or key.partition("(")[0] in gone or held.keys[key] != value:
@@ -246,11 +248,11 @@ class Session:
         kinds = set(map(type, values))
         name, n = key.encode(), len(values)
         if kinds <= {bool}:
-            self._alter("set_logicals", handle, name, n, np.array(values, np.int32))
+            self._alter("set_logicals", handle, name, n, whole_numbers(values))
         elif kinds <= {int} and all(-_HUGE <= one <= _HUGE for one in values):
-            self._alter("set_integers", handle, name, n, np.array(values, np.int32))
+            self._alter("set_integers", handle, name, n, whole_numbers(values))
         elif kinds <= {int, float}:
-            self._alter("set_reals", handle, name, n, np.array(values, float))
+            self._alter("set_reals", handle, name, n, real_numbers(values))
         elif kinds.isdisjoint({bool, int, float}):
             words = [str(getattr(one, "input_name", one)).encode() for one in values]
             self._alter("set_texts", handle, name, n, (ctypes.c_char_p * n)(*words))
@@ -317,11 +319,10 @@ class Session:
     def number_branches(self, rows: Rows) -> None:
         """Numbers the branches of all points of the sweep, in their column `branch`."""
         values, n = rows.values, len(rows)
-        tuples = np.ascontiguousarray(values["tuples"], np.int32)
-        motion = np.ascontiguousarray(values.get("corrected_coefficients", np.zeros((n, 0))), float).reshape(n, -1)
-        branch = np.ascontiguousarray(values["branch"], np.int32)
-        status = np.ascontiguousarray(values["status"], np.int32)
-        self._call("sweep_number_branches", motion.shape[1], tuples.shape[1], status, tuples, motion, branch)
+        motion = np.asarray(values.get("corrected_coefficients", np.zeros((n, 0))), float).reshape(n, -1)
+        branch, n_tuples = np.array(values["branch"], np.int32), values["tuples"].shape[1]
+        status, tuples = whole_numbers(values["status"]), whole_numbers(values["tuples"])
+        self._call("sweep_number_branches", motion.shape[1], n_tuples, status, tuples, real_numbers(motion), whole_numbers(branch))
         values["branch"] = branch
 
     def begin_curve(self) -> None:
@@ -602,18 +603,16 @@ class Session:
             code = functions["set_dofs"](builder, _words(structure.labels), units, structure.up_to or 0.0)
             for kind, matrix in structure.matrices().items():
                 matrix.sort_indices()
-                parts = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), np.ascontiguousarray(matrix.data, float)
+                parts = whole_numbers(matrix.indptr), whole_numbers(matrix.indices), real_numbers(matrix.data)
                 code = code or functions["set_matrix"](builder, kind.encode(), n, len(parts[2]), *parts)
             for load, (dofs, values) in structure.loads.items():
-                dofs, values = np.ascontiguousarray(dofs, np.int32), np.ascontiguousarray(values, float)
-                code = code or functions["add_load"](builder, load.encode(), len(dofs), dofs, values)
+                code = code or functions["add_load"](builder, load.encode(), len(dofs), whole_numbers(dofs), real_numbers(values))
             if structure.sets:
-                nodes, n_nodes = np.ascontiguousarray(structure.dof_node, np.int32), len(structure.node_numbers)
+                nodes, n_nodes = whole_numbers(structure.dof_node), len(structure.node_numbers)
                 directions = _words([word or "-" for word in structure.dof_direction])
                 code = code or functions["set_nodes"](builder, n_nodes, n, nodes, directions)
             for set_name, members in structure.sets.items():
-                members = np.ascontiguousarray(members, np.int32)
-                code = code or functions["add_node_set"](builder, set_name.encode(), len(members), members)
+                code = code or functions["add_node_set"](builder, set_name.encode(), len(members), whole_numbers(members))
             self.dofs_of_sets.update(dofs_of_sets(structure))
             return int(code)
         except BaseException as fault:
