@@ -2,9 +2,10 @@
 !>
 !> Disturbances are propagated period by period, each of the slowest tone, and orthogonalised after each (Benettin).
 !> The logarithms of their growth are averaged with a smooth window, which converges faster than any power of the
-!> length if the linear equations can be reduced to constant ones; the difference of both halves of the record is the
-!> spread. Disturbances may beat for longer than the record: they then grow in both halves and decay later. Exponents whose
-!> disturbances have not become very different in size may all equal their mean, and growth counts only if that is growth too.
+!> length if the linear equations can be reduced to constant ones. The largest difference between this average and averages over
+!> half the record, or its change by sorting, is the spread; the difference of both halves alone may vanish by chance. Disturbances may beat for longer than the
+!> record: they then grow in both halves and decay later. Exponents whose disturbances have not become very different in size may all
+!> equal their mean, and growth counts only if that is growth too.
 !> Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y.
 !> Saiki, E. Sander and J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents
@@ -61,6 +62,7 @@ module hb_exponents
    end type exponents_t
 
    real(wp), parameter :: max_beat_growth = log(1.0e3_wp) ! largest ratio of the sizes of disturbances that may only beat
+   integer, parameter :: n_windows = 5                                ! halves of the record that are compared with it
    integer, parameter :: longer_beat = 8                              ! periods to resolve one, relative to the usual limit
 
 contains
@@ -107,7 +109,7 @@ contains
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
          found%is_resolved = is_resolved(found%rate, found%n_periods*propagation%length)
          if (found%is_resolved .and. &
-             abs(maxval(found%rate)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
+             abs(found%rate(1)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > max_work
          if (found%is_cut_short .or. 2*found%n_periods > merge(1, longer_beat, found%is_resolved)*max_periods) exit
          found%n_periods = 2*found%n_periods
@@ -164,25 +166,51 @@ contains
       end do
    end subroutine orthogonalise
 
-   !> Averages over the record and over its halves.
+   !> Averages over the record, sorted, and how far those over half of it lie from them, wherever that half is.
    pure subroutine average(growth, length, rate, spread)
       real(wp), intent(in) :: growth(:, :)                            !! (n, n_periods)
       real(wp), intent(in) :: length                                  !! of a period [s]
       real(wp), allocatable, intent(out) :: rate(:), spread(:)
-      integer :: half
+      real(wp) :: part(size(growth, 1))
+      integer :: first, half, i
 
       half = size(growth, 2)/2
-      allocate (rate, source=mean_over_periods(growth))
-      allocate (spread, source=abs(mean_over_periods(growth(:, :half)) - mean_over_periods(growth(:, half + 1:))))
+      part = mean_rates(growth)
+      allocate (rate, source=nearest_decreasing(part))
+      allocate (spread, source=abs(part - rate))
+      do i = 0, n_windows - 1
+         first = (i*(size(growth, 2) - half))/(n_windows - 1)
+         part = mean_rates(growth(:, first + 1:first + half))
+         spread = max(spread, abs(part - rate))
+      end do
 
    contains
 
-      pure function mean_over_periods(part) result(mean)
-         real(wp), intent(in) :: part(:, :)
-         real(wp) :: mean(size(part, 1)), weights(size(part, 2))
+      pure function mean_rates(growth) result(mean)
+         real(wp), intent(in) :: growth(:, :)
+         real(wp) :: mean(size(growth, 1)), weights(size(growth, 2))
 
-         weights = bump_weights(size(part, 2))
-         mean = matmul(part, weights)/length
-      end function mean_over_periods
+         weights = bump_weights(size(growth, 2))
+         mean = matmul(growth, weights)/length
+      end function mean_rates
    end subroutine average
+
+   !> The nearest sequence that does not increase, by least squares: growth of disturbances that were orthogonalised from the first
+   !> to the last decreases in the limit, and no average is further from its limit afterwards. Adjacent values that increase
+   !> are replaced by their mean. Source: R. E. Barlow et al., Statistical Inference under Order Restrictions (1972), section 1.2.
+   pure function nearest_decreasing(values) result(nearest)
+      real(wp), intent(in) :: values(:)
+      real(wp) :: nearest(size(values))
+      integer :: first, i
+
+      nearest = values
+      do i = 2, size(nearest)
+         first = i
+         do while (first > 1)
+            if (nearest(first - 1) >= nearest(first)) exit
+            first = findloc(nearest(:first - 1) == nearest(first - 1), .true., dim=1)   ! of the values that share a mean
+            nearest(first:i) = sum(values(first:i))/(i - first + 1)
+         end do
+      end do
+   end function nearest_decreasing
 end module hb_exponents

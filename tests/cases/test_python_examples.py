@@ -111,11 +111,13 @@ def test_the_reduced_dual_rotor_moves_as_the_whole(tmp_path):
 
 @pytest.mark.long  # seconds
 def test_disturbances_that_beat_have_a_verdict():
-    """Four modes and the rollers by the nodes of both shafts: pairs of modes are close to each other, and short averages of growth
-    differ by their beats."""
+    """Four modes and the rollers by the nodes of both shafts: pairs of modes are close to each other, and averages of growth over the
+    usual 100 periods differ by their beats. Averages over 1600 periods are -2.431 and -1.937, each twice, to three digits."""
     kept = ["inner1.x", "inner1.y", "outer1.x", "outer1.y", "disk1.x", "disk1.y"]
     structure = nhbm.reduction.reduce(dual_rotor.rotor().structure(), kept, n_modes=4)
     model = dual_rotor.model(364.85, structure)
     model.set("stability", method="integration", tolerance=1e-3)
     motions = model.sweep({"tones%frequency(1)": [364.85, 388.095]}, tolerance=1e-2)
-    assert (motions["stability"] == "stable").all() and (motions["exponent"].max("multiplier") < -2.0).all()
+    exponents = motions["exponent"].values
+    assert (motions["stability"] == "stable").all() and (np.diff(exponents, axis=1) <= 0).all()
+    assert (np.abs(exponents[:, 0] - [-2.431, -1.937]) <= 3*motions.nhbm.details["stability_estimate"].values + 0.01).all()
