@@ -69,7 +69,7 @@ contains
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       limit = self%max_work(config, work_allowed)
       if (size(laws) == 0 .and. .not. allocated(structure%parts)) then
-         call assess_structure(stability, structure, motion, limit)
+         call assess_structure(stability, config, structure, motion, limit)
          return
       end if
       n_transfers = 1
@@ -164,9 +164,10 @@ contains
    end subroutine assess_one_tone
 
    !> Stability of a structure on which no law acts. Its eigenvalues are found if they take little time beside that of a point, or
-   !> were requested, or if energy does not show that it is stable.
-   subroutine assess_structure(self, structure, motion, limit)
+   !> were requested, or serve a curve, or if energy does not show that it is stable.
+   subroutine assess_structure(self, config, structure, motion, limit)
       type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
       type(structure_t), intent(in) :: structure
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: limit                                   !! of work, in about a nanosecond
@@ -179,14 +180,17 @@ contains
       type(error_t), allocatable :: error
       complex(wp), allocatable :: rates(:)
       real(wp), allocatable :: directions(:, :), matrix(:, :)
-      real(wp) :: work
+      real(wp) :: at_once, work
       integer, allocatable :: retained(:)
       integer :: i
 
       self%is_too_costly = .not. allocated(structure%stiffness)
       if (self%is_too_costly) return
       work = work_of_eigenvalues*(2.0_wp*structure%n_dofs)**3
-      if (work > min(merge(minor*least_work, limit, limit < huge(limit)), work_on_demand)) then
+      at_once = minor*least_work
+      if (config%patience > share_of_stability) at_once = min(limit, least_work)
+      if (limit >= huge(limit)) at_once = work_on_demand
+      if (work > at_once) then
          if (work_of_dissipation(structure%n_dofs) <= limit) then
             if (loses_energy(structure)) then
                self%method = stability_method%integration

@@ -62,3 +62,5 @@ def test_first_contact_is_located_for_any_mesh(n_nodes, order):
         exact = brentq(lambda speed: radius(speed) - CLEARANCE, *((150.0, 200.0) if start < stop else (200.0, 240.0)))
         found = events.tones_frequency[events.kind.isin(kinds)]
         np.testing.assert_allclose(found, exact, rtol=1e-7)
+        free = curve.nhbm.amplitude("disk2.x", 1) < 0.94 * CLEARANCE  # the linear rotor, whose bearings damp it
+        assert free.any() and (curve.stability[free] == "stable").all()

@@ -1,5 +1,5 @@
-!> The laws that a motion reaches: rigid walls that exert no force on it have no influence on its stability. Laws with slopes need
-!> no such choice: the slopes are zero.
+!> The laws that a motion reaches: stops and walls that exert no force on it have no influence on its stability. Without any law its
+!> disturbances are those of the structure, whose eigenvalues take a fraction of the time of an integration.
 module hb_reached_laws
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t, law_t
@@ -17,7 +17,7 @@ module hb_reached_laws
 
 contains
 
-   !> The laws without the rigid walls that exert no force on a motion, nor on one that is larger or smaller by a margin.
+   !> The laws without those that exert no force on a motion, nor on one that is larger or smaller by a margin.
    function reached_laws(laws, motion, margin) result(reached)
       type(law_box_t), intent(in) :: laws(:)                          !! on its degrees of freedom
       type(harmonic_motion_t), intent(in) :: motion
@@ -30,7 +30,7 @@ contains
       reached = laws(pack([(i, i=1, size(laws))], is_reached))
    end function reached_laws
 
-   !> Whether a motion reaches a law; laws with slopes count as reached.
+   !> Whether a motion reaches a law. Those on velocities and between surfaces count as reached.
    logical function reaches(given, motion, margin)
       class(law_t), intent(in) :: given
       type(harmonic_motion_t), intent(in) :: motion
@@ -40,13 +40,16 @@ contains
       integer :: counts(size(motion%tuples, 1)), first, n
 
       reaches = .true.
-      if (.not. (given%is_multiplier .and. has_reach(given)) .or. given%needs_velocity .or. allocated(given%positions)) return
+      if (.not. has_reach(given) .or. given%needs_velocity .or. allocated(given%positions)) return
       allocate (law, source=given)
       call law%prepare(1.0_wp)                                        ! the sign of a force does not depend on it
       amplitudes = matmul(transpose(cmplx(law%shape, 0.0_wp, wp)), motion%amplitudes(law%dofs, :))
-      reaches = touches(corners_of(motion%tuples, amplitudes))
+      if (law%is_multiplier) then                                     ! what walls admit is convex
+         reaches = touches(corners_of(motion%tuples, amplitudes))
+         if (.not. reaches) return
+      end if
       counts = samples_of_harmonic*max(1, maxval(abs(motion%tuples), dim=2))
-      if (.not. reaches .or. product(real(counts, wp)) > max_samples) return
+      if (product(real(counts, wp)) > max_samples) return
       n = product(counts)
       do first = 1, n, per_part
          if (touches(motion_at(motion%tuples, amplitudes, counts, first, min(n, first + per_part - 1)))) return
@@ -63,7 +66,7 @@ contains
       end function touches
    end function reaches
 
-   !> Corners of the box that no phase leaves, (corners, coordinates): what walls admit is convex.
+   !> Corners of the box that no phase leaves, (corners, coordinates).
    pure function corners_of(tuples, amplitudes) result(z)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_coordinates, n_harmonics)
