@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Makes the catalogue of laws of the site: a page a law with a sketch, its formula, its keys, examples and source.
+"""Makes the catalogue of laws of the site: sketches of their forces on the page of each law and as an index, with examples and source.
 
-usage: laws.py FOLDER      writes FOLDER/index.md, and FOLDER/LAW.md and FOLDER/LAW.svg for each type of &law
+usage: laws.py SOURCE      SOURCE is the folder with the pages of the site as they stand in the repository
 
-Formula and keys are the section of the law in docs/user/input.md; index.md has what stands there for all laws. The sketch is the force of the program itself along a motion that the
-law does not change, with the numbers of its example in src/laws.txt or those of SKETCHES. NHBM_LIBRARY names libnhbm.so.
+The sketch is the force of the program itself along a motion that the law does not change, with the numbers of its example in
+src/laws.txt or those of SKETCHES. NHBM_LIBRARY names libnhbm.so.
 """
 
 from __future__ import annotations
@@ -20,14 +20,12 @@ import numpy as np
 
 import nhbm
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import groups  # noqa: E402
-
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-MANUAL = ROOT / "docs" / "user" / "input.md"
+PAGES = Path("docs/user/laws")
+INDEX = Path("docs/user/input/law.md")
 EXAMPLES = 6  # listed on a page
 UNITS = {"displacement": "m", "velocity": "m/s"}
 
@@ -102,19 +100,6 @@ def draw(kind: str, path: Path) -> None:
         plt.close(figure)
 
 
-def sections() -> tuple[str, dict[str, str]]:
-    """Text of the manual below the heading of &law and of each type of it."""
-    text = groups.divided(MANUAL.read_text(encoding="utf-8"))[1]["law"]
-    head, *parts = re.split(r"^#### `type = '(\w+)'`\n", text, flags=re.MULTILINE)
-    return head, dict(zip(parts[::2], parts[1::2]))
-
-
-def from_here(text: str, name: str) -> str:
-    """Links of docs/user/input.md as they are from a page of the catalogue."""
-    places = groups.homes(groups.divided(MANUAL.read_text(encoding="utf-8"))[1])
-    return groups.moved(text, groups.PAGE, groups.LAWS / f"{name}.md", places)
-
-
 def examples(kind: str) -> list[Path]:
     """Inputs that have the law, short ones first."""
     found = [path for folder in ("gallery", "autonomous", "paper", "models", "accuracy", "hard") for path in (ROOT / "inputs" / folder).glob("*.nml")
@@ -127,36 +112,43 @@ def title(path: Path) -> str:
     return found[1] if found else path.stem
 
 
-def page(kind: str, text: str, has_sketch: bool) -> str:
-    lines = [f"# {kind}\n"]
+def page(text: str, kind: str, has_sketch: bool) -> str:
+    """The page of a law with its sketch below the title, examples and source at the end."""
+    title_line, _, body = text.partition("\n")
+    lines = [f"{title_line}\n"]
     if has_sketch:
         lines.append(f"![Force of {kind} over the {sketch_of(kind).over}]({kind}.svg)\n")
-    lines.append(from_here(text.strip(), kind) + "\n")
+    lines.append(body.strip() + "\n")
     found = examples(kind)
     if found:
         lines.append("## Examples\n")
-        lines += [f"- [{path.parent.name}/{path.name}](../inputs/{path.parent.name}/{path.name}): {title(path)}" for path in found]
+        lines += [f"- [{path.parent.name}/{path.name}](../../../inputs/{path.parent.name}/{path.name}): {title(path)}" for path in found]
         lines.append("")
     numbers = ", ".join(f"`{key} = {value}`" for key, value in sketch_of(kind).keys.items()) if has_sketch else ""
     lines.append("## Source\n")
-    lines.append(f"[`src/laws/hb_law_{kind}.f90`](../src/laws/hb_law_{kind}.f90), with its derivatives."
+    lines.append(f"[`src/laws/hb_law_{kind}.f90`](../../../src/laws/hb_law_{kind}.f90), with its derivatives."
                  + (f" The sketch has {numbers}." if numbers else ""))  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
-def main(folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    head, texts = sections()
-    for kind, text in texts.items():
-        has_sketch = kind != "user"
-        if has_sketch:
-            draw(kind, folder / f"{kind}.svg")
-        (folder / f"{kind}.md").write_text(page(kind, text, has_sketch), encoding="utf-8")
-    head = re.sub(r"^\| (\w+) \|(?= (?:one|two|several|x and y)\b)", r"| [\1](\1.md) |", from_here(head.strip(), "index"), flags=re.MULTILINE)
-    contents = "\n".join(sorted(texts))
-    (folder / "index.md").write_text(
-        f"# Laws: `&law`\n\n{head}\n\nEach page has a sketch of the force, its formula, its keys, examples and the source.\n\n"
-        f"```{{toctree}}\n:hidden:\n\n{contents}\n```\n", encoding="utf-8")  # fmt: skip
+def index(text: str, kinds: list[str]) -> str:
+    """The page of all laws with thumbnails that lead to them, and contents."""
+    cells = [f"[<img src=\"../laws/{kind}.svg\" width=\"150\" alt=\"Force of {kind}\"><br>{kind}](../laws/{kind}.md)" for kind in kinds]
+    rows = [cells[i : i + 4] + [""] * (4 - len(cells[i : i + 4])) for i in range(0, len(cells), 4)]
+    table = "\n".join(["| | | | |", "|:---:|:---:|:---:|:---:|", *("| " + " | ".join(row) + " |" for row in rows)])
+    contents = "\n".join(f"../laws/{kind}" for kind in sorted(LAWS))
+    return f"{text.rstrip()}\n\n## Forces\n\n{table}\n\n```{{toctree}}\n:hidden:\n\n{contents}\n```\n"
+
+
+def main(source: Path) -> None:
+    sketched = sorted(set(LAWS) - {"user"})
+    for kind in LAWS:
+        if kind in sketched:
+            draw(kind, source / PAGES / f"{kind}.svg")
+        path = source / PAGES / f"{kind}.md"
+        path.write_text(page(path.read_text(encoding="utf-8"), kind, kind in sketched), encoding="utf-8")
+    path = source / INDEX
+    path.write_text(index(path.read_text(encoding="utf-8"), sketched), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -152,8 +152,8 @@ def test_what_cannot_be_is_refused(group, words, tmp_path):
 
 @pytest.mark.parametrize("n_tones", [1, 2, 3, 4])
 def test_the_least_room_for_tuples_is_as_documented(n_tones, tmp_path):
-    """docs/user/input.md, `max_harmonics`: this number is accepted, one less is rejected."""
-    page = (Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md").read_text(encoding="utf-8")
+    """docs/user/input/accuracy.md, `max_harmonics`: this number is accepted, one less is rejected."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "user" / "input" / "accuracy.md").read_text(encoding="utf-8")
     told = re.search(r"first box \((\d+), (\d+), (\d+) or (\d+) for one to four tones\)", page)
     least = int(told[n_tones])
     tuples = (",".join(str(int(i == m)) for i in range(n_tones)) for m in range(n_tones))

@@ -1,5 +1,5 @@
 """The tables of input keys and laws (src/input_keys.txt, src/laws.txt) against the source and the page: each key that the
-program reads has one row, each row is read, docs/user/input.md has the tables that follow from them, and nothing of a row
+program reads has one row, each row is read, docs/user/input has the tables that follow from them, and nothing of a row
 stands a second time in the source.
 """
 
@@ -155,9 +155,9 @@ def test_the_page_has_the_tables():
 
 
 def test_the_page_lists_the_groups():
-    """Each group of the table of keys is in the table of groups, which links to its heading."""
+    """Each group of the table of keys is in the table of groups, which links to its page."""
     page = (ROOT / "docs" / "user" / "input.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^\| \[`&(\w+)`\]\(#(\w+)\) \|", page, re.MULTILINE)
+    listed = re.findall(r"^\| \[`&(\w+)`\]\(input/(\w+)\.md\) \|", page, re.MULTILINE)
     assert all(group == heading for group, heading in listed)
     missing = {key.section.partition(" ")[0] for key in KEYS} - {group for group, _ in listed}
     assert not missing, f"the table of groups of docs/user/input.md lacks {', '.join(sorted(missing))}"

@@ -21,7 +21,7 @@ from nhbm.accessor import Accessor
 from program import ALL_CONVERGED, run
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("docs/user", "docs/start", "docs/howto", "drivers/python", "postproc")
+FOLDERS = ("docs/user", "docs/user/input", "docs/user/laws", "docs/start", "docs/howto", "drivers/python", "postproc")
 PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted((ROOT / folder).glob("*.md")))]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 FENCE = re.compile(r"^( *)```(\{code-cell\}|[\w-]*)[^\n]*\n(.*?)^ *```", re.DOTALL | re.MULTILINE)

@@ -50,7 +50,7 @@ def test_meanings_of_keys_are_within_their_window(chromium):
     cut = """[...document.querySelectorAll(".table-wrapper")].filter(e => e.querySelector("th")?.textContent == "key"
       && e.scrollWidth > e.clientWidth + 1).length"""
     wide = []
-    for page in sorted([*SITE.glob("laws/*.html"), *SITE.glob("docs/user/input/*.html")]):
+    for page in sorted([*SITE.glob("docs/user/laws/*.html"), *SITE.glob("docs/user/input/*.html")]):
         chromium.load(page.as_uri())
         for width in WIDTHS:
             chromium.size(width, 900)
