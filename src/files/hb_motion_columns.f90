@@ -1,7 +1,7 @@
 !> The table of the columns of a motion: name, unit, shape, meaning, condition, and the component with its value.
 !> This is the only declaration of columns. Types that extend `columns_t` go through the table with a motion: result
 !> files list their datasets and write rows in this way (hb_result_columns), other programs request a column by its
-!> name (hb_session_columns). A new column needs a line here and one in docs/user/schema.md, which tests/cases/test_schema.py
+!> name (hb_session_columns). A new column needs a line here and one in docs/user/datasets.md, which tests/cases/test_schema.py
 !> compares.
 !> Shapes are names of dimensions after that of the point, in the order of h5py: slowest first.
 module hb_motion_columns

@@ -500,7 +500,7 @@ contains
                               " (worst quarter of the record)"
          else
             steady%message = integrated_for//": the averages scatter by "//rounded(steady%spread)// &
-                              ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
+                              "; harmonics that the given order leaves out carry "//rounded(left_out)//" of the motion"
          end if
       case (outcome%subharmonic)
          steady%message = integrated_for//": the motion repeats after "//to_text(part)//" periods: divide the tones by "// &

@@ -1,4 +1,4 @@
-"""docs/user/schema.md has a row for each dataset of result files, with its type, shape and unit, and no other rows."""
+"""docs/user/datasets.md has a row for each dataset of result files, with its type, shape and unit, and no other rows."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 
 from program import run
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "user" / "schema.md"
+PAGES = Path(__file__).resolve().parents[2] / "docs" / "user"
 TYPES = {"int32": "int32", "float64": "float64", "|S1": "char", "object": "string"}
 MODEL = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
@@ -26,9 +26,16 @@ INPUTS = {
 }
 
 
-def rows(heading: str) -> dict[str, list[str]]:
-    """Cells after the name of each row of the table under a heading of the page; several names may share them."""
-    text = PAGE.read_text().split(f"## {heading}\n")[1].split("\n#")[0]
+def scales() -> str:
+    return (PAGES / "schema.md").read_text().split("## Dimension scales\n")[1].split("\n#")[0]
+
+
+def data() -> str:
+    return (PAGES / "datasets.md").read_text()
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Cells after the name of each row of the tables of a text; several names may share them."""
     found: dict[str, list[str]] = {}
     for line in text.splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
@@ -66,7 +73,7 @@ def datasets(tmp_path_factory):
 
 
 def test_every_dataset_has_its_row(datasets):
-    page = {True: rows("Dimension scales"), False: rows("Data")}
+    page = {True: rows(scales()), False: rows(data())}
     problems = []
     for key, (scale, form, units, _) in datasets.items():
         expected, told = page[scale].get(key, ["", ""])[:2]
@@ -81,12 +88,12 @@ def test_every_dataset_has_its_row(datasets):
 
 
 def test_every_row_has_a_dataset(datasets):
-    assert {*rows("Dimension scales"), *rows("Data")} - set(datasets) == set()
+    assert {*rows(scales()), *rows(data())} - set(datasets) == set()
 
 
 @pytest.mark.parametrize("key", ["curve_kind", "fallback", "integration_verdict", "reason", "stability_method", "status"])
 def test_names_of_numbers_are_on_the_page(key, datasets):
-    meaning = rows("Data")[key][2].partition("flag_meanings")[2]
+    meaning = rows(data())[key][2].partition("flag_meanings")[2]
     listed = {int(number): name for number, name in re.findall(r"(?<![\w.])(\d+) ([a-z]\w+)(?=[ ,;:(.]|$)", meaning)}
     names = datasets[key][3]
     assert {number: listed.get(number) for number in names} == names
