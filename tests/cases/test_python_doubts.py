@@ -237,6 +237,8 @@ def test_a_stop_that_no_motion_reaches_is_named():
         lambda m: m.curve("tones[0]", 0.5, 0.9, order=9, max_step=0.2),
         lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, order=9),
         lambda m: m.sweep({"tones[0]": [0.8, 0.9]}, of="x1 (1)", order=9),
+        lambda m: [m.response("x1 (1)", order=9) for _ in range(2)],
+        lambda m: m.gradient("x1 (1)", ["load[0].cos"], order=9),
     ):
         with pytest.warns(Implausible, match=words) as warned:
             operation(stop_at(50.0))

@@ -145,6 +145,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
         doubts.warn_of(session)
+        self._warn_of_idle_laws(session)
         return required_response_of(session, of) if session.status in SOLVED else float("nan")
 
     @exclusive
@@ -189,6 +190,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order, gradient={"by": paths, **of_one}))
         session.solve(warm, points=0)
         doubts.warn_of(session)
+        self._warn_of_idle_laws(session)
         if session.status not in SOLVED:
             return Gradient(float("nan"), np.full(len(paths), np.nan))
         value = required_response_of(session, of)
@@ -198,6 +200,12 @@ class Model(Peaks):
         if np.isnan(slopes).any():
             doubts.warn(f"no derivatives of this motion: {session.message or 'it is not differentiable'}")
         return Gradient(value, slopes)
+
+    def _warn_of_idle_laws(self, session: Session) -> None:
+        """Warns of laws that exert no force on a motion, once each: a loop may pass through such motions."""
+        idle = [] if self._is_trial else [text for text in session.idle_laws() if text not in self._warned]
+        self._warned.update(idle)
+        doubts.warn_of_idle_laws(idle)
 
     @exclusive
     @documented
