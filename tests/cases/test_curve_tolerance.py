@@ -138,6 +138,26 @@ def test_folds_are_found_where_the_set_grows(tolerance, tmp_path):
     assert folds == pytest.approx([0.76457, 0.70872], rel=3e-5)
 
 
+SMALL_FOLDS = """
+&structure type='matrices', n_dofs=2, mass=1,0,0,1, damping=.068,-.034,-.034,.034, stiffness=2,-1,-1,1 /
+&tones frequency=.3708 /
+&load dof='x1', tuple=1, cos=.12418634 /
+&law type='elastic_stop', dof='x2', stiffness=9.91195, gap=.217324, two_sided=.true. /
+&curve parameter='tones%frequency', from=.3708, to=2.912 /
+"""
+
+
+@pytest.mark.parametrize("damping", [".068,-.034,-.034,.034", ".06804624,-.03402312,-.03402312,.03402312", ".07,-.035,-.035,.035"])
+def test_folds_between_both_ends_of_a_range_come_in_pairs(tmp_path, damping):
+    """Two near .552 rad/s differ by 3e-4, less than the errors of their motions; one of them alone would be a fold without return."""
+    result = solve(SMALL_FOLDS.replace(".068,-.034,-.034,.034", damping), tmp_path)
+    kind, value = read(result, "curve_kind", "tones_frequency")
+    assert kind[kind > 0][-1] == 6 and value[kind > 0][-1] == 2.912
+    folds = value[kind == 3]
+    assert len(folds) % 2 == 0, folds
+    assert np.all(np.diff(folds) * (-1.0) ** np.arange(len(folds) - 1) < 0), folds
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), (0.72, "'x1'")])
 def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):

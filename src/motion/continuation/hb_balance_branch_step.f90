@@ -18,7 +18,7 @@ contains
          call step(self, curve, at_point, branches, points)
       end if
       if (allocated(error) .or. curve%status /= outcome%pending .or. work_is_over()) return
-      call remove_doubtful_extremes(self, curve, course%reported, points, error)
+      call remove_doubtful_extremes(self, curve, branches, course%reported, points, error)
    end procedure balance_branch_make_step
 
    !> Searches for a motion on none of the branches so far.

@@ -23,13 +23,16 @@ module hb_curve_points
       integer :: bifurcation = 0                                      !! of hb_stability, if it was found from multipliers
       integer :: extreme = 0, switch = 0                              !! that is zero there, of `extremes_of_switches`, if it grazes
       character(200) :: unlocated = ""                                !! events before it on the step that were not located
+      logical :: hides_fold = .false.                                 !! one of these is a fold
       real(wp) :: shift = 0.0_wp                                      !! of the value, by a change of the function that vanishes
+      real(wp) :: sense = 0.0_wp                                      !! of an extreme, 1: a maximum, -1: a minimum
    end type curve_point_t
 
-   !> A fold, peak or minimum that was reported.
+   !> A fold, peak or minimum that was reported, or a fold that was passed and not located.
    type :: reported_extreme_t
       integer :: response = 0                                         !! of the request; 0: a fold
       real(wp) :: length = 0.0_wp                                     !! arc length of this branch at the point
+      real(wp) :: sense = 0.0_wp                                      !! 1: a maximum, -1: a minimum, 0: not located
    end type reported_extreme_t
 
 contains

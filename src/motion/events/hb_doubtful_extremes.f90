@@ -1,7 +1,8 @@
 !> Folds, peaks and minima of a curve that are smaller than the estimated errors of the motions around them are not
-!> reported.
+!> reported. Folds are omitted in pairs: between two that are reported the value moves in one direction.
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
+   use hb_curve_branches, only: branches_t
    use hb_curve_points, only: curve_point_t, reported_extreme_t
    use hb_error, only: error_t
    use hb_followed, only: followed_t
@@ -17,6 +18,7 @@ module hb_doubtful_extremes
 
    real(wp), parameter :: refined_step_ratio = 0.25_wp                ! first and longest step, relative to those of the curve
    real(wp), parameter :: searched_steps = 15.0_wp                    ! part of the curve that is searched, in its last steps
+   real(wp), parameter :: min_rise_at_start = 1.0e-3_wp               ! of the value along a curve, in its units: not across it
 
    !> An extremum of a function along the curve.
    type :: extreme_t
@@ -32,36 +34,70 @@ contains
    !> A truncated motion depends on the positions of its samples relative to the kinks of laws, so its curve is
    !> slightly wavy and has extrema that the exact one does not have. A maximum is accepted if the curve falls on
    !> either side by more than the estimated errors of both ends of the fall, before it has risen by as much. Of
-   !> several maxima on the same peak the first is reported. A minimum is the maximum of the negative function.
-   subroutine remove_doubtful_extremes(followed, curve, reported, points, error)
+   !> several maxima on the same peak the first is reported. A minimum is the maximum of the negative function. Folds
+   !> alternate: of the same sense as the last one, the next one is not reported, nor was the one between them. Otherwise the
+   !> fall between them has passed the test behind the last one.
+   subroutine remove_doubtful_extremes(followed, curve, branches, reported, points, error)
       class(followed_t), intent(inout), target :: followed
       type(curve_t), intent(inout) :: curve                           !! at the end of the step; the work is counted
+      type(branches_t), intent(in) :: branches
       type(reported_extreme_t), intent(in) :: reported(:)             !! on this branch
       type(curve_point_t), allocatable, intent(inout) :: points(:)        !! of the step
       type(error_t), allocatable, intent(out) :: error
       type(extreme_t) :: extreme
       logical :: is_retained(size(points))
+      real(wp) :: last_sense
       integer :: i
+      logical :: has_fall_behind, is_fold
 
       is_retained = .true.
+      call find_last_sense(curve, branches, reported, last_sense, has_fall_behind)
       do i = 1, size(points)
          associate (point => points(i))
             if (.not. curve_kinds(point%kind)%is_extreme) cycle
             extreme = extreme_t(response=point%response, value=function_at(followed, point%response, point%x))
             extreme%sense = curve_kinds(point%kind)%sense
-            if (point%kind == curve_kind%fold) &
-               extreme%sense = sign(1.0_wp, first_rise(curve, points))*(-1)**n_folds_between(points, i)
+            is_fold = point%kind == curve_kind%fold
+            if (is_fold) extreme%sense = sign(1.0_wp, first_rise(curve, points))*(-1)**n_folds_between(points, i)
+            is_retained(i) = .not. (is_fold .and. extreme%sense*last_sense > 0.0_wp)
+            if (.not. is_retained(i)) cycle
             call raise_error(followed, curve, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(followed, curve, extreme, curve%last%x, error)
             if (.not. allocated(error)) call raise_error(followed, curve, extreme, curve%x, error)
             if (.not. allocated(error)) call find_fall(followed, curve, extreme, reported, point%position, 1, is_retained(i), error)
-            if (is_retained(i) .and. .not. allocated(error)) &
+            if (is_retained(i) .and. .not. allocated(error) .and. .not. (is_fold .and. has_fall_behind)) &
                call find_fall(followed, curve, extreme, reported, point%position, -1, is_retained(i), error)
             if (allocated(error)) return
+            point%sense = extreme%sense
+            if (.not. (is_fold .and. is_retained(i))) cycle
+            last_sense = extreme%sense
+            has_fall_behind = .true.
          end associate
       end do
       if (.not. all(is_retained)) points = pack(points, is_retained)
    end subroutine remove_doubtful_extremes
+
+   !> Finds the sense of the last fold of this branch. The first branch begins at one, unless its start is across the value.
+   pure subroutine find_last_sense(curve, branches, reported, sense, is_reported)
+      type(curve_t), intent(in) :: curve
+      type(branches_t), intent(in) :: branches
+      type(reported_extreme_t), intent(in) :: reported(:)
+      real(wp), intent(out) :: sense                                  !! 1: a maximum, -1: a minimum, 0: not known
+      logical, intent(out) :: is_reported                             !! so its sense was found from a fall behind it
+      real(wp) :: rise
+      integer :: i, n
+
+      sense = 0.0_wp
+      i = maxloc(reported%length, mask=reported%response == 0, dim=1)
+      if (i > 0) then
+         sense = reported(i)%sense
+      else if (branches%number == 0) then
+         n = size(curve%x)
+         rise = branches%start_on_set%direction(n)/curve%units(n)
+         if (abs(rise) > min_rise_at_start) sense = -sign(1.0_wp, rise)
+      end if
+      is_reported = i > 0 .and. abs(sense) > 0.0_wp
+   end subroutine find_last_sense
 
    !> How the value moves to the first fold of the step: along the direction at its start, which around a kink is that of the
    !> step and not of the curve.

@@ -64,7 +64,7 @@ contains
       point = curve_point_t(curve_kind%regular, self%curve%last%step, self%curve%x)
       point%stability = self%at_end%stability                         ! gfortran 12 loses it in the constructor
       if (.not. is_at_origin(self)) &
-         call describe_unlocated(self%at_start, self%at_end, self%followed%request%responses, self%found, point%unlocated)
+         call describe_unlocated(self%at_start, self%at_end, self%followed%request%responses, self%found, point)
       self%found = [self%found, point]
       call sort_by_position(self%found)
       call move_alloc(self%found, found)

@@ -13,15 +13,14 @@ module hb_unlocated_events
 
 contains
 
-   !> Says which events were passed on a step, of how many none or not all were located; blank if all were.
-   subroutine describe_unlocated(before, behind, responses, points, text)
+   !> Says at the end of a step which events were passed on it, of how many none or not all were located; blank if all were.
+   subroutine describe_unlocated(before, behind, responses, points, ending)
       type(event_values_t), intent(in) :: before, behind              !! at the ends of the step
       type(located_response_t), intent(in) :: responses(:)
       type(curve_point_t), intent(in) :: points(:)                        !! located on the step
-      character(*), intent(out) :: text
+      type(curve_point_t), intent(inout) :: ending                    !! of the step
       integer :: i, k, passed(0:ubound(curve_kinds, 1)), located(0:ubound(curve_kinds, 1))
 
-      text = ""
       passed = 0
       located = 0
       call compare(curve_kind%fold, before%rise, behind%rise, count(points%kind == curve_kind%fold))
@@ -39,12 +38,16 @@ contains
             end associate
          end do
       end if
-      do k = 0, ubound(curve_kinds, 1)
-         if (passed(k) == 0) cycle
-         if (len_trim(text) > 0) text = trim(text)//","
-         text = trim(text)//" "//to_text(passed(k))//" '"//trim(curve_kinds(k)%name)//"', "//to_text(located(k))//" located"
-      end do
-      text = adjustl(text)
+      ending%hides_fold = passed(curve_kind%fold) > 0
+      ending%unlocated = ""
+      associate (text => ending%unlocated)
+         do k = 0, ubound(curve_kinds, 1)
+            if (passed(k) == 0) cycle
+            if (len_trim(text) > 0) text = trim(text)//","
+            text = trim(text)//" "//to_text(passed(k))//" '"//trim(curve_kinds(k)%name)//"', "//to_text(located(k))//" located"
+         end do
+         text = adjustl(text)
+      end associate
 
    contains
 
