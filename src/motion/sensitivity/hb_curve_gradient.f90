@@ -1,8 +1,8 @@
 !> Derivatives of points of a curve with respect to numbers of the model.
-!> Folds, peaks and similar points move along the curve when a value changes. They are located again on the curves for
-!> both perturbed values, near the original point: first in the plane across the curve, then along it to the zero of
-!> their function, hb_curve_events. All other points are fixed at their value along the curve, hb_gradient. Source:
-!> docs/why/theory.md, section 6.8.
+!> Folds, peaks and similar points move along the curve when a number p changes. They are zeros of an extended system: the
+!> equations R(x, p) = 0 of the curve, and the function g(x, p) = 0 of the event, hb_curve_events. One step of Newton's method
+!> with the tangent at p solves it at p +- h: in the plane across the curve, then along the curve. All other points are fixed at
+!> their value along the curve, hb_gradient. Source: docs/why/theory.md, section 6.8.
 module hb_curve_gradient
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_balance_branch, only: balance_branch_t
@@ -25,13 +25,15 @@ module hb_curve_gradient
    use hb_outcome, only: is_solved
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_system, only: system_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: agreement, faint, minor, nearby_steps, sharp
    implicit none
    private
    public :: find_curve_gradient
 
-   real(wp), parameter :: relocation_distance = 1.0e-4_wp             ! a step, relative to the value; 1e-5: less exact
-   real(wp), parameter :: across_samples = 3.0e-2_wp                  ! likewise, over 20 of the following samples
+   real(wp), parameter :: smooth_step = 1.0e-4_wp                     ! of differences, relative to the number or the largest motion
+   real(wp), parameter :: step_across_samples = 3.0e-2_wp             ! likewise, over 20 of the following samples
+   integer, parameter :: n_steps_across_samples = 6                   ! of Newton's method with the same tangent: to 1e-4
    integer, parameter :: min_samples = 4096                        ! of one tone, for a position to 1 %
    real(wp), parameter :: max_values = 1.0e6_wp                      ! of them for all coordinates: a second for a step
 
@@ -40,10 +42,22 @@ module hb_curve_gradient
       class(balance_branch_t), pointer :: branch => null()
       real(wp), allocatable :: direction(:)                           ! of the curve there
       type(curve_point_t) :: point
-      real(wp) :: step = relocation_distance                          ! relative to the value
+      real(wp) :: step = smooth_step
+      integer :: n_newton_steps = 1
    contains
       procedure :: differentiate => located_differentiate
    end type located_t
+
+   !> The extended system for one value of a number. Owns external resources: its branch.
+   type :: extended_t
+      class(balance_branch_t), allocatable :: branch
+      type(curve_t) :: curve
+      class(event_t), allocatable :: event
+      real(wp), allocatable :: x(:)                                   ! the solution
+      real(wp), allocatable :: tangent(:)                             ! of the curve there
+      real(wp) :: growth = 0.0_wp                                     ! of the event along it
+      type(tangent_solver_t) :: solver                                ! of the equations with the plane across it
+   end type extended_t
 
    !> The same point for another value.
    type :: neighbour_t
@@ -108,7 +122,8 @@ contains
       level = located%branch%level
       if (size(level%n_samples) > 1 .or. min_samples*real(located%branch%problem%n_dofs, wp) > max_values) return
       level%n_samples = max(level%n_samples, min_samples)
-      located%step = across_samples
+      located%step = step_across_samples
+      located%n_newton_steps = n_steps_across_samples
       call located%differentiate(level, average, error)
       if (.not. allocated(average%coefficients)) return
       gradient%position = average%position
@@ -121,6 +136,7 @@ contains
       type(level_t), intent(in) :: level
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
+      type(extended_t), target :: here
       type(neighbour_t) :: sides(-1:1)
       real(wp) :: step, value
       integer :: k, side
@@ -128,15 +144,17 @@ contains
 
       associate (model => self%branch%problem%model)
          gradient = zero_gradient(model%system, model%options, level%set)
+         call extend(self, level, here, is_found)
+         if (is_found) call solve(here, self%step, sides(0), is_found)
          do k = 1, size(model%options%gradient%by)
+            if (.not. is_found .or. work_is_over()) exit
             call find_model_number(self%branch%model, model%options%gradient%by(k), value, is_found)
             step = self%step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
-            do side = -1, 1
-               call locate(self, level, model%options%gradient%by(k), value + side*step, sides(side), is_found)
-               if (is_found .and. .not. work_is_over()) cycle
-               gradient = gradient_t()
-               return
+            do side = -1, 1, 2
+               if (is_found) call step_to_side(self, level, here, model%options%gradient%by(k), value + side*step, sides(side), &
+                                               is_found)
             end do
+            if (.not. is_found) exit
             call store_slope(gradient, model%options%output%dofs, k, (sides(1)%c - sides(-1)%c)/(2.0_wp*step))
             gradient%frequency(:, k) = (sides(1)%frequency - sides(-1)%frequency)/(2.0_wp*step)
             gradient%position(k) = (sides(1)%position - sides(-1)%position)/(2.0_wp*step)
@@ -144,50 +162,111 @@ contains
                                  max(norm2(abs(sides(1)%c - sides(-1)%c)), tiny(1.0_wp))
          end do
       end associate
+      if (.not. is_found .or. work_is_over()) gradient = gradient_t()
+      call here%branch%destroy()
    end subroutine located_differentiate
 
-   !> Locates the point for a given value of the input.
-   subroutine locate(self, level, number, value, neighbour, is_found)
+   !> Sets up the extended system, for another value of a number if there is one.
+   subroutine extend(self, level, there, is_possible, number, value)
       class(located_t), intent(in) :: self
       type(level_t), intent(in) :: level
-      type(model_number_t), intent(in) :: number
-      real(wp), intent(in) :: value
-      type(neighbour_t), intent(out) :: neighbour
-      logical, intent(out) :: is_found
-      class(event_t), allocatable :: event
-      class(balance_branch_t), allocatable, target :: there
-      type(curve_t) :: curve
+      type(extended_t), intent(out), target :: there
+      logical, intent(out) :: is_possible
+      type(model_number_t), intent(in), optional :: number
+      real(wp), intent(in), optional :: value
       type(error_t), allocatable :: error
       type(movement_t) :: movement
-      real(wp), allocatable :: x(:)
 
-      is_found = .false.
-      allocate (there)
-      there%request = self%branch%request
-      there%model = self%branch%model
-      there%further = self%branch%further
-      call new_movement(movement, there%model, number, .false., error)
-      if (.not. allocated(error)) call set_movement(there%model, movement, value, error)
-      there%model%options%solver%tolerance = min(there%model%options%solver%tolerance, 1.0e-12_wp)
-      if (.not. allocated(error)) call there%adopt_level(level, error)
-      if (.not. allocated(error)) then
-         associate (from => self%branch%level%set, n_further => there%n_further)
-            x = transferred(from, level%set, self%point%x, n_further)
-            call there%begin_curve(curve, x, transferred(from, level%set, self%direction, n_further))
-         end associate
-         call make_event(there, self%point, event)
-         call find_zero(there, curve, event, x, is_found)
-      end if
-      if (is_found) then
-         associate (problem => there%problem)
-            neighbour%position = x(size(x))
-            neighbour%frequency = problem%omega
-            allocate (neighbour%c(problem%model%system%structure%n_dofs, problem%harmonics%n_harmonics))
-            call problem%all_dofs(x(:problem%n_unknowns), neighbour%c)
-         end associate
-      end if
-      call there%destroy()
-   end subroutine locate
+      allocate (there%branch)
+      associate (branch => there%branch, from => self%branch%level%set)
+         branch%request = self%branch%request
+         branch%model = self%branch%model
+         branch%further = self%branch%further
+         branch%model%options%solver%tolerance = min(branch%model%options%solver%tolerance, 1.0e-12_wp)
+         if (present(number)) then
+            call new_movement(movement, branch%model, number, .false., error)
+            if (.not. allocated(error)) call set_movement(branch%model, movement, value, error)
+         end if
+         if (.not. allocated(error)) call branch%adopt_level(level, error)
+         is_possible = .not. allocated(error)
+         if (.not. is_possible) return
+         call branch%begin_curve(there%curve, transferred(from, level%set, self%point%x, branch%n_further), &
+                                 transferred(from, level%set, self%direction, branch%n_further))
+         call make_event(branch, self%point, there%event)
+      end associate
+   end subroutine extend
+
+   !> Solves the extended system, and prepares steps to other values.
+   subroutine solve(here, step, found, is_found)
+      type(extended_t), intent(inout), target :: here
+      real(wp), intent(in) :: step                                    ! of differences along the curve
+      type(neighbour_t), intent(out) :: found
+      logical, intent(out) :: is_found
+      real(wp) :: determinant_sign
+      logical :: is_singular
+
+      associate (curve => here%curve)
+         here%x = curve%x
+         call find_zero(here%branch, curve, here%event, here%x, is_found)
+         if (.not. is_found) return
+         call describe(here%branch, here%x, found, is_found)
+         allocate (here%tangent, mold=here%x)
+         call curve%tangent_at(here%x, here%tangent, determinant_sign, is_singular)
+         is_found = is_found .and. .not. is_singular
+         if (.not. is_found) return
+         here%growth = (here%event%value(curve, here%x + step*here%tangent) - &
+                        here%event%value(curve, here%x - step*here%tangent))/(2.0_wp*step)
+         call curve%problem%move_to(here%x, is_found)
+         call curve%set_plane(here%x, here%tangent, 0.0_wp)
+         call new_tangent_solver(here%solver, curve%problem, here%x, is_singular)
+         is_found = is_found .and. .not. is_singular .and. abs(here%growth) > 0.0_wp
+      end associate
+   end subroutine solve
+
+   !> Performs steps of Newton's method to the solution for another value of a number.
+   subroutine step_to_side(self, level, here, number, value, found, is_found)
+      class(located_t), intent(in) :: self
+      type(level_t), intent(in) :: level
+      type(extended_t), intent(inout) :: here
+      type(model_number_t), intent(in) :: number
+      real(wp), intent(in) :: value
+      type(neighbour_t), intent(out) :: found
+      logical, intent(out) :: is_found
+      type(extended_t), target :: there
+      real(wp) :: step(size(here%x)), x(size(here%x))
+      integer :: i
+      logical :: is_singular
+
+      call extend(self, level, there, is_found, number, value)
+      x = here%x
+      do i = 1, self%n_newton_steps
+         if (is_found) call there%curve%problem%move_to(x, is_found)
+         if (.not. is_found) exit
+         call there%curve%problem%residual(x, step)
+         step(size(step)) = 0.0_wp                                    ! in the plane
+         call here%solver%solve(here%curve%problem, step, is_singular)
+         x = x - step
+         x = x - there%event%value(there%curve, x)/here%growth*here%tangent
+      end do
+      if (is_found) call describe(there%branch, x, found, is_found)
+      call there%branch%destroy()
+   end subroutine step_to_side
+
+   !> The motion and its position at a point.
+   subroutine describe(branch, x, found, is_possible)
+      type(balance_branch_t), intent(inout) :: branch
+      real(wp), intent(in) :: x(:)
+      type(neighbour_t), intent(out) :: found
+      logical, intent(out) :: is_possible
+
+      associate (problem => branch%problem)
+         call problem%move_to_point(x, is_possible)
+         found%position = x(size(x))
+         found%frequency = problem%omega
+         allocate (found%c(problem%model%system%structure%n_dofs, problem%harmonics%n_harmonics))
+         if (is_possible) call problem%all_dofs(x(:problem%n_unknowns), found%c)
+      end associate
+   end subroutine describe
 
    !> The function that is zero at a located point.
    subroutine make_event(branch, point, event)
