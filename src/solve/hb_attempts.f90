@@ -4,12 +4,12 @@
 !> `attempt_rules` is the table. Its stages are nested: the start of a curve is a point, a point needs motions on given sets, and
 !> a motion is the solution of equations. `make_attempts` makes the attempts of one stage for an object that extends `attempts_t`;
 !> the conditions of the stage (`permit`) decide which of them apply, `row_after` where to go on. A new attempt is a row here, its
-!> condition in `permit` of its stage, and a case of its name in `make` of the object of its stage: hb_motion, hb_accurate_motion,
-!> hb_curve_runner; for the solver, if it does something new, a component of `technique_t` and a case in `proceed` of hb_solver,
-!> and if it starts elsewhere, one of `starting_point_t` and a case in `start_of`. What a condition of the solver needs is a
-!> component of `solver_conditions_t`, set in `conditions_of`. `kind` is an existing `fallback`, unless result files must tell it
-!> apart. The page docs/user/convergence.md has the same table; tests compare them, and assert what is tried next after which
-!> failures.
+!> number in `attempt_row`, its condition in `permit` of its stage, and a case in `make` of the object of its stage: hb_motion,
+!> hb_accurate_motion, hb_curve_runner; for the solver, if it does something new, a component of `technique_t` and a case in
+!> `proceed` of hb_solver, and if it starts elsewhere, one of `starting_point_t` and a case in `start_of`. What a condition of
+!> the solver needs is a component of `solver_conditions_t`, set in `conditions_of`. `kind` is an existing `fallback`, unless
+!> result files must tell it apart. The page docs/user/convergence.md has the same table; tests compare them, and assert what is
+!> tried next after which failures.
 module hb_attempts
    use hb_kinds, only: wp
    use hb_outcome, only: is_integrated, is_lost, outcome, outcome_name
@@ -17,8 +17,8 @@ module hb_attempts
    use hb_text, only: rounded
    implicit none
    private
-   public :: attempt_rule_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts, motion_conditions_t
-   public :: point_conditions_t, row_after, row_of, solver_conditions_t, stage, starting_point, technique
+   public :: attempt_row, attempt_rule_t, attempt_rules, attempts_t, describe_attempts, is_fallback, make_attempts
+   public :: motion_conditions_t, point_conditions_t, row_after, row_of, solver_conditions_t, stage, starting_point, technique
 
    integer, parameter :: max_stagnant_iterations = 10 ! without a clear gain, where other attempts remain
    real(wp), parameter :: half = 0.5_wp               ! of what remains of the budget, so that no attempt exhausts it
@@ -55,28 +55,59 @@ module hb_attempts
    end type starting_point_t
    type(starting_point_t), parameter :: starting_point = starting_point_t()
 
-   !> The work of which an attempt may use a share.
-   type :: work_limit_t
-      integer :: left_for_fallbacks = 1                               !! what is left of the budget of the fallbacks of a solver
-      integer :: fallbacks = 2                                        !! all that the settings permit, `max_fallback_work`
-      integer :: work_so_far = 3                                      !! of the point
-   end type work_limit_t
-   type(work_limit_t), parameter :: work_limit = work_limit_t()
+   !> The rows of `attempt_rules`, and what else can follow an attempt.
+   type :: attempt_row_t
+      integer :: next = -1                                            !! the row below, if it belongs to the same stage
+      integer :: none = 0
+      integer :: smaller_problems_first = 1
+      integer :: direct = 2
+      integer :: other_guess = 3
+      integer :: fewer_harmonics = 4
+      integer :: damping = 5
+      integer :: nonlinearity_homotopy = 6
+      integer :: direct_all_iterations = 7
+      integer :: other_method = 8
+      integer :: load_homotopy = 9
+      integer :: integration_first = 10
+      integer :: odd_set = 11
+      integer :: whole_set = 12
+      integer :: integration = 13
+      integer :: from_integration = 14
+      integer :: lines_first = 15
+      integer :: set_of_neighbour = 16
+      integer :: first_set = 17
+      integer :: larger_first_set = 18
+      integer :: smaller_first_set = 19
+      integer :: integrated_guess = 20
+      integer :: lines = 21
+      integer :: refinement = 22
+      integer :: without_neighbour = 23
+      integer :: refinement_integrated = 24
+      integer :: lines_from_motion = 25
+      integer :: refinement_of_lines = 26
+      integer :: finer_for_stability = 27
+      integer :: start = 28
+      integer :: other_end = 29
+      integer :: start_integrated = 30
+   end type attempt_row_t
+   type(attempt_row_t), parameter :: attempt_row = attempt_row_t()
 
    !> A row of the table of attempts.
    type :: attempt_rule_t
-      character(22) :: name = ""
+      integer :: row = attempt_row%none                               !! its own, one of `attempt_row`
+      character(22) :: name = ""                                      !! as the result file has it
       integer :: kind = fallback%none                                 !! one of `fallback`, as the result file has it
       integer :: technique = technique%balance
       integer :: start = starting_point%first_guess
       integer :: max_stagnant_iterations = 0                          !! without a clear gain; 0: no limit
-      real(wp) :: share = 0.0_wp                                      !! of the work that the attempt may use; 0: not limited by it
+      real(wp) :: share = 0.0_wp                                      !! of the work that it may use: of what is left for the
+                                                                      !! fallbacks of a solver, of all that is permitted for them
+                                                                      !! (guesses by integration), of the work of the point so far
+                                                                      !! (verdicts); 0: not limited by it
       logical :: needs_tangent = .false.                              !! a dense one
       integer :: stage = stage%solver
-      integer :: share_of = work_limit%left_for_fallbacks             !! one of `work_limit`
-      character(22) :: on_success = "end"                             !! the attempt that follows: its name, `next` of the same
-                                                                      !! stage, or `end` for none
-      character(22) :: on_failure = "next"
+      integer :: on_success = attempt_row%none                        !! the attempt that follows: one of `attempt_row`
+      integer :: on_failure = attempt_row%next
    contains
       procedure :: has_budget => attempt_rule_has_budget
    end type attempt_rule_t
@@ -84,51 +115,54 @@ module hb_attempts
    !> All attempts, stage by stage, in their order. Attempts of the solver without a share of the fallbacks' budget are the normal
    !> way to a solution. Time integrations without one have what the solver leaves of it, see `share_of_solver`.
    type(attempt_rule_t), parameter :: attempt_rules(*) = [ &
-      attempt_rule_t("smaller_problems_first", fallback%none, &
+      attempt_rule_t(attempt_row%smaller_problems_first, "smaller_problems_first", fallback%none, &
                      technique%smaller_problems, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
-      attempt_rule_t("direct", fallback%none, &
+      attempt_rule_t(attempt_row%direct, "direct", fallback%none, &
                      technique%direct, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
-      attempt_rule_t("other_guess", fallback%other_guess, &
+      attempt_rule_t(attempt_row%other_guess, "other_guess", fallback%other_guess, &
                      technique%direct, starting_point%other_guess, max_stagnant_iterations, half, .false.), &
-      attempt_rule_t("fewer_harmonics", fallback%fewer_harmonics, &
+      attempt_rule_t(attempt_row%fewer_harmonics, "fewer_harmonics", fallback%fewer_harmonics, &
                      technique%smaller_problems, starting_point%first_guess, 0, half, .false.), &
-      attempt_rule_t("damping", fallback%damping, &
+      attempt_rule_t(attempt_row%damping, "damping", fallback%damping, &
                      technique%damping_homotopy, starting_point%zero, max_stagnant_iterations, half, .true.), &
-      attempt_rule_t("nonlinearity_homotopy", fallback%nonlinearity, &
+      attempt_rule_t(attempt_row%nonlinearity_homotopy, "nonlinearity_homotopy", fallback%nonlinearity, &
                      technique%nonlinearity_homotopy, starting_point%linear_solution, 0, half, .true.), &
-      attempt_rule_t("direct_all_iterations", fallback%none, &
+      attempt_rule_t(attempt_row%direct_all_iterations, "direct_all_iterations", fallback%none, &
                      technique%direct, starting_point%first_guess, 0, half, .true.), &
-      attempt_rule_t("other_method", fallback%other_method, &
+      attempt_rule_t(attempt_row%other_method, "other_method", fallback%other_method, &
                      technique%other_method, starting_point%first_guess, 0, half, .true.), &
-      attempt_rule_t("load_homotopy", fallback%load, &
+      attempt_rule_t(attempt_row%load_homotopy, "load_homotopy", fallback%load, &
                      technique%load_homotopy, starting_point%zero, 0, half, .true.), &
       !
-      attempt_rule_t("integration_first", technique=technique%integration, stage=stage%motion), &
-      attempt_rule_t("odd_set", stage=stage%motion, on_success="integration"), &
-      attempt_rule_t("whole_set", stage=stage%motion), &
-      attempt_rule_t("integration", technique=technique%integration, stage=stage%motion, on_success="next", on_failure="end"), &
-      attempt_rule_t("from_integration", kind=fallback%integration, stage=stage%motion), &
+      attempt_rule_t(attempt_row%integration_first, "integration_first", technique=technique%integration, stage=stage%motion), &
+      attempt_rule_t(attempt_row%odd_set, "odd_set", stage=stage%motion, on_success=attempt_row%integration), &
+      attempt_rule_t(attempt_row%whole_set, "whole_set", stage=stage%motion), &
+      attempt_rule_t(attempt_row%integration, "integration", technique=technique%integration, stage=stage%motion, &
+                     on_success=attempt_row%next, on_failure=attempt_row%none), &
+      attempt_rule_t(attempt_row%from_integration, "from_integration", kind=fallback%integration, stage=stage%motion), &
       !
-      attempt_rule_t("lines_first", technique=technique%integration, stage=stage%point), &
-      attempt_rule_t("set_of_neighbour", stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("first_set", stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("larger_first_set", stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("smaller_first_set", stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("integrated_guess", kind=fallback%integration, share=quarter, share_of=work_limit%fallbacks, &
-                     stage=stage%point, on_success="refinement"), &
-      attempt_rule_t("lines", technique=technique%integration, stage=stage%point, on_failure="end"), &
-      attempt_rule_t("refinement", stage=stage%point, on_success="finer_for_stability"), &
-      attempt_rule_t("without_neighbour", stage=stage%point), &
-      attempt_rule_t("refinement_integrated", kind=fallback%integration, share=quarter, share_of=work_limit%fallbacks, &
+      attempt_rule_t(attempt_row%lines_first, "lines_first", technique=technique%integration, stage=stage%point), &
+      attempt_rule_t(attempt_row%set_of_neighbour, "set_of_neighbour", stage=stage%point, on_success=attempt_row%refinement), &
+      attempt_rule_t(attempt_row%first_set, "first_set", stage=stage%point, on_success=attempt_row%refinement), &
+      attempt_rule_t(attempt_row%larger_first_set, "larger_first_set", stage=stage%point, on_success=attempt_row%refinement), &
+      attempt_rule_t(attempt_row%smaller_first_set, "smaller_first_set", stage=stage%point, on_success=attempt_row%refinement), &
+      attempt_rule_t(attempt_row%integrated_guess, "integrated_guess", kind=fallback%integration, share=quarter, &
+                     stage=stage%point, on_success=attempt_row%refinement), &
+      attempt_rule_t(attempt_row%lines, "lines", technique=technique%integration, stage=stage%point, on_failure=attempt_row%none), &
+      attempt_rule_t(attempt_row%refinement, "refinement", stage=stage%point, on_success=attempt_row%finer_for_stability), &
+      attempt_rule_t(attempt_row%without_neighbour, "without_neighbour", stage=stage%point), &
+      attempt_rule_t(attempt_row%refinement_integrated, "refinement_integrated", kind=fallback%integration, share=quarter, &
                      stage=stage%point), &
-      attempt_rule_t("lines_from_motion", technique=technique%integration, stage=stage%point, on_success="next", &
-                     on_failure="end"), &
-      attempt_rule_t("refinement_of_lines", kind=fallback%integration, stage=stage%point, on_failure="end"), &
-      attempt_rule_t("finer_for_stability", share=4.0_wp, share_of=work_limit%work_so_far, stage=stage%point, on_failure="end"), &
+      attempt_rule_t(attempt_row%lines_from_motion, "lines_from_motion", technique=technique%integration, stage=stage%point, &
+                     on_success=attempt_row%next, on_failure=attempt_row%none), &
+      attempt_rule_t(attempt_row%refinement_of_lines, "refinement_of_lines", kind=fallback%integration, stage=stage%point, &
+                     on_failure=attempt_row%none), &
+      attempt_rule_t(attempt_row%finer_for_stability, "finer_for_stability", share=4.0_wp, stage=stage%point, &
+                     on_failure=attempt_row%none), &
       !
-      attempt_rule_t("start", stage=stage%curve), &
-      attempt_rule_t("other_end", stage=stage%curve), &
-      attempt_rule_t("start_integrated", technique=technique%integration, stage=stage%curve)]
+      attempt_rule_t(attempt_row%start, "start", stage=stage%curve), &
+      attempt_rule_t(attempt_row%other_end, "other_end", stage=stage%curve), &
+      attempt_rule_t(attempt_row%start_integrated, "start_integrated", technique=technique%integration, stage=stage%curve)]
 
    !> What decides which attempts of the solver apply.
    type :: solver_conditions_t
@@ -248,17 +282,9 @@ contains
    pure integer function row_after(row, has_succeeded) result(next)
       integer, intent(in) :: row                                      !! of `attempt_rules`
       logical, intent(in) :: has_succeeded
-      character(len(attempt_rules%name)) :: name
 
-      name = merge(attempt_rules(row)%on_success, attempt_rules(row)%on_failure, has_succeeded)
-      select case (name)
-      case ("end")
-         next = 0
-      case ("next")
-         next = row_below(row)
-      case default
-         next = row_of(name)
-      end select
+      next = merge(attempt_rules(row)%on_success, attempt_rules(row)%on_failure, has_succeeded)
+      if (next == attempt_row%next) next = row_below(row)
    end function row_after
 
    !> Returns the next row of the same stage; 0: none.
@@ -328,12 +354,12 @@ contains
       class(motion_conditions_t), intent(in) :: self
       type(attempt_rule_t), intent(in) :: rule
 
-      select case (rule%name)
-      case ("integration_first")
+      select case (rule%row)
+      case (attempt_row%integration_first)
          permit = self%may_integrate .and. self%integrates_first
-      case ("odd_set")
+      case (attempt_row%odd_set)
          permit = self%has_odd_set
-      case ("integration")
+      case (attempt_row%integration)
          permit = self%may_integrate .and. self%integrates_last .and. (self%is_struck .or. is_lost(self%status))
       case default
          permit = rule%stage == stage%motion
@@ -350,33 +376,33 @@ contains
                    all(self%status /= [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])
       may_repeat = self%status == outcome%truncated .and. &
                    .not. (self%is_within_another .or. self%is_out_of_work .or. self%is_cancelled)
-      select case (rule%name)
-      case ("lines_first")
+      select case (rule%row)
+      case (attempt_row%lines_first)
          permit = self%may_integrate .and. self%integrates_first .and. .not. self%has_neighbour
-      case ("set_of_neighbour")
+      case (attempt_row%set_of_neighbour)
          permit = self%has_neighbour
-      case ("first_set")
+      case (attempt_row%first_set)
          permit = .not. self%has_motion
-      case ("larger_first_set")
+      case (attempt_row%larger_first_set)
          permit = may_search .and. .not. self%is_out_of_work
-      case ("smaller_first_set")
+      case (attempt_row%smaller_first_set)
          permit = may_search
-      case ("integrated_guess")
+      case (attempt_row%integrated_guess)
          permit = self%integrates_unknown_tone .and. .not. self%has_motion .and. &
                   (is_lost(self%status) .or. any(self%status == [outcome%no_motion, outcome%truncated]))
-      case ("lines")
+      case (attempt_row%lines)
          permit = self%may_integrate .and. .not. self%has_motion .and. &
                   (is_integrated(self%status) .or. (is_lost(self%status) .and. self%integrates_last))
-      case ("refinement", "refinement_of_lines")
+      case (attempt_row%refinement, attempt_row%refinement_of_lines)
          permit = self%has_motion
-      case ("without_neighbour")
+      case (attempt_row%without_neighbour)
          permit = may_repeat .and. self%has_neighbour
-      case ("refinement_integrated")
+      case (attempt_row%refinement_integrated)
          permit = may_repeat .and. self%integrates_unknown_tone .and. self%grows_set
-      case ("lines_from_motion")
+      case (attempt_row%lines_from_motion)
          permit = self%may_integrate .and. self%has_motion .and. &
                   (self%is_struck .or. (self%status == outcome%truncated .and. .not. self%is_unstable))
-      case ("finer_for_stability")
+      case (attempt_row%finer_for_stability)
          permit = self%lacks_stability .and. self%grows_set .and. .not. (self%is_within_another .or. self%is_cancelled)
       case default
          permit = .false.

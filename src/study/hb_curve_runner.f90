@@ -3,7 +3,7 @@
 !> of its own (hb_curve_jumps).
 module hb_curve_runner
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, stage, technique
+   use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, stage, technique
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
    use hb_curve_jumps, only: curve_jumps_t
    use hb_curve_request, only: curve_request_t
@@ -250,7 +250,7 @@ contains
       associate (runner => self%runner, result => self%result)
          associate (request => runner%part)
             start = self%start                                        ! exactly an end: a curve from within is followed both ways
-            if (rule%name == "other_end") start = merge(request%to, request%from, abs(start - request%from) <= 0.0_wp)
+            if (rule%row == attempt_row%other_end) start = merge(request%to, request%from, abs(start - request%from) <= 0.0_wp)
             call move_start(runner, start, self%error)
          end associate
          if (self%has_choice) runner%model%options%may_integrate = rule%technique == technique%integration
@@ -259,7 +259,7 @@ contains
          attempt%status = merge(outcome%failed, result%status, allocated(self%error))
          if (allocated(self%error)) return
          attempt%has_succeeded = is_solved(result%status) .and. estimate_of(result) < reliable
-         if (is_solved(result%status) .and. rule%name == "other_end" .and. (attempt%has_succeeded .or. work_is_over())) &
+         if (is_solved(result%status) .and. rule%row == attempt_row%other_end .and. (attempt%has_succeeded .or. work_is_over())) &
             result%message = "no motion was found at "//to_text(self%start)//"; the curve begins at the other end of its range"
       end associate
    end subroutine start_attempts_make

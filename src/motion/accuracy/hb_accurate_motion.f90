@@ -3,7 +3,7 @@
 !> Source: docs/why/accuracy.md.
 module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
-   use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, point_conditions_t, stage
+   use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, point_conditions_t, stage
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
@@ -88,7 +88,7 @@ contains
       type(attempt_rule_t), intent(in) :: rule
 
       call note_progress(self)
-      if (rule%name == "finer_for_stability") &                       ! levels before the last one have no stability
+      if (rule%row == attempt_row%finer_for_stability) &              ! levels before the last one have no stability
          self%conditions%lacks_stability = lacks_verdict(self%motion%system, self%motion%result)
       applies = self%conditions%permit(rule)
    end function point_attempts_applies
@@ -133,28 +133,29 @@ contains
       type(attempt_t), allocatable, intent(out) :: within(:)
 
       associate (motion => self%motion)
-         select case (rule%name)
-         case ("lines_first")
+         select case (rule%row)
+         case (attempt_row%lines_first)
             call integrate_before(motion, attempt%has_succeeded)
-         case ("lines")
+         case (attempt_row%lines)
             call integrate_after(motion%system, motion%discretisation, motion%options, motion%result, attempt%has_succeeded)
-         case ("lines_from_motion")
+         case (attempt_row%lines_from_motion)
             call integrate_from_balance(motion%system, motion%discretisation, motion%options, motion%result, motion%top, &
                                         attempt%has_succeeded)
-         case ("refinement_of_lines")
+         case (attempt_row%refinement_of_lines)
             call refine_lines(self, rule)
-         case ("refinement")
+         case (attempt_row%refinement)
             call motion%refine_to_tolerance()
             attempt%has_succeeded = motion%result%status == outcome%converged
-         case ("without_neighbour")
+         case (attempt_row%without_neighbour)
             call solve_without_neighbour(self)
             attempt%has_succeeded = motion%result%status == outcome%converged
-         case ("refinement_integrated")
+         case (attempt_row%refinement_integrated)
             call solve_from_integration(self, rule)
             attempt%has_succeeded = motion%result%status == outcome%converged
-         case ("finer_for_stability")
+         case (attempt_row%finer_for_stability)
             call refine_for_verdict(self, rule%share)
-         case default                                                 ! a first set
+         case (attempt_row%set_of_neighbour, attempt_row%first_set, attempt_row%larger_first_set, attempt_row%smaller_first_set, &
+               attempt_row%integrated_guess)
             call find_first_or_retain(self, rule, within)
             attempt%has_succeeded = allocated(motion%top%unknowns) .and. .not. self%has_left_start
          end select
@@ -349,8 +350,9 @@ contains
       associate (motion => self%motion)
          if (.not. self%has_left_start) then
             call find_first(motion, rule, within)
-            if (rule%name == "first_set" .and. allocated(motion%top%unknowns) .and. any(motion%system%tones%is_unknown) .and. &
-                self%conditions%grows_set) self%has_left_start = distance_from_start(motion) > far
+            if (rule%row == attempt_row%first_set .and. allocated(motion%top%unknowns) .and. &
+                any(motion%system%tones%is_unknown) .and. self%conditions%grows_set) &
+               self%has_left_start = distance_from_start(motion) > far
             return
          end if
          self%has_left_start = .false.
@@ -410,17 +412,17 @@ contains
 
       associate (system => self%system, discretisation => self%discretisation, options => self%options, top => self%top, &
                  result => self%result)
-         if (rule%name == "set_of_neighbour") then
+         if (rule%row == attempt_row%set_of_neighbour) then
             top = self%start
          else
             top%set = discretisation%harmonics
             top%n_samples = discretisation%torus%n_samples
-            if (rule%name == "larger_first_set" .or. rule%name == "smaller_first_set") &
-               call other_first(system, discretisation, rule%name == "larger_first_set", top, self%error)
+            if (rule%row == attempt_row%larger_first_set .or. rule%row == attempt_row%smaller_first_set) &
+               call other_first(system, discretisation, rule%row == attempt_row%larger_first_set, top, self%error)
             if (allocated(self%error)) return
             self%solver%level_options%may_integrate = options%may_integrate .and. &
                (options%start%from_integration .or. any(system%tones%is_unknown) .or. .not. options%accuracy%grows_set)
-            if (rule%name == "integrated_guess") then
+            if (rule%row == attempt_row%integrated_guess) then
                call find_from_integration(self, rule, within)
                return
             end if
@@ -430,7 +432,7 @@ contains
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          result%work_spent = self%solver%work_spent
          if (allocated(top%unknowns) .or. has_ended(result)) return
-         if (rule%name == "set_of_neighbour") return                ! its error is none of the point
+         if (rule%row == attempt_row%set_of_neighbour) return       ! its error is none of the point
          if (allocated(failure)) call move_alloc(failure, self%error)
          result%harmonics = top%set
          result%n_samples = top%n_samples

@@ -1,7 +1,7 @@
 !> Computes the motion of a model on its set, with all derived results, by the attempts of `hb_attempts`.
 module hb_motion
    use hb_amplitudes, only: as_amplitudes
-   use hb_attempts, only: attempt_rule_t, attempts_t, make_attempts, motion_conditions_t, stage, technique
+   use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, motion_conditions_t, stage, technique
    use hb_basis, only: basis_t, whole_basis
    use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: cancellation_t, work_is_over
@@ -141,18 +141,18 @@ contains
       type(attempt_t), intent(inout) :: attempt
       type(attempt_t), allocatable, intent(out) :: within(:)
 
-      select case (rule%name)
-      case ("integration_first")
+      select case (rule%row)
+      case (attempt_row%integration_first)
          call integrate_first(self, attempt)
-      case ("integration")
+      case (attempt_row%integration)
          call integrate_last(self, attempt)
-      case ("from_integration")
+      case (attempt_row%from_integration)
          call solve_from_integration(self, rule%kind, attempt)
-      case ("odd_set")
+      case (attempt_row%odd_set)
          call solve_on(self, self%basis, attempt, within)
          self%result%is_odd = is_proven_odd(self%result) .or. any(self%result%status == [outcome%timed_out, outcome%interrupted])
          attempt%has_succeeded = self%result%is_odd
-      case ("whole_set")
+      case (attempt_row%whole_set)
          call solve_on(self, whole_basis(self%discretisation%harmonics, self%discretisation%torus), attempt, within)
          attempt%has_succeeded = self%result%status == outcome%converged
       end select
