@@ -256,6 +256,31 @@ contains
       end if
    end subroutine set_nodes
 
+   integer(c_int) function nhbm_structure_set_coordinates(structure, n_nodes, coordinates) &
+      bind(c, name="nhbm_structure_set_coordinates") result(status)
+      type(c_ptr), value :: structure, coordinates
+      integer(c_size_t), value :: n_nodes
+      character(*), parameter :: function_name = "nhbm_structure_set_coordinates"
+      real(c_double), pointer :: place(:, :)
+      type(described_t), pointer :: d
+      type(error_t), allocatable :: error
+
+      status = acquire(structure, handle_kind%structure, function_name)
+      if (status /= c_status%success) return
+      call c_f_pointer(structure, d)
+      if (.not. allocated(d%fe_model%sets%node_of)) then
+         call fail(error, "nhbm_structure_set_nodes comes before")
+      else if (n_nodes /= int(d%n_nodes, c_size_t)) then
+         call fail(error, "the structure has "//to_text(d%n_nodes)//" nodes, not the given number")
+      else if (.not. c_associated(coordinates)) then
+         call fail(error, "coordinates must not be NULL")
+      else
+         call c_f_pointer(coordinates, place, [3, d%n_nodes])
+         d%fe_model%sets%coordinates = real(place, wp)
+      end if
+      status = ended(structure, d, function_name, error)
+   end function nhbm_structure_set_coordinates
+
    integer(c_int) function nhbm_structure_add_node_set(structure, name, n, nodes) &
       bind(c, name="nhbm_structure_add_node_set") result(status)
       type(c_ptr), value :: structure, name, nodes

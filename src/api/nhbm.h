@@ -204,6 +204,10 @@ NHBM_EXPORT int nhbm_structure_add_load(nhbm_structure *structure, const char *n
 NHBM_EXPORT int nhbm_structure_set_nodes(nhbm_structure *structure, size_t n_nodes, size_t n_dofs, const int32_t *nodes,
                                          const char *directions);
 
+/* Sets the positions of the nodes, after nhbm_structure_set_nodes: x, y and z [m] of each; NaN: unknown. They are not necessary: with
+ * them, models are warned of that pair nodes of two sets although another node is nearer. */
+NHBM_EXPORT int nhbm_structure_set_coordinates(nhbm_structure *structure, size_t n_nodes, const double *coordinates);
+
 /* Adds a set of n nodes, after nhbm_structure_set_nodes. */
 NHBM_EXPORT int nhbm_structure_add_node_set(nhbm_structure *structure, const char *name, size_t n, const int32_t *nodes);
 

@@ -1,5 +1,6 @@
 !> Pairs of nodes that a law meets in the order of two sets, although another node of the second set is nearer to the first one.
 module hb_pair_warnings
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
    use hb_node_sets, only: node_sets_t
    use hb_system, only: system_t
@@ -42,6 +43,7 @@ contains
          if (first(i) == 0 .or. second(i) == 0) return
       end do
       associate (x => system%structure%sets%coordinates)
+         if (.not. all(ieee_is_finite(x(:, [first, second])))) return
          n_wrong = 0
          worst = 0
          do i = 1, size(laws)

@@ -177,16 +177,19 @@ static int mistaken(void *context, const char *file, nhbm_structure *s)
    if (mistake == 36) *status = nhbm_structure_set_nodes(s, 2, 2, at, "x");
    if (mistake == 37) *status = nhbm_structure_add_node_set(s, "set", 2, at); /* before the nodes */
    if (mistake == 38) *status = nhbm_structure_set_error(s, NULL);
-   if (mistake < 39) return 0;
+   if (mistake == 46) *status = nhbm_structure_set_coordinates(s, 2, unit); /* before the nodes */
+   if (mistake < 39 || mistake == 46) return 0;
    if (nhbm_structure_set_nodes(s, 2, 2, at, "x y")) return 1;
    if (mistake == 39) *status = nhbm_structure_set_nodes(s, 2, 2, at, "x y");
    if (mistake == 40) *status = nhbm_structure_add_node_set(s, NULL, 2, at);
    if (mistake == 41) *status = nhbm_structure_add_node_set(s, "set", 2, NULL);
    if (mistake == 42) *status = nhbm_structure_add_node_set(s, "set", SIZE_MAX, at);
    if (mistake == 43) *status = nhbm_structure_add_node_set(s, "set", 2, beyond);
+   if (mistake == 44) *status = nhbm_structure_set_coordinates(s, 2, NULL);
+   if (mistake == 45) *status = nhbm_structure_set_coordinates(s, 3, unit);
    return 0;
 }
-enum { n_mistakes = 44 };
+enum { n_mistakes = 47 };
 
 /* Whether a message of one function is stored although a later one succeeds, and what happens without a mistake. */
 static int refused(void *context, const char *file, nhbm_structure *s)

@@ -320,6 +320,7 @@ int null_arguments_step(void)
          SAYS("nhbm_structure_set_matrix"));
    CHECK(nhbm_structure_add_load(NULL, "load", 0, NULL, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_add_load"));
    CHECK(nhbm_structure_set_nodes(NULL, 0, 0, NULL, "") == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_set_nodes"));
+   CHECK(nhbm_structure_set_coordinates(NULL, 0, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_set_coordinates"));
    CHECK(nhbm_structure_add_node_set(NULL, "set", 0, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_add_node_set"));
    CHECK(nhbm_structure_set_error(NULL, "message") == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_set_error"));
    for (int status = -7; status < 3; ++status) CHECK(strlen(nhbm_status_text(status)) > 5);

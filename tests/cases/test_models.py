@@ -156,12 +156,18 @@ def test_pairs_of_sets_that_are_not_the_nearest_nodes_are_told(chain, tmp_path, 
     """Sets are paired in their order: a deck may list one side of a joint backwards."""
     places = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.0, 0, 1e-3], [0.1, 0, 1e-3], [1.0, 0, 0]])
     sets = {"lower": np.array([0, 1]), "upper": np.array(order)}
-    dataclasses.replace(chain, coordinates=places, sets=sets, loads={}).write(tmp_path / "chain.h5")
+    structure = dataclasses.replace(chain, coordinates=places, sets=sets, loads={})
+    structure.write(tmp_path / "chain.h5")
     joint = "&law type = 'jenkins', label = 'joint', dofs = 'lower.z', 'upper.z', weights = 1, -1, stiffness = 9, limit = 1 /\n"
     (tmp_path / "run.nml").write_text(MODEL + joint)
     done = run("check", "run.nml", cwd=tmp_path)
     assert done.status == 0, done.stderr
     assert ("nearer" in done.stdout + done.stderr) == warned
+    for known in (True, False):
+        structure.coordinates[0] = 0.0 if known else np.nan  # such as nodes that a solver adds
+        model = nhbm.Model(structure, tones=[1.0])
+        model.law("jenkins", dofs=["lower.z", "upper.z"], weights=[1, -1], label="joint", stiffness=9.0, limit=1.0)
+        assert any("nearer" in warning for warning in model.check()) == (warned and known)
 
 
 def test_sweep_of_a_law_on_a_set(chain, tmp_path):

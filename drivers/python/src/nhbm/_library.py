@@ -283,6 +283,7 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "structure_set_matrix": (pointer, text, count, count, integers, integers, reals),
         "structure_add_load": (pointer, text, count, integers, reals),
         "structure_set_nodes": (pointer, count, count, integers, text),
+        "structure_set_coordinates": (pointer, count, reals),
         "structure_add_node_set": (pointer, text, count, integers),
         "structure_set_error": (pointer, text),
         "register_law": (text, ctypes.POINTER(LawInfo), EVALUATE),

@@ -597,7 +597,7 @@ class Session:
         try:
             structure: Any = self._structures(name)
             functions = {name: getattr(self._library, f"nhbm_structure_{name}")
-                         for name in ("set_dofs", "set_matrix", "add_load", "set_nodes", "add_node_set")}  # fmt: skip
+                         for name in ("set_dofs", "set_matrix", "add_load", "set_nodes", "set_coordinates", "add_node_set")}  # fmt: skip
             n = len(structure.labels)
             units = _words([unit or "1" for unit in structure.units])
             code = functions["set_dofs"](builder, _words(structure.labels), units, structure.up_to or 0.0)
@@ -611,6 +611,7 @@ class Session:
                 nodes, n_nodes = whole_numbers(structure.dof_node), len(structure.node_numbers)
                 directions = _words([word or "-" for word in structure.dof_direction])
                 code = code or functions["set_nodes"](builder, n_nodes, n, nodes, directions)
+                code = code or functions["set_coordinates"](builder, n_nodes, np.ascontiguousarray(structure.coordinates, float))
             for set_name, members in structure.sets.items():
                 code = code or functions["add_node_set"](builder, set_name.encode(), len(members), whole_numbers(members))
             self.dofs_of_sets.update(dofs_of_sets(structure))
