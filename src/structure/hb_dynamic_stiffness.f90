@@ -170,6 +170,7 @@ contains
             if (wanted%of_motion) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
          end if
          call condense(self, condensation, frequencies, wanted%drives, error)
+         if (allocated(error)) call name_empty_rows(structure, condensation%interior, error)
          if (condensation%drifting > 0) call fail(error, trim(drift_text("'"//trim(structure%labels(condensation%drifting))//"'")))
       end subroutine condense_with
    end subroutine condensed_to_coordinates
@@ -596,6 +597,25 @@ contains
       text = "degree of freedom "//dof//" has no static stiffness and drifts under the static load: no motion has a mean value "// &
              "there; add a support, or remove the load of the zero tuple"
    end function drift_text
+
+   !> Replaces the reason why the interior is singular where rows of it are empty, as those of constrained nodes in files of other
+   !> programs: no force acts on them in a motion of all coordinates.
+   subroutine name_empty_rows(structure, interior, error)
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: interior(:)
+      type(error_t), allocatable, intent(inout) :: error
+      real(wp), parameter :: golden = 0.6180339887498949_wp           ! multiples of it are spread without a pattern
+      complex(wp) :: force(structure%n_dofs)
+      integer, allocatable :: empty(:)
+      integer :: i
+
+      force = structure%force_in([(cmplx(1.0_wp + modulo(i*golden, 1.0_wp), kind=wp), i=1, structure%n_dofs)], 1.0_wp, 0.0_wp)
+      empty = pack(interior, .not. abs(force(interior)) > 0.0_wp)
+      if (size(empty) == 0) return
+      call fail(error, "dynamic stiffness: singular: degree of freedom '"//trim(structure%labels(empty(1)))//"', the first of "// &
+                to_text(size(empty))//", has neither mass nor stiffness, as constrained rows that files of other "// &
+                "programs keep and nodes without elements; leave them out (nhbm-model import --drop-empty)")
+   end subroutine name_empty_rows
 
    pure function singular_text(frequency, has_law_dofs) result(text)
       real(wp), intent(in) :: frequency

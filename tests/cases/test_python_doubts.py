@@ -8,6 +8,7 @@ import warnings
 import h5py
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from in_process import duffing, shaft, stopped
 
@@ -212,6 +213,20 @@ def test_a_resonance_is_named_by_its_frequency():
     model = Model(nhbm.Matrices(mass=1.0, stiffness=9.0), tones=[1.0])
     model.load("x1", 1, cos=0.1)
     with pytest.warns(NotConverged, match="singular at the frequency 3.0 rad/s: an undamped resonance"):
+        model.solve(order=3)
+
+
+@pytest.mark.parametrize("n", [4, 400])
+def test_rows_that_a_file_keeps_empty_are_named(n):
+    """The rows of constrained nodes: the structure has supports, and no rigid body motion."""
+    stiffness = sp.diags([np.full(n - 1, -1.0), np.full(n, 2.0), np.full(n - 1, -1.0)], [-1, 0, 1]).tolil()
+    mass = sp.identity(n, format="lil")
+    for matrix in (stiffness, mass):
+        matrix[[1, 3], :] = 0.0
+        matrix[:, [1, 3]] = 0.0
+    model = Model(nhbm.Structure(mass, stiffness, damping=0.01 * stiffness), tones=[1.0])
+    model.load("x1", 1, cos=1.0)
+    with pytest.warns(NotConverged, match="'x2', the first of 2, has neither mass nor stiffness, .*--drop-empty"):
         model.solve(order=3)
 
 
