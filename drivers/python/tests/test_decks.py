@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from nhbm import ModelError, Structure, importing, meshes
+from nhbm import ModelError, Structure, bulk_data, importing, meshes
 
 NODES = "".join(f"{n}, {n}.0, 0.5, 0.0\n" for n in range(1, 10))
 HEX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
@@ -136,11 +136,31 @@ def test_cylindrical_positions(tmp_path):
         ("*NODE\n1, 0.\n*ELEMENT, TYPE=T3D2\n1, 1, 2\n", "element 1 has the node 2, which no \\*NODE defines"),
         ("*NODE\n1, 0.\n*INSTANCE, NAME=A, PART=P\n*INSTANCE, NAME=B, PART=P\n", "several \\*INSTANCE"),
         ("*HEADING\nnothing\n", "has no \\*NODE with nodes"),
+        ("*NODE\n1, 0.\n*STEP\n*FREQUENCY\n", "line 3: this \\*STEP has no \\*END STEP: the deck is not whole"),
     ],
 )
 def test_decks_that_are_not_right_are_named(tmp_path, text, message):
     with pytest.raises(ModelError, match=message):
         read(tmp_path, text)
+
+
+def test_a_last_line_without_an_end_is_told(tmp_path):
+    assert not read(tmp_path, "*NODE\n1, 800.\n").notes
+    assert read(tmp_path, "*NODE\n1, 8").notes == ["its last line has no end: it may not be whole"]
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("BEGIN BULK\nGRID,1,,0.,0.,0.\n", "line 1: BEGIN BULK is without ENDDATA"),
+        ("GRID,1,,0.,0.,0.\n?rubbish, 1.2.3\n", "line 2: '.rubbish, 1.2.3' continues no entry"),
+        ("DMIG,K,0,6,2,0\nDMIG,K,1,1,,1,1,2.0", "is not whole: its last line has no end"),
+    ],
+)
+def test_bulk_data_that_is_not_whole(tmp_path, text, message):
+    (tmp_path / "m.bdf").write_text(text)
+    with pytest.raises(ModelError, match=message):
+        bulk_data.read_dmig(tmp_path / "m.bdf")
 
 
 def test_held_nodes_of_a_set_are_told(tmp_path):

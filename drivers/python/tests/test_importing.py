@@ -176,6 +176,8 @@ def test_mesh_gives_points_cells_and_sets(chain, tmp_path):
         ("job.sti", "1 1 2.0\n1 two 3\n", "line 2: '1 two 3' are no numbers"),
         ("job.sti", "9 1 2.0\n", "has an entry in row 9, column 1 of 2"),
         ("job.mas", None, "does not exist"),
+        ("job.sti", "1 1 2.0\n", "job.sti' is not whole: row 2 of 2 is without its diagonal"),
+        ("job.mas", "1 1 2.0\n2 2 1.", "job.mas' is not whole: its last line has no end"),
     ],
 )
 def test_wrong_lines_are_named(tmp_path, name, text, message):

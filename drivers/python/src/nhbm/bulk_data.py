@@ -56,7 +56,10 @@ def read_cards(path: Any) -> Iterator[Card]:
     path = Path(path)
     check_file(path)
     texts = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    ends = any(text.strip().upper().startswith("ENDDATA") for text in texts)
     begin = next((k + 1 for k, text in enumerate(texts) if re.match(r"\s*BEGIN\s+BULK", text, re.IGNORECASE)), 0)
+    if begin and not ends:
+        raise ModelError(f"file '{path}', line {begin}: BEGIN BULK is without ENDDATA: the file is not whole")
     card: Card | None = None
     for number, text in enumerate(texts[begin:], start=begin + 1):
         text = text.split("$")[0].rstrip().expandtabs(8)
@@ -75,8 +78,8 @@ def read_cards(path: Any) -> Iterator[Card]:
             yield from read_cards(target)
             continue
         name, fields = _fields(text)
-        if name[:1] in ("", "+", "*") or not re.match(r"[A-Za-z]", name):
-            if card is None:
+        if not re.match(r"[A-Za-z]", name):
+            if card is None or name[:1] not in ("", "+", "*"):
                 raise ModelError(f"file '{path}', line {number}: '{text.strip()}' continues no entry")
             card.fields.extend(fields)
             continue
@@ -146,6 +149,9 @@ def read_dmig(path: Any) -> dict[str, Dmig]:
             if (row, column) in entries:
                 raise card.refuse(f"'{name}' has the term of {row[0]}, {row[1]} and {column[0]}, {column[1]} twice")
             entries[row, column] = card.real(k + 2)
+    last = Path(path).read_bytes().rpartition(b"\n")[2]
+    if found and last.strip() and not last.strip().upper().startswith(b"ENDDATA"):
+        raise ModelError(f"file '{path}' is not whole: its last line has no end")
     return found
 
 

@@ -115,10 +115,16 @@ class Block(NamedTuple):
 
 def read_deck(path: Any) -> Mesh:
     """Mesh of a deck."""
-    deck = _Deck()
+    deck, in_step = _Deck(), None
     for block in _blocks(Path(path)):
         deck.take(block)
-    return deck.mesh(Path(path))
+        in_step = block.head if block.keyword == "STEP" else None if block.keyword == "END STEP" else in_step
+    if in_step is not None:
+        raise in_step.refuse("this *STEP has no *END STEP: the deck is not whole")
+    mesh = deck.mesh(Path(path))
+    if not Path(path).read_bytes().endswith(b"\n"):
+        mesh.notes.append("its last line has no end: it may not be whole")
+    return mesh
 
 
 def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[Line]:

@@ -325,7 +325,8 @@ def from_calculix(stem: Any, **more: Any) -> Structure:
 
 
 def _triangle(path: Any, n: Any, hint: str = "") -> sp.csr_matrix:
-    """Symmetric matrix of which one triangle stands in a file as row, column, value. `hint`: why it may have more than `n` rows."""
+    """Symmetric matrix of which one triangle with its whole diagonal stands in a file, column by column, as row, column, value.
+    `hint`: why it may have more than `n` rows."""
     table = _table(path, 3, 2)
     outside = ((table[:, :2] < 1) | (table[:, :2] > n)).any(axis=1)
     if outside.any():
@@ -333,6 +334,10 @@ def _triangle(path: Any, n: Any, hint: str = "") -> sp.csr_matrix:
         raise ModelError(f"file '{path}' has an entry in row {i:.0f}, column {j:.0f} of {n}; they count from 1"
                          + hint * bool(table[:, :2].max() == 2 * n))  # fmt: skip
     row, column = (table[:, :2].astype(np.int64) - 1).T
+    absent = np.setdiff1d(np.arange(n), row[row == column])
+    if len(absent) or not Path(path).read_bytes().endswith(b"\n"):
+        where = f"row {absent[0] + 1} of {n} is without its diagonal" if len(absent) else "its last line has no end"
+        raise ModelError(f"file '{path}' is not whole: {where}")
     return _symmetric(row, column, table[:, 2], n)
 
 
