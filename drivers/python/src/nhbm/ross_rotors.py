@@ -49,7 +49,10 @@ def read_rotor(
     n = int(rotor.number_dof)
     if n not in DIRECTIONS:
         raise ModelError(f"nodes of this rotor have {n} degrees of freedom; those of 4 and 6 are known")
-    mass, stiffness, damping = rotor.M(whirl, at), rotor.K(whirl, at), rotor.C(whirl, at)
+    try:  # by name: the second argument of M was another one before ROSS 3.1
+        mass, stiffness, damping = (matrix(frequency=whirl, speed=at) for matrix in (rotor.M, rotor.K, rotor.C))
+    except TypeError:
+        raise ModelError("rotors of ROSS 3.1 and later are read, whose matrices depend on speed and frequency") from None
     gyroscopic = sp.csr_matrix(rotor.G())
     matrices = {"mass": sp.csr_matrix(mass), "stiffness": sp.csr_matrix(stiffness), "damping": sp.csr_matrix(damping)}
     matrices["gyroscopic_by_speed" if speed is None else "gyroscopic"] = gyroscopic if speed is None else at * gyroscopic
