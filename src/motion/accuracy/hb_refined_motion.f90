@@ -18,7 +18,7 @@ module hb_refined_motion
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
    use hb_outcome, only: is_answer => is_solved, outcome
-   use hb_refinement, only: refinable_t, refine
+   use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_stability, only: stability_method
    use hb_system, only: measure_of, system_t
    use hb_thresholds, only: minor, reliable
@@ -76,15 +76,17 @@ contains
    !> Refines the motion from the first level to that of the tolerance, and completes its result.
    subroutine refined_motion_refine(self)
       class(refined_motion_t), intent(inout) :: self
+      integer :: ending
 
       associate (options => self%options)
-         call refine(self)
+         call refine(self, ending)
          if (allocated(self%error) .or. .not. allocated(self%top%unknowns) .or. self%result%status == outcome%interrupted) return
          if (self%best_estimate < self%estimate) then                 ! a later level has made it worse, as far as known
             self%result = self%best
             self%top = self%best_top
             self%result%level_estimate = max(self%result%level_estimate, self%best_estimate)
          end if
+         if (ending == refinement_end%failed .and. .not. self%is_checked) call raise_unchecked(self%result)
          call finish(self)
          if (.not. (options%accuracy%grows_set .and. options%chain%is_on .and. self%result%status == outcome%converged) .or. &
              size(options%gradient%by) > 0) return                     ! which is that of the whole set
@@ -224,6 +226,19 @@ contains
                    (self%estimate <= accuracy%tolerance .and. self%is_checked .and. solver%work_spent > accuracy%max_work)
       end associate
    end function refined_motion_is_over
+
+   !> Raises the estimates of a motion that no larger set confirms by as much as a comparison with one could have raised them.
+   subroutine raise_unchecked(result)
+      type(motion_result_t), intent(inout) :: result
+      character(9) :: estimate
+
+      write (estimate, "(es7.1)") estimate_of_wanted(result)
+      result%message = "no larger set of harmonics has a motion near this one, which would check its estimated error of "// &
+                       trim(estimate)
+      result%level_estimate = max(result%level_estimate, min(1.0_wp, largest_correction*estimate_of_motion(result)))
+      if (allocated(result%output_estimate)) &
+         result%output_level_estimate = max(result%output_level_estimate, min(1.0_wp, largest_correction*result%output_estimate))
+   end subroutine raise_unchecked
 
    !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
    !> beyond the permitted one counts as an error above the limit of levels.
