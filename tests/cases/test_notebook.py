@@ -269,3 +269,20 @@ def test_static_checks_know_the_keys(tmp_path):
     assert api.run([*options, str(tmp_path / "right.py")])[2] == 0
     said = api.run([*options, str(tmp_path / "wrong.py")])[0]
     assert {line.split(":")[1] for line in said.splitlines() if "error" in line} >= {"2", "4", "5"}, said
+
+
+def test_results_on_the_same_axes_have_their_own_colours():
+    model = duffing()
+    axes = model.curve("tones[0]", 0.7, 0.9, order=1).nhbm.plot("x1 (1)")
+    model.curve("tones[0]", 0.7, 0.8, order=1).nhbm.plot("x1 (1)", ax=axes)
+    model.sweep({"tones[0]": [0.7, 0.8]}, order=1).nhbm.plot("x1 (1)", ax=axes)
+    colours = [line.get_color() for line in axes.lines if line.get_linestyle() != "None"]
+    assert len(set(colours)) == 3
+
+
+def test_entries_of_a_list_are_told_apart():
+    model = duffing()
+    model.law("polynomial", "x1", stiffness=[0.1, 0.2], label="soft")
+    grid = model.sweep({"soft.stiffness[0]": [0.1, 0.2], "soft.stiffness[1]": [0.0, 0.1]}, order=1)
+    axes = grid.nhbm.plot("x1 (1)")
+    assert axes.get_xlabel().startswith("Stiffness of soft, entry 2") and "entry 1" in axes.get_legend().get_title().get_text()

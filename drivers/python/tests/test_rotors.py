@@ -49,9 +49,24 @@ def test_what_is_no_rotor_is_refused():
     for keys, name in (({"young": 0.0}, "young"), ({"density": -1.0}, "density"), ({"poisson": 0.7}, "poisson")):
         with pytest.raises(ModelError, match=name):
             Rotor(**keys)
-    made.bearing(0.5, [[2e6, 1e6], [-1e6, 2e6]])
-    with pytest.raises(ModelError, match="not symmetric"):
-        made.critical_speeds(1000.0)
+
+
+@pytest.mark.parametrize("has_table", [False, True])
+def test_critical_speeds_of_bearings_that_feed_whirls(has_table):
+    """A heavy disk on a stiff, light shaft: with z = x + i y the stiffness k - i c and damping d, m s**2 + d s + k - i c = 0."""
+    mass, k, cross, d = 20.0, 2e6, 4e5, 900.0
+    made = Rotor(density=10.0)
+    made.shaft(np.linspace(0.0, 0.2, 3), 0.2)
+    made.disk(0.1, mass=mass, diametral=0.01, polar=0.02)
+    coefficients = {"stiffness": [[k / 2, cross / 2], [-cross / 2, k / 2]], "damping": d / 2}
+    if has_table:
+        coefficients = {name: [values, values] for name, values in coefficients.items()} | {"speeds": [0.0, 1000.0]}
+    for z in (0.0, 0.2):
+        made.bearing(z, **coefficients)
+    exact = np.sort(abs(np.roots([mass, d, k - 1j * cross]).imag))
+    found = made.critical_speeds(500.0)
+    assert len(found) == 2
+    np.testing.assert_allclose(found, exact, rtol=2e-3)  # the shaft bends a little
 
 
 def pinned(length, diameter, n, support=1e12, **keys):

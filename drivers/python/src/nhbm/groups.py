@@ -315,6 +315,8 @@ def described(path: InputPath, groups: Groups) -> dict[str, str]:
         name += f" of {path.which}"
     elif path.which is not None:
         name += f" of {path.group} {path.which}"
+    if path.indices and group is not None and np.size(group.keys.get(path.key, ())) > 1:
+        name += f", entry {', '.join(map(str, path.indices))}"
     return {"long_name": name, "units": key.unit if key is not None and key.unit else "1"}
 
 

@@ -73,13 +73,15 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
     y = data.nhbm.response(of)
     if "curve_branch" in data:
         others = ["curve_branch"]
-    groups, color_of, heading = [("", np.arange(data.sizes["point"]))], "C{}".format, ""
+    groups, heading = [("", np.arange(data.sizes["point"]))], ""
     if others:
         rows, group = np.unique(np.stack([data[other].values for other in others], axis=1), axis=0, return_inverse=True)
         names = [", ".join(f"{value:.4g}" if isinstance(value, float) else str(value) for value in row) for row in rows.tolist()]
         groups = [(names[k], np.flatnonzero(group.ravel() == k)) for k in range(len(rows))]
         heading = ", ".join(_labelled(other, data[other]) for other in others)
     is_curve = "curve_branch" in data
+    n_before = len({line.get_color() for line in ax.get_lines() if line.get_linestyle() != "None"})  # other results on these axes
+    color_of: Any = [f"C{n_before + k}" for k in range(len(groups))].__getitem__
     if len(groups) > _MOST_LINES and not is_curve:
         color_of = _scale_of_colors(ax, rows, heading)
     kinds = located_kinds(data["curve_kind"].attrs) if "curve_kind" in data else {}
@@ -87,7 +89,7 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
     for k, (title, points) in enumerate(groups):
         if is_curve:
             points = points[np.argsort(data["curve_length"].values[points], kind="stable")]
-        color = "C0" if is_curve else color_of(k)
+        color = color_of(0 if is_curve else k)
         stable = data["stability"].values[points]
         if is_curve:  # at a bifurcation itself a multiplier is on the unit circle
             located = (stable == "unknown") & np.isin(data["curve_kind"].values[points], list(kinds))

@@ -254,12 +254,15 @@ class Rotor:
         directions: all of them are returned, whatever the sign of the order.
 
         Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
-        for equal bearings (x, y) = (1, -i) u of circular whirl. The stiffness must be symmetric. Motions R of a rotor as a rigid
+        for equal bearings (x, y) = (1, -i) u of circular whirl. Bearings whose stiffness is not symmetric, as of oil films, feed or
+        damp whirls: then a whirl frequency of the damped rotor (`campbell`) is |order| times the speed. Motions R of a rotor as a rigid
         body, which its bearings do not hold, are left out: R**T K = 0 requires R**T (order**2 M - i order G) u = 0 of others."""
         ratio, order = _number("ratio", ratio), _number("order", order)
         if not _number("up_to", up_to) > 0:
             raise ModelError(f"up_to must be above 0, not {up_to!r}")
         structure = self._matrices()
+        if not self._is_symmetric(structure):
+            return self._damped_critical(structure, up_to, ratio, abs(order))
         if not self._tables:
             return self._critical(structure, up_to, ratio, order)
 
@@ -279,6 +282,25 @@ class Rotor:
                 if a >= 0 > b or a < 0 <= b:
                     roots.append(float(brentq(excess, low, high, args=(k,), xtol=1e-10 * up_to)))
         return np.sort(roots)
+
+    def _is_symmetric(self, structure: Structure) -> bool:
+        """Whether the stiffness of all bearings is symmetric, at all speeds of their tables."""
+        k = structure.stiffness.toarray()
+        tables = [(t.stiffness[:, 1], t.stiffness[:, 2]) for t in self._tables]
+        return all(np.allclose(a, b, rtol=1e-9, atol=1e-9 * abs(k).max()) for a, b in [(k, k.T), *tables])
+
+    def _damped_critical(self, structure: Structure, up_to: float, ratio: float, order: float) -> np.ndarray:
+        """Speeds at which a whirl frequency of the damped rotor is `order` times the speed."""
+        from scipy.optimize import brentq
+
+        def excess(speed: float) -> np.ndarray:
+            return np.asarray(whirls(self._at_speed(structure, speed, ratio))[0] - order * speed)
+
+        grid = np.linspace(up_to / _SPEEDS, up_to, _SPEEDS)
+        values = np.array([excess(speed) for speed in grid])
+        found = [brentq(lambda speed, k=k: excess(speed)[k], grid[i], grid[i + 1], xtol=1e-10 * up_to)
+                 for i, k in np.argwhere((values[:-1] >= 0) != (values[1:] >= 0))]  # fmt: skip
+        return np.sort(found)
 
     def _with_bearings(self, structure: Structure, speed: float, ratio: float) -> Structure:
         """The structure with the coefficients that bearings with tables have at a value of speed 1."""
@@ -300,11 +322,6 @@ class Rotor:
     def _critical(self, s: Structure, up_to: float, ratio: float, order: float) -> np.ndarray:
         """The critical speeds of the rotor with constant bearings."""
         k, m = s.stiffness.toarray(), s.mass.toarray()
-        if not np.allclose(k, k.T, rtol=1e-9, atol=1e-9 * abs(k).max()):
-            raise ModelError(
-                "critical_speeds: a bearing whose stiffness is not symmetric feeds or damps whirls; "
-                "read them off a Campbell diagram"
-            )
         g = np.zeros_like(k)
         for part, factor in ((s.gyroscopic_by_speed, 1.0), (s.gyroscopic_by_speed_2, ratio)):
             if part is not None:
