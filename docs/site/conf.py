@@ -16,7 +16,7 @@ version = release
 
 extensions = ["myst_nb", "sphinx_design", "sphinx_copybutton", "sphinx.ext.mathjax"]
 root_doc = "index"
-include_patterns = ["index.md", "README.md", "AGENTS.md", "CODE_OF_CONDUCT.md", "CONTRIBUTING.md", "CHANGELOG.md", "SUPPORT.md", "docs/*.md", "docs/**/*.md", "postproc/README.md", "benchmarks/README.md", "gallery/*.md", "reference/*.md"]
+include_patterns = ["index.md", "README.md", "AGENTS.md", "CODE_OF_CONDUCT.md", "CONTRIBUTING.md", "CHANGELOG.md", "SUPPORT.md", "docs/*.md", "docs/**/*.md", "postproc/README.md", "benchmarks/README.md", "gallery/*.md", "reference/**/*.md", "reference/*.md"]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "html_image"]
 myst_heading_anchors = 4
