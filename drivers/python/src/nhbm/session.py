@@ -611,7 +611,7 @@ class Session:
                 nodes, n_nodes = whole_numbers(structure.dof_node), len(structure.node_numbers)
                 directions = _words([word or "-" for word in structure.dof_direction])
                 code = code or functions["set_nodes"](builder, n_nodes, n, nodes, directions)
-                code = code or functions["set_coordinates"](builder, n_nodes, np.ascontiguousarray(structure.coordinates, float))
+                code = code or functions["set_coordinates"](builder, n_nodes, real_numbers(structure.coordinates))
             for set_name, members in structure.sets.items():
                 code = code or functions["add_node_set"](builder, set_name.encode(), len(members), whole_numbers(members))
             self.dofs_of_sets.update(dofs_of_sets(structure))
