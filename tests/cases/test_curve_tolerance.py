@@ -158,6 +158,20 @@ def test_folds_between_both_ends_of_a_range_come_in_pairs(tmp_path, damping):
     assert np.all(np.diff(folds) * (-1.0) ** np.arange(len(folds) - 1) < 0), folds
 
 
+def test_a_grid_that_changes_at_a_corner_does_not_turn_the_curve_back(tmp_path):
+    """Where a stiff stop is first met the curve has a corner; tangents of two grids there may be across each other."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1, damping=.0894, stiffness=1 /
+&tones frequency=1.607 /
+&load dof='x1', tuple=1, cos=.104 /
+&law type='elastic_stop', dof='x1', stiffness=199.24, gap=1, two_sided=.true. /
+&curve parameter='law(1)%gap', from=3.0, to=0.05 /
+"""
+    kind, gap = read(solve(text, tmp_path), "curve_kind", "law_1_gap")
+    assert kind[kind > 0][-1] == 6
+    assert gap[kind > 0][-1] == 0.05
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), (0.72, "'x1'")])
 def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):

@@ -427,12 +427,13 @@ contains
       logical, intent(out) :: is_found
       type(report_t) :: report
       real(wp), allocatable :: direction(:), x(:)
-      real(wp) :: step, roughness
+      real(wp) :: orientation, step, roughness
       logical :: is_at_branch_point, is_rough
 
       associate (followed => self%followed, curve => self%curve, branches => self%branches)
          step = curve%step
          report = curve%report
+         orientation = curve%orientation
          x = transferred(followed%level%set, level%set, curve%x, followed%n_further)
          direction = transferred(followed%level%set, level%set, curve%direction, followed%n_further)
          is_found = .false.
@@ -448,6 +449,12 @@ contains
          if (.not. is_found) return
          call followed%begin_curve(curve, x, direction)
          if (is_at_branch_point) call followed%turn_to(curve, direction)
+         ! next to a corner the tangents of both sets may be across each other: as on a step, the determinant shows the way ahead
+         if (cos(curve%angle) <= curve%config%little .and. orientation*curve%orientation < 0.0_wp .and. &
+             .not. allocated(curve%part)) then
+            curve%direction = -curve%direction
+            curve%orientation = -curve%orientation
+         end if
          curve%step = step
          curve%report = report
          branches%start_on_set = followed%on_level(branches%start)
