@@ -172,6 +172,7 @@ contains
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: limit                                   !! of work, in about a nanosecond
       real(wp), parameter :: work_of_eigenvalues = 10.0_wp            ! by the third power of the size
+      real(wp), parameter :: of_a_curve = 5.0_wp                      ! up to 60 degrees of freedom, whose elimination takes as long
       real(wp), parameter :: max_log_growth = 0.9_wp*log(huge(1.0_wp)) ! growth within a period, as a logarithm
       type(law_box_t) :: none(0)
       type(coordinate_scales_t) :: scales
@@ -188,7 +189,7 @@ contains
       if (self%is_too_costly) return
       work = work_of_eigenvalues*(2.0_wp*structure%n_dofs)**3
       at_once = minor*least_work
-      if (config%patience > share_of_stability) at_once = min(limit, least_work)
+      if (config%patience > share_of_stability) at_once = of_a_curve*least_work
       if (limit >= huge(limit)) at_once = work_on_demand
       if (work > at_once) then
          if (work_of_dissipation(structure%n_dofs) <= limit) then

@@ -64,3 +64,24 @@ def test_first_contact_is_located_for_any_mesh(n_nodes, order):
         np.testing.assert_allclose(found, exact, rtol=1e-7)
         free = curve.nhbm.amplitude("disk2.x", 1) < 0.94 * CLEARANCE  # the linear rotor, whose bearings damp it
         assert free.any() and (curve.stability[free] == "stable").all()
+
+
+def test_the_onset_of_oil_whirl_is_located_before_the_seal_is_reached():
+    """Where the largest growth rate of the linear rotor, with the bearings at each speed, changes its sign."""
+    made = nhbm.Rotor()
+    made.shaft(np.linspace(0.0, 0.9, 10), diameter=0.03)
+    for z, mass in ((0.2, 4.0), (0.4, 6.0), (0.7, 3.0)):
+        made.disk(z, mass=mass, diametral=0.0025 * mass, polar=0.005 * mass)
+    stiffness = [[1.5e6, 2e5, -2e5, 1.4e6], [2e6, 1e5, -1e5, 1.8e6], [3e6, 1e4, -1e4, 2.8e6]]
+    for z in (0.0, 0.9):
+        made.bearing(z, stiffness=stiffness, damping=[800.0, 700.0, 500.0], speeds=[0.0, 300.0, 1200.0])
+    made.unbalance(0.4, 2e-4)
+    model = made.model(speed=100.0)
+    model.law("annular_clearance", ["disk2.x", "disk2.y"], stiffness=5e6, clearance=80e-6, friction_coefficient=0.1)
+    curve = model.curve("tones[0]", 80.0, 130.0, order=1)
+    onset = brentq(lambda speed: made.campbell([speed])[1].max(), 80.0, 130.0)
+    events = curve.nhbm.events("disk2.x (1)")
+    np.testing.assert_allclose(events.tones_frequency[events.kind == "neimark_sacker"], onset, rtol=1e-6)
+    unknown = curve.stability == "unknown"
+    assert set(np.flatnonzero(unknown)) <= set(np.flatnonzero(curve.curve_kind == "neimark_sacker"))
+    assert ((curve.stability == "stable") == (curve.tones_frequency > onset))[~unknown].all()
