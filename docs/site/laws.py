@@ -132,12 +132,13 @@ def page(text: str, kind: str, has_sketch: bool) -> str:
 
 
 def index(text: str, kinds: list[str]) -> str:
-    """The page of all laws with thumbnails that lead to them, and contents."""
+    """The page of all laws with thumbnails that lead to them at its top, and contents."""
     cells = [f"[<img src=\"../laws/{kind}.svg\" width=\"150\" alt=\"Force of {kind}\"><br>{kind}](../laws/{kind}.md)" for kind in kinds]
     rows = [cells[i : i + 4] + [""] * (4 - len(cells[i : i + 4])) for i in range(0, len(cells), 4)]
     table = "\n".join(["| | | | |", "|:---:|:---:|:---:|:---:|", *("| " + " | ".join(row) + " |" for row in rows)])
     contents = "\n".join(f"../laws/{kind}" for kind in sorted(LAWS))
-    return f"{text.rstrip()}\n\n## Forces\n\n{table}\n\n```{{toctree}}\n:hidden:\n\n{contents}\n```\n"
+    first, rest = text.rstrip().split("\n\n| key |", 1)
+    return f"{first}\n\n{table}\n\n| key |{rest}\n\n```{{toctree}}\n:hidden:\n\n{contents}\n```\n"
 
 
 def main(source: Path) -> None:
