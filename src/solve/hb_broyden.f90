@@ -42,10 +42,7 @@ contains
       logical :: is_singular
 
       allocate (r(problem%n_unknowns), step(problem%n_unknowns), step_before(problem%n_unknowns))
-      call new_line_search(search, problem%n_unknowns, config%line_search)
-      call problem%residual(x, r)
-      report%residual = problem%norm(r)
-      call search%remember(report%residual)
+      call new_line_search(search, config, problem, x, r, report%residual)
       report%evaluations = 1
       call end_at_point(problem, config, report)
       if (report%status /= outcome%pending) return

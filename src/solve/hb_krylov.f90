@@ -33,10 +33,7 @@ contains
       logical :: is_ready
 
       allocate (r(problem%n_unknowns), step(problem%n_unknowns))
-      call new_line_search(search, problem%n_unknowns, config%line_search)
-      call problem%residual(x, r)
-      report%residual = problem%norm(r)
-      call search%remember(report%residual)
+      call new_line_search(search, config, problem, x, r, report%residual)
       accuracy = lowest_accuracy
       do
          report%evaluations = 1 + search%n_residuals

@@ -9,6 +9,7 @@ module hb_line_search
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
+   use hb_solver_types, only: solver_config_t
    implicit none
    private
    public :: line_search_t, new_line_search
@@ -34,14 +35,21 @@ module hb_line_search
 
 contains
 
-   !> Creates a line search for `n` unknowns; with `is_on` false every full step with a finite residual is accepted.
-   subroutine new_line_search(self, n, is_on)
+   !> Creates a line search from a first point, and evaluates the residual there. Without `line_search` of the settings every full
+   !> step with a finite residual is accepted.
+   subroutine new_line_search(self, config, problem, x, r, norm)
       type(line_search_t), intent(out) :: self
-      integer, intent(in) :: n
-      logical, intent(in) :: is_on
+      type(solver_config_t), intent(in) :: config
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      real(wp), intent(out), contiguous :: r(:)                       !! (n_unknowns)
+      real(wp), intent(out) :: norm
 
-      self%is_on = is_on
-      allocate (self%x_trial(n), self%r_trial(n))
+      self%is_on = config%line_search
+      allocate (self%x_trial(problem%n_unknowns), self%r_trial(problem%n_unknowns))
+      call problem%residual(x, r)
+      norm = problem%norm(r)
+      call self%remember(norm)
    end subroutine new_line_search
 
    !> Adds the norm of an accepted point to the past residuals.

@@ -37,10 +37,7 @@ contains
       logical :: is_singular
 
       allocate (r(problem%n_unknowns), step(problem%n_unknowns))
-      call new_line_search(search, problem%n_unknowns, config%line_search)
-      call problem%residual(x, r)
-      report%residual = problem%norm(r)
-      call search%remember(report%residual)
+      call new_line_search(search, config, problem, x, r, report%residual)
       do
          report%evaluations = 1 + search%n_residuals
          call end_at_point(problem, config, report)

@@ -1,4 +1,4 @@
-!> Settings and reports of all solvers, and the choice between them.
+!> Settings and reports of all solvers.
 module hb_solver_types
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_error, only: error_t

@@ -20,7 +20,7 @@ module hb_curve_points
       logical :: is_crossing = .false.                                !! an end at which the branch meets another curve
       logical :: is_return = .false.                                  !! an end that closes the branch
       logical :: is_last = .false.                                    !! the branch ends there, although it is no end
-      integer :: bifurcation = 0                                      !! of hb_stability, if it was found from multipliers
+      integer :: bifurcation = 0                                      !! of hb_bifurcation, if it was found from multipliers
       integer :: extreme = 0, switch = 0                              !! that is zero there, of `extremes_of_switches`, if it grazes
       character(200) :: unlocated = ""                                !! events before it on the step that were not located
       logical :: hides_fold = .false.                                 !! one of these is a fold

@@ -292,7 +292,8 @@ contains
             call self%short%make_step(points, error)
             if (allocated(error)) return
             if (self%short%curve%status /= outcome%pending) exit
-            n = n + count(points%kind == self%request%over%kind .or. points%kind == curve_kind%minimum)
+            n = n + count(points%kind == self%request%over%kind)
+            if (self%request%over%kind == curve_kind%peak) n = n + count(points%kind == curve_kind%minimum)
             is_there = n > 1
             if (is_there) return
          end do

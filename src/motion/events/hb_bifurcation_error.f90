@@ -21,7 +21,7 @@ contains
    !> part of the estimate of stability, that of the value, with a tolerance, of the estimate of the levels.
    subroutine add_error_of_bifurcation(model, kind, shift, result)
       type(model_t), intent(in) :: model                              !! at the motion
-      integer, intent(in) :: kind                                     !! of hb_stability; 0: it was not found from multipliers
+      integer, intent(in) :: kind                                     !! of hb_bifurcation; 0: it was not found from multipliers
       real(wp), intent(in) :: shift                                   !! of the value, relative, by a change of its function
       type(motion_result_t), intent(inout) :: result
       type(stability_t) :: refined

@@ -34,7 +34,7 @@ module hb_bifurcation_location
    !> A zero of a function of the multipliers.
    type, extends(event_t) :: bifurcation_event_t
       class(followed_t), pointer :: followed => null()
-      integer :: bifurcation = 0                                      ! hb_stability
+      integer :: bifurcation = 0                                      ! one of hb_bifurcation
       logical :: is_integrated = .false.                              ! of the integrated periodic motion
       logical :: is_product = .false.                                 ! of all factors: smooth, and with the same sign
    contains
