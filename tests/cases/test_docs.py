@@ -299,5 +299,5 @@ def test_attempts_of_the_solver_are_documented():
     source = (SRC / "solve" / "hb_attempts.f90").read_text(encoding="utf-8")
     page = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8")
     page = page.split("### What is tried")[1].split("\nWhich of these")[0]
-    attempts = re.findall(r'attempt_rule_t\("(\w+)"', source)
+    attempts = re.findall(r'attempt_rule_t\(attempt_row%\w+, "(\w+)"', source)
     assert len(attempts) > 20 and re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == attempts
