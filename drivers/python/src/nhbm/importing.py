@@ -192,7 +192,7 @@ def read_matrix(path: Any) -> sp.csr_matrix:
         elif path.suffix != ".npz" and not _has_sizes(path):
             raise ValueError("it ends before the line with the sizes")
         else:
-            matrix = sp.load_npz(path) if path.suffix == ".npz" else scipy.io.mmread(path)
+            matrix = sp.load_npz(path) if path.suffix == ".npz" else matrix_files.read_by_scipy(scipy.io.mmread, path)
         if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
             matrix.check_format()  # indices, which SciPy does not look at when it loads them
         matrix = sp.csr_matrix(matrix)

@@ -18,6 +18,13 @@ _ASYMMETRY = 1e-6  # relative, of a matrix that a file calls symmetric; rounding
 HARWELL_BOEING = (".hb", ".rb", ".rsa", ".rua", ".matrix")  # ends of names
 
 
+def read_by_scipy(reader: Any, path: Any, **options: Any) -> Any:
+    """What a reader of SciPy gives, without its notice that sparse matrices become arrays: either is taken here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return reader(path, **options)
+
+
 def read_harwell_boeing(path: Path) -> sp.csr_matrix:
     """A real assembled matrix, in text: of a symmetric one (RSA) the lower triangle is stored. ValueError where it is damaged.
     Source: Duff, Grimes, Lewis, Users' Guide for the Harwell-Boeing Sparse Matrix Collection (1992)."""
@@ -75,9 +82,7 @@ def _variables(path: Path, names: dict[str, str]) -> dict[str, Any]:
                 return {name: _of_hdf5(file[variable]) for name, variable in names.items()}
         known = [name for name, _, _ in scipy.io.whosmat(path)]
         _refuse_unknown(path, names, known)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on what a later SciPy returns: sparse arrays, which are taken, too
-            found = scipy.io.loadmat(path, variable_names=list(names.values()))
+        found = read_by_scipy(scipy.io.loadmat, path, variable_names=list(names.values()))
         return {name: found[variable] for name, variable in names.items()}
     except ModelError:
         raise
