@@ -529,7 +529,8 @@ def test_options_that_do_not_fit(options, message):
 
 # The page
 
-RECIPES = re.split(r"^### ", (PAGE.read_text(encoding="utf-8")).split("## Recipes")[1], flags=re.MULTILINE)[1:]
+SECTIONS = re.split(r"^### ", (PAGE.read_text(encoding="utf-8")).split("## Recipes")[1], flags=re.MULTILINE)[1:]
+RECIPES = [section for section in SECTIONS if "```python" in section]
 NEEDS = {"Ansys": "ansys.mapdl.reader", "Abaqus": "abaqus_mtx_parser", "ROSS": "ross", "Gmsh and CalculiX": "gmsh",
          "Measurements": "pyuff"}  # fmt: skip
 

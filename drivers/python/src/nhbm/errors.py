@@ -1,5 +1,7 @@
 """Errors of a model, each reported once and with the entry that is wrong."""
 
+from __future__ import annotations
+
 import difflib
 import functools
 import importlib
