@@ -31,7 +31,8 @@ module hb_curve_gradient
    private
    public :: find_curve_gradient
 
-   real(wp), parameter :: smooth_step = 1.0e-4_wp                     ! of differences, relative to the number or the largest motion
+   real(wp), parameter :: smooth_step = 3.0e-5_wp ! of differences, relative to the number or the largest motion; 1e-4: the defect of
+                                                  ! a smooth fold is 2e-3
    real(wp), parameter :: step_across_samples = 3.0e-2_wp             ! likewise, over 20 of the following samples
    integer, parameter :: n_steps_across_samples = 6                   ! of Newton's method with the same tangent: to 1e-4
    integer, parameter :: min_samples = 4096                        ! of one tone, for a position to 1 %
