@@ -10,7 +10,7 @@ module hb_balance_branch
    use hb_curve, only: curve_config_t, curve_t
    use hb_curve_branches, only: branches_t, origin_t
    use hb_curve_course, only: curve_course_t
-   use hb_curve_events, only: event_values_t, find_extremes, find_motion, find_stability
+   use hb_curve_events, only: event_values_t
    use hb_curve_points, only: curve_point_t
    use hb_discretisation, only: discretisation_t
    use hb_energy, only: energy_t
@@ -24,7 +24,7 @@ module hb_balance_branch
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
    use hb_model_problem, only: model_problem_t, new_model_problem
-   use hb_motion_description, only: describe_motion, solution_t
+   use hb_motion_description, only: describe_motion, solution_t, stability_of
    use hb_motion_images, only: copies_of, image_of, nearest_phases
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_newton, only: solve_newton
@@ -36,12 +36,13 @@ module hb_balance_branch
    use hb_response_slope, only: find_series_slope, omega_slopes_along
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_method, stability_t
+   use hb_switch_extremes, only: extremes_of_switches
    use hb_switched_branch, only: has_switched_branch
    use hb_system, only: system_t
    use hb_thresholds, only: faint, minor, next_to_none, rounding
    implicit none
    private
-   public :: balance_branch_t
+   public :: balance_branch_t, find_motion
 
    integer, parameter :: max_corrections = 10
 
@@ -552,6 +553,21 @@ contains
 
    ! Functions of a point
 
+   !> The motion at a point of the curve, at all degrees of freedom; not allocated if the parameters are rejected.
+   subroutine find_motion(problem, x, c)
+      type(model_problem_t), intent(inout), target :: problem
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable, intent(out) :: c(:, :)
+      logical :: is_possible
+
+      call problem%move_to_point(x, is_possible)
+      if (.not. is_possible) return
+      associate (balance => problem%balance_t)
+         allocate (c(problem%model%system%structure%n_dofs, balance%harmonics%n_harmonics))
+         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
+      end associate
+   end subroutine find_motion
+
    !> Derivative of the square of a response along a direction; NaN if the parameters are rejected.
    real(wp) function balance_branch_slope_at(self, response, x, direction) result(slope)
       class(balance_branch_t), intent(inout), target :: self
@@ -624,8 +640,13 @@ contains
       real(wp), intent(in) :: x(:), tolerance
       type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
       logical, intent(in), optional :: is_integrated                  !! of the integrated periodic motion
+      complex(wp), allocatable :: c(:, :)
 
-      call find_stability(self%problem, x, tolerance, stability, is_integrated)
+      call find_motion(self%problem, x, c)
+      associate (problem => self%problem)
+         if (allocated(c)) call stability_of(problem%model%system, problem%model%discretisation, problem%model%options, &
+                                             problem%balance_t, c, tolerance, stability, is_integrated)
+      end associate
    end subroutine balance_branch_find_stability
 
    !> Extremes of the switching functions at a point of the curve.
@@ -633,8 +654,16 @@ contains
       class(balance_branch_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:)
       type(event_values_t), intent(inout) :: known
+      complex(wp), allocatable :: c(:, :)
+      integer :: i
 
-      call find_extremes(self%problem, x, known%extremes)
+      allocate (known%extremes(2, 0))
+      associate (laws => self%problem%model%system%laws)
+         if (all([(laws(i)%law%n_switches == 0, i=1, size(laws))])) return
+         call find_motion(self%problem, x, c)
+         if (allocated(c)) &
+            call extremes_of_switches(laws, self%problem%harmonics%tuples, self%problem%omega, c, known%extremes)
+      end associate
    end subroutine balance_branch_find_contact
 
    ! Results

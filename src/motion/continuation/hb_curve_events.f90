@@ -5,13 +5,10 @@
 module hb_curve_events
    use hb_curve, only: curve_t, event_t
    use hb_kinds, only: wp
-   use hb_model_problem, only: model_problem_t
-   use hb_motion_description, only: stability_of
    use hb_stability, only: stability_t
-   use hb_switch_extremes, only: extremes_of_switches
    implicit none
    private
-   public :: branch_event_t, event_values_t, find_extremes, find_motion, find_stability, fold_event_t, value_event_t
+   public :: branch_event_t, event_values_t, fold_event_t, value_event_t
 
    !> Quantities at the point of the curve that events compare with those at the end of the next step.
    type :: event_values_t
@@ -45,36 +42,6 @@ module hb_curve_events
 
 contains
 
-   !> The motion at a point of the curve, at all degrees of freedom; not allocated if the parameters are rejected.
-   subroutine find_motion(problem, x, c)
-      type(model_problem_t), intent(inout), target :: problem
-      real(wp), intent(in) :: x(:)
-      complex(wp), allocatable, intent(out) :: c(:, :)
-      logical :: is_possible
-
-      call problem%move_to_point(x, is_possible)
-      if (.not. is_possible) return
-      associate (balance => problem%balance_t)
-         allocate (c(problem%model%system%structure%n_dofs, balance%harmonics%n_harmonics))
-         call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
-      end associate
-   end subroutine find_motion
-
-   !> Smallest and largest value of each switch of the laws, (2, any), `extremes_of_switches`.
-   subroutine find_extremes(problem, x, extremes)
-      type(model_problem_t), intent(inout), target :: problem
-      real(wp), intent(in) :: x(:)
-      real(wp), allocatable, intent(out) :: extremes(:, :)
-      complex(wp), allocatable :: c(:, :)
-      integer :: i
-
-      allocate (extremes(2, 0))
-      if (all([(problem%model%system%laws(i)%law%n_switches == 0, i=1, size(problem%model%system%laws))])) return
-      call find_motion(problem, x, c)
-      if (allocated(c)) call extremes_of_switches(problem%model%system%laws, problem%harmonics%tuples, problem%omega, c, &
-                                                  extremes)
-   end subroutine find_extremes
-
    real(wp) function fold_event_value(self, curve, x) result(value)
       class(fold_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve
@@ -104,17 +71,4 @@ contains
 
       value = (x(size(x)) - self%wanted)/self%unit
    end function value_event_value
-
-   !> Stability of the motion at a point of the curve; without multipliers if they are not searched for, or not found.
-   subroutine find_stability(problem, x, tolerance, stability, is_integrated)
-      type(model_problem_t), intent(inout), target :: problem
-      real(wp), intent(in) :: x(:), tolerance
-      type(stability_t), intent(out) :: stability
-      logical, intent(in), optional :: is_integrated                  !! of the integrated periodic motion
-      complex(wp), allocatable :: c(:, :)
-
-      call find_motion(problem, x, c)
-      if (allocated(c)) call stability_of(problem%model%system, problem%model%discretisation, problem%model%options, &
-                                          problem%balance_t, c, tolerance, stability, is_integrated)
-   end subroutine find_stability
 end module hb_curve_events
