@@ -155,8 +155,8 @@ contains
          case (outcome%truncated, outcome%penetrating)
             if (any(why == [reason%growth, reason%departure])) then
                text = integrate_from_rest(run)
-            else if (why == reason%max_fallback_work) then
-               text = raised(run, trim(reason_names(why)))
+            else if (any(why == [reason%max_fallback_work, reason%tolerance])) then   ! for a longer time integration
+               text = raised(run, trim(reason_names(reason%max_fallback_work)))
             else
                text = with_more_harmonics(run)
             end if

@@ -52,11 +52,14 @@ module hb_outcome
       integer :: departure = 10                        !! of a time integration from the motion: a larger set does not help
       integer :: steep_friction = 11                   !! friction that is smoothed over a tiny speed: more work does not help
       integer :: unlocated = 12                        !! of a converged point: a curve has passed an event before it, not located
+      integer :: max_work = 13                         !! of `accuracy_t`: no work is left for a larger set of harmonics
+      integer :: max_harmonics = 14                    !! of `accuracy_t`, or memory: there is no larger set
+      integer :: tolerance = 15                        !! of a motion that larger sets do not bring to it: its estimates can be met
    end type reason_t
    type(reason_t), parameter :: reason = reason_t()
-   character(*), parameter :: reason_names(0:12) = [character(17) :: "none", "max_iterations", "max_fallback_work", "time_limit", &
+   character(*), parameter :: reason_names(0:15) = [character(17) :: "none", "max_iterations", "max_fallback_work", "time_limit", &
       "overflow", "growth", "lost_curve", "error", "points", "grazing", "departure", "steep_friction", &
-      "unlocated"]
+      "unlocated", "max_work", "max_harmonics", "tolerance"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
    character(*), parameter :: outcome_names(0:22) = [character(19) :: &

@@ -70,7 +70,8 @@ contains
 
    !> Integrates by a method with fixed steps, and with steps half as long from the end of the previous integration;
    !> with a tolerance until the motion no longer changes by more than permitted. The result is that of the shortest
-   !> steps; the last change counts as its error.
+   !> steps; the last change counts as its error. Steps may make a ripple at coordinates without mass, which repeats after
+   !> some periods: a small part of the motion that does so counts if it exceeds its change by the steps.
    subroutine follow_in_steps(system, discretisation, options, law_dofs, budget, steady, error, start)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -99,7 +100,12 @@ contains
       end if
       call integrate_to_steady(system, discretisation, stepped, law_dofs, steady, last, error, start)
       do i = 1, max_halvings
-         if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%integrated)) exit
+         if (allocated(error)) exit
+         if (steady%status == outcome%subharmonic) then
+            if (part_of(steady, is_aimed) >= largest_change) return
+         else if (is_aimed .and. steady%status /= outcome%integrated) then
+            exit
+         end if
          coarse = steady
          stepped%integration%substeps = 2*stepped%integration%substeps
          stepped%integration%max_work = max(0.0_wp, budget - coarse%work)
@@ -109,15 +115,28 @@ contains
          if (allocated(error)) exit
          steady%message = steady%message//merge("; implicit steps", "; fixed steps   ", &
                                                 stepped%integration%method == integration_method%generalized_alpha)
-         if (steady%status /= outcome%integrated) exit
-         if (coarse%status /= outcome%integrated) cycle
+         if (steady%status == outcome%subharmonic .and. coarse%n_repeat == steady%n_repeat) then
+            change = abs(part_of(steady, is_aimed) - part_of(coarse, is_aimed))
+            if (part_of(steady, is_aimed) > change) return
+         end if
+         if (.not. any(steady%status == [outcome%integrated, outcome%subharmonic])) exit
+         if (any([coarse%status, steady%status] /= outcome%integrated)) cycle
          change = maxval(distance_of(steady%averages, coarse%averages, 0.1_wp*allowed_of(options)))
          steady%spread = hypot(steady%spread, change)
          steady%message = trim(steady%message)//", half as long ones change it by "//rounded(change)
          if (merge(change, steady%spread, is_aimed) <= allowed_of(options)) return
          steady%change_by_steps = change
       end do
-      if (steady%status == outcome%integrated .and. .not. (is_aimed .and. steady%change_by_steps <= largest_change)) &
+      if (steady%status == outcome%subharmonic .or. &
+          (steady%status == outcome%integrated .and. .not. (is_aimed .and. steady%change_by_steps <= largest_change))) &
          steady%status = outcome%pending
    end subroutine follow_in_steps
+
+   !> Part of a motion beyond its tones, relative.
+   pure real(wp) function part_of(steady, is_aimed) result(part)
+      type(steady_motion_t), intent(in) :: steady
+      logical, intent(in) :: is_aimed                                 !! lines were fitted to it
+
+      part = merge(steady%spread, steady%left_out, is_aimed)
+   end function part_of
 end module hb_integrated_motion

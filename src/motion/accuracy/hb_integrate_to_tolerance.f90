@@ -230,6 +230,7 @@ contains
       type(steady_motion_t), intent(in) :: steady
       logical, intent(in) :: is_struck                                !! the balance strikes walls with a given restitution
       type(motion_result_t), intent(inout) :: result                  !! of the balance, with the work of the integration
+      logical :: is_known                                             ! larger sets bring no gain, but its estimate is one
 
       if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
           needs_larger_set(system, options, result, result%work - steady%work)) then
@@ -237,14 +238,25 @@ contains
                           "does not become steady within solver%max_fallback_work"
          return
       end if
-      if (allocated(steady%message)) result%message = steady%message
-      if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic) result%reason = reason%max_fallback_work
+      is_known = result%reason == reason%tolerance .and. estimate_of(result) < reliable
+      if (allocated(steady%message)) then
+         if (is_known .and. allocated(result%message)) then
+            result%message = result%message//"; "//steady%message
+         else
+            result%message = steady%message
+         end if
+      end if
+      if (steady%is_out_of_work .and. steady%status /= outcome%subharmonic .and. .not. is_known) &
+         result%reason = reason%max_fallback_work
       if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
       if (steady%status == outcome%subharmonic .or. &
           (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
          call result%forget_motion()                               ! it is not a motion by its estimate, or does not persist
+         result%reason = reason%none
          result%status = steady%status
          result%n_periods = steady%n_repeat
+      else if (steady%status == outcome%broadband) then
+         result%reason = reason%departure
       end if
    end subroutine describe_lost
 
@@ -270,6 +282,8 @@ contains
       result%status = steady%status
       result%n_periods = steady%n_repeat
       if (allocated(result%coefficients)) result%status = status_within(options, steady, result)
+      if (result%status == outcome%truncated) result%reason = merge(reason%max_fallback_work, reason%tolerance, &
+                                                                    steady%is_out_of_work)
    end subroutine adopt_status
 
    !> Status of an integrated motion: converged if its estimate is within the tolerance.

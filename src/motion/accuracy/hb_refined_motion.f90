@@ -17,7 +17,7 @@ module hb_refined_motion
    use hb_level_stability, only: add_stability
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
-   use hb_outcome, only: is_answer => is_solved, outcome
+   use hb_outcome, only: is_answer => is_solved, outcome, reason
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_stability, only: stability_method
    use hb_system, only: measure_of, system_t
@@ -86,8 +86,7 @@ contains
             self%top = self%best_top
             self%result%level_estimate = max(self%result%level_estimate, self%best_estimate)
          end if
-         if (ending == refinement_end%failed .and. .not. self%is_checked) call raise_unchecked(self%result)
-         call finish(self)
+         call finish(self, ending)
          if (.not. (options%accuracy%grows_set .and. options%chain%is_on .and. self%result%status == outcome%converged) .or. &
              size(options%gradient%by) > 0) return                     ! which is that of the whole set
          if (self%system%tones%n_tones == 1) then                     ! whose grids cost little
@@ -324,17 +323,24 @@ contains
    end function left_after
 
    !> Sets status and estimates of the last level, and adds the results that were omitted on the levels.
-   subroutine finish(self)
+   subroutine finish(self, ending)
       type(refined_motion_t), intent(inout) :: self
+      integer, intent(in) :: ending                                   !! of the refinement
       logical :: compares
 
       associate (options => self%options, result => self%result)
-         if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
+         if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) then
+            if (ending == refinement_end%failed .and. .not. self%is_checked .and. &
+                estimate_of_wanted(result) <= options%accuracy%tolerance) call raise_unchecked(result)
             result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= options%accuracy%tolerance)
+            if (result%status == outcome%truncated) result%reason = why_truncated(self, ending)
+         end if
          compares = compares_in_time(self)
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
             call add_stability(self%system, self%discretisation, self%options, self%top, solver_tolerance(self%options), &
                                self%solver%work_spent, compares, result)
+         if (result%reason == reason%tolerance .and. .not. allocated(result%message) .and. estimate_of_wanted(result) < reliable) &
+            result%message = trim(message_on_tolerance(estimate_of_wanted(result)))
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set
@@ -348,6 +354,17 @@ contains
       end associate
    end subroutine finish
 
+   !> Why the levels have ended above the tolerance: for want of work, of sets, or because larger ones are no better.
+   integer function why_truncated(self, ending) result(why)
+      type(refined_motion_t), intent(inout) :: self
+      integer, intent(in) :: ending                                   !! of the refinement
+
+      why = reason%tolerance
+      if (ending == refinement_end%exhausted .and. self%n_levels < self%max_levels) why = reason%max_harmonics
+      if (ending == refinement_end%stopped .or. self%solver%is_out_of_work) why = reason%max_work
+      if (self%is_ended) why = reason%time_limit
+   end function why_truncated
+
    !> Whether a converged motion is compared with a short time integration, because error estimates see no jumps.
    logical function compares_in_time(self) result(compares)
       class(refined_motion_t), intent(in) :: self
@@ -355,6 +372,16 @@ contains
       compares = self%result%status == outcome%converged .and. self%options%has_time_domain() .and. &
                  self%options%error_estimate%is_on .and. self%system%may_jump_within_period()
    end function compares_in_time
+
+   !> Names the tolerance that can be met.
+   pure function message_on_tolerance(estimate) result(message)
+      real(wp), intent(in) :: estimate
+      character(100) :: message
+      character(9) :: tolerance
+
+      write (tolerance, "(es7.1)") 1.05_wp*estimate                   ! not rounded to less
+      message = "larger sets of harmonics bring no gain: accuracy%tolerance = "//trim(tolerance)//" can be met"
+   end function message_on_tolerance
 
    !> Names the least accurate output.
    function message_on_outputs(accuracy, estimates) result(message)
