@@ -699,7 +699,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
 
       call self%sample_if_new(x)
-      call self%law_set%find_unsuitable()
+      call self%law_set%find_unsuitable(self%law_set%transform%torus)
       is_unsuitable = self%law_set%is_given_up
    end function balance_is_unsuitable
 

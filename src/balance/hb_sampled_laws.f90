@@ -218,8 +218,9 @@ contains
    end subroutine sampled_laws_find_failure
 
    !> Gives up the laws of the user whose forces no method can follow along the present motion, and stores the reason.
-   subroutine sampled_laws_find_unsuitable(self)
+   subroutine sampled_laws_find_unsuitable(self, torus)
       class(sampled_laws_t), intent(inout) :: self
+      type(torus_t), intent(in) :: torus
       character(:), allocatable :: fault
       real(wp), allocatable :: rates(:, :)
       integer :: i
@@ -227,11 +228,11 @@ contains
       do i = 1, size(self%laws)
          if (self%is_given_up) return
          associate (law => self%laws(i)%law)
-            if (.not. law%is_users_own .or. law%n_states > 0 .or. law%n_phases > 0 .or. law%needs_frequencies) cycle
+            if (.not. law%is_users_own .or. law%n_states > 0) cycle
             associate (z => self%coordinates_of(i, self%samples%q%values))
                allocate (rates, source=0.0_wp*z)
                if (law%needs_velocity) rates = self%coordinates_of(i, self%samples%v%values)
-               call find_fault(law, z, rates, fault)
+               call find_fault(law, z, rates, torus%phases(), fault)
                deallocate (rates)
             end associate
             if (len(fault) == 0) cycle

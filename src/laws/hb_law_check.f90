@@ -147,9 +147,7 @@ contains
       real(wp) :: f_half(size(order), size(f, 2))
 
       order = [(size(f, 1) + 1 - i, i=1, size(order))]
-      half%motion = samples%motion(order, :, :)
-      half%magnitude = samples%magnitude(order, :)
-      if (allocated(samples%phases)) half%phases = samples%phases(:, order)
+      half = selected(samples, order)
       allocate (alone, source=law)
       if (law%n_phases > 0) call alone%set_phases(half%phases)
       call evaluate(alone, half, f_half)
@@ -158,9 +156,10 @@ contains
 
    !> Why no method can follow the forces of a law along a motion: they depend on other samples, or jump between two samples. Empty
    !> where nothing of that is found.
-   subroutine find_fault(law, z, v, fault)
-      class(law_t), intent(in) :: law                                 !! prepared; without states, phases and reactions
+   subroutine find_fault(law, z, v, phases, fault)
+      class(law_t), intent(in) :: law                                 !! prepared; without states and reactions
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! along the motion, (n_samples, n_coordinates)
+      real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_samples); used if the law needs them
       character(:), allocatable, intent(out) :: fault
       real(wp), parameter :: min_relative_jump = 1.0e-3_wp            ! jump, relative to the largest force
       type(samples_t) :: samples
@@ -171,13 +170,14 @@ contains
       allocate (samples%magnitude(size(z, 1), 3), source=1.0_wp)
       samples%motion(:, :, 1) = z
       samples%motion(:, :, 2) = v
+      samples%phases = phases
       call evaluate(law, samples, f)
       if (.not. all(ieee_is_finite(f))) return
       if (mixes(law, samples, f)) then
          fault = mixed_samples
          return
       end if
-      call find_jump(law, samples%motion, jump, at)
+      call find_jump(law, samples, jump, at)
       if (.not. jump > min_relative_jump*maxval(abs(f))) return
       fault = "its force jumps by "//rounded(jump)//" where a displacement is "//rounded(at(1))
       if (law%needs_velocity) fault = fault//" and its rate "//rounded(at(2))
@@ -185,38 +185,43 @@ contains
               "friction, rigid_wall for a wall; smooth other jumps, as by tanh over a thousandth of the largest motion"
    end subroutine find_fault
 
-   !> The largest jump of the force between two samples that follow each other, by bisection to neighbouring numbers.
-   subroutine find_jump(law, motion, jump, at)
+   !> The largest jump of the force between two samples that follow each other, at the phases of the first, by bisection to
+   !> neighbouring numbers.
+   subroutine find_jump(law, samples, jump, at)
       class(law_t), intent(in) :: law
-      real(wp), intent(in) :: motion(:, :, :)                         !! (n_samples, n_coordinates, z v p)
+      type(samples_t), intent(in) :: samples
       real(wp), intent(out) :: jump                                   !! 0: none
       real(wp), intent(out) :: at(2)                                  !! displacement and rate there, of one coordinate
       integer, parameter :: n_bisections = 60, max_intervals = 256
-      real(wp), allocatable :: higher(:, :, :), lower(:, :, :), middle(:, :, :)
+      class(law_t), allocatable :: held
+      type(samples_t) :: first, next
+      real(wp), allocatable, dimension(:, :, :) :: higher, lower, middle
       real(wp), allocatable, dimension(:, :) :: f_higher, f_lower, f_middle
       integer :: i, k, n, place(2)
-      logical :: is_upper
 
       jump = 0.0_wp
       at = 0.0_wp
-      n = size(motion, 1)
+      n = size(samples%motion, 1)
       if (n < 2) return
       associate (m => min(n - 1, max_intervals))
-         lower = motion([(1 + ((i - 1)*(n - 1))/m, i=1, m)], :, :)
-         higher = motion([(1 + (i*(n - 1))/m, i=1, m)], :, :)
+         first = selected(samples, [(1 + ((i - 1)*(n - 1))/m, i=1, m)])
+         next = selected(samples, [(1 + (i*(n - 1))/m, i=1, m)])
       end associate
+      lower = first%motion
+      higher = next%motion
+      allocate (held, source=law)
+      if (law%n_phases > 0) call held%set_phases(first%phases)         ! a force may jump at given times
       allocate (f_lower(size(lower, 1), size(lower, 2)))
       f_higher = f_lower
       f_middle = f_lower
-      call evaluate_block(law, lower, f_lower)
-      call evaluate_block(law, higher, f_higher)
+      call evaluate_block(held, lower, f_lower)
+      call evaluate_block(held, higher, f_higher)
       do k = 1, n_bisections
          middle = 0.5_wp*(lower + higher)
-         call evaluate_block(law, middle, f_middle)
+         call evaluate_block(held, middle, f_middle)
          if (.not. all(ieee_is_finite(f_middle))) return
          do i = 1, size(middle, 1)
-            is_upper = maxval(abs(f_higher(i, :) - f_middle(i, :))) > maxval(abs(f_middle(i, :) - f_lower(i, :)))
-            if (is_upper) then
+            if (maxval(abs(f_higher(i, :) - f_middle(i, :))) > maxval(abs(f_middle(i, :) - f_lower(i, :)))) then
                lower(i, :, :) = middle(i, :, :)
                f_lower(i, :) = f_middle(i, :)
             else
@@ -229,6 +234,18 @@ contains
       jump = abs(f_higher(place(1), place(2)) - f_lower(place(1), place(2)))
       at = middle(place(1), place(2), :2)
    end subroutine find_jump
+
+   !> Some of the samples.
+   pure type(samples_t) function selected(samples, positions) result(some)
+      type(samples_t), intent(in) :: samples
+      integer, intent(in) :: positions(:)
+
+      allocate (some%motion(size(positions), size(samples%motion, 2), size(samples%motion, 3)), &
+                some%magnitude(size(positions), size(samples%magnitude, 2)), some%phases(size(samples%phases, 1), size(positions)))
+      some%motion(:, :, :) = samples%motion(positions, :, :)
+      some%magnitude(:, :) = samples%magnitude(positions, :)
+      some%phases(:, :) = samples%phases(:, positions)
+   end function selected
 
    !> Whether the forces f of samples change their sign with that of the motion.
    logical function is_mirrored(law, samples, f)
