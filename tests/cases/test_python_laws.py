@@ -132,6 +132,30 @@ def pushed(q, phases, frequencies):
     return -0.3 * np.cos(phases[:, 0]) - 0.1 * frequencies[0] ** 2 * np.sin(phases[:, 0]) + 0.0 * q
 
 
+def dry_friction(q, v, phases):
+    return 0.95 * (1 + 0.2 * np.cos(phases[:, 0])) * np.sign(v) + 0.0 * q
+
+
+def switched_load(q, phases):
+    return 0.95 * np.sign(np.cos(phases[:, 0])) + 0.0 * q
+
+
+def test_forces_that_jump_with_the_motion_end_at_once():
+    """Also where they depend on phases; a force that jumps at given times alone has a motion, that of its Fourier series."""
+    found = []
+    for law in (dry_friction, switched_load):
+        model = Model(
+            nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.7]
+        )
+        model.load("x1", 1, cos=1.0)
+        model.law(law, "x1")
+        found.append(model.solve(tolerance=1e-4))
+    assert found[0]["status"] == "failed" and "its force jumps" in str(found[0]["message"].values)
+    first = 1.0 - 0.95 * 4 / np.pi
+    assert found[1]["status"] == "converged"
+    assert abs(found[1].nhbm.amplitude("x1", 1) / abs(first / (1 - 0.49 + 0.07j)) - 1) < 1e-4
+
+
 def test_laws_may_depend_on_phases_and_frequencies():
     """A force that depends on the phase is a load; its derivative with respect to the frequency also leads around folds; two
     tones."""
