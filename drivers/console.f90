@@ -4,12 +4,13 @@
 module console
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use, intrinsic :: iso_fortran_env, only: error_unit
+   use hb_advice, only: advice_list_t, describe_item, find_command, n_advice
    use hb_error, only: error_t, fail
    use hb_printable, only: printable
    use hb_text, only: split, string_t
    implicit none
    private
-   public :: print_error, finish_output, say, say_entry
+   public :: print_error, finish_output, say, say_advice, say_entry
 
    integer, parameter :: width = 118
 
@@ -46,6 +47,21 @@ contains
          call print_line(trim(texts(i)))
       end do
    end subroutine print_lines
+
+   !> Writes the texts of a list, each behind a prefix, and the commands of its table.
+   subroutine say_advice(prefix, list)
+      character(*), intent(in) :: prefix
+      type(advice_list_t), intent(in) :: list
+      character(:), allocatable :: text
+      integer :: i
+
+      do i = 1, n_advice(list)
+         call describe_item(list%items(i), text)
+         call say(prefix//text)
+         call find_command(list%items(i), text)
+         if (len(text) > 0) call say("  try: "//text)
+      end do
+   end subroutine say_advice
 
    !> Writes a name and, from a given column on, words wrapped to the width of a page.
    subroutine say_entry(name, text, column)

@@ -3,13 +3,14 @@
 !> what to do next.
 module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: advice_list_t, describe_advice
    use hb_attempts, only: describe_attempts
    use hb_document, only: document_t
    use hb_kinds, only: wp
+   use hb_motion_advice, only: advise_on_status
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text
    use hb_properties, only: properties_t
-   use hb_remedies, only: remedy_of
-   use hb_results_record, only: attempts_of, messages_of, numbers_of, record_t
+   use hb_results_record, only: advice_of, attempts_of, messages_of, numbers_of, record_t
    use hb_solver_types, only: attempt_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: add_string, number_of, rounded, rounded_beside, string_t, to_text
@@ -144,6 +145,7 @@ contains
       type(failure_kind_t), allocatable, intent(out) :: kinds(:)
       type(string_t), allocatable :: messages(:)
       integer, allocatable :: n_periods(:), reasons(:)
+      integer :: i
 
       allocate (messages(0))
       if (size(points) > 0) call messages_of(path, points, messages)
@@ -154,6 +156,9 @@ contains
       if (min(size(reasons), size(n_periods)) < maxval(points)) return   ! no such file, or an older one
       kinds%reason = reasons(kinds%first)
       kinds%n_periods = n_periods(kinds%first)
+      do i = 1, size(kinds)
+         call advice_of(path, kinds(i)%first, kinds(i)%advice)
+      end do
    end subroutine kinds_of_points
 
    !> Groups points of one status by their messages, ignoring numbers.
@@ -201,12 +206,15 @@ contains
       type(run_names_t), intent(in) :: names
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
-      character(:), allocatable :: text, command, tried
+      character(:), allocatable :: text, command, remedy, tried
+      type(advice_list_t) :: list
       type(attempt_t), allocatable :: attempts(:)
 
+      call advise_on_status(kind%status, list)
+      call describe_advice(list, remedy)
       text = "Point "//name_of(kind%first, plan)//others_of(kind)//": "//outcome_text(kind%status)//"."
       if (kind%status == outcome%pending .or. kind%status == outcome%unused) then
-         if (kind%status == outcome%pending) text = text//" "//trim(remedy_of(kind%status))
+         if (kind%status == outcome%pending) text = text//" "//remedy
          return
       end if
       associate (seconds => record%solve_seconds(kind%first))
@@ -218,7 +226,7 @@ contains
       call describe_attempts(attempts, tried)
       if (size(attempts) > 0) text = text//new_line("a")//"Attempts: "//tried
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
-      text = text//new_line("a")//"What to do: "//trim(remedy_of(kind%status))
+      text = text//new_line("a")//"What to do: "//remedy
       command = command_to_try(kind, names, plan, document)
       if (len(command) > 0) text = text//command_mark//command
    end function paragraph

@@ -1,17 +1,19 @@
 !> The command to try after points of a run ended with a given status.
 module next_step
+   use hb_advice, only: advice, advice_list_t, find_command, n_advice
    use hb_document, only: document_t, new_document
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
    use hb_model_loads, only: groups_with_tuples
    use hb_model_tones, only: read_tones
+   use hb_motion_advice, only: advise_on_status
    use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: outcome, reason, reason_names
    use hb_point_kinds, only: curve_kind
    use hb_properties, only: properties_t
    use hb_results_record, only: column_of => numbers_of
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: add_string, lower, string_t, to_text
+   use hb_text, only: add_string, join, lower, split, string_t, to_text
    use hb_tones, only: tones_t
    use switched_inputs, only: list_of
    implicit none
@@ -34,6 +36,7 @@ module next_step
       integer :: reason = reason%none                                 !! hb_outcome; as the next, of that one
       integer :: n_periods = 0                                        !! after which a subharmonic motion repeats
       character(:), allocatable :: message
+      type(advice_list_t) :: advice                                   !! on a search that has failed
    end type failure_kind_t
 
    !> The names that a command contains.
@@ -74,8 +77,10 @@ contains
       run%plan = plan
       run%here => here
       call read_tones(run%tones, here, error)
-      if (.not. allocated(error)) text = solve_or_integrate(run)
-      if (.not. allocated(error) .and. len(text) == 0) text = look_into(run)
+      if (allocated(error)) return
+      text = from_table(run, kind%advice)
+      if (len(text) == 0) text = solve_or_integrate(run)
+      if (len(text) == 0) text = look_into(run)
    end function command_to_try
 
    !> The command that follows a curve to its end that has reached its number of points; empty if there is no such curve.
@@ -164,13 +169,7 @@ contains
             text = by_tolerance(run)
             if (len(text) == 0) text = with_more_samples(run)
          case (outcome%impact)
-            if (has_restitution(run)) then
-               text = integrate_from_rest(run)
-            else
-               text = solve_with(run, "integration%restitution=0.5")
-               if (len(text) > 0) text = text//"  (with the restitution of the walls; "// &
-                  "if 0.1 and 0.9 give one motion, it has no effect)"
-            end if
+            if (has_restitution(run)) text = integrate_from_rest(run)
          case (outcome%subharmonic)
             text = with_lower_tones(run)
          case (outcome%collapsed, outcome%locked, outcome%broadband)
@@ -181,24 +180,51 @@ contains
       end associate
    end function solve_or_integrate
 
-   !> A command that shows more about the failure.
+   !> What the table of advice has for the status.
    function look_into(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
+      type(advice_list_t) :: list
+
+      call advise_on_status(run%kind%status, list)
+      if (run%kind%status == outcome%collapsed .and. size(run%tones%omega) == 1) list%items%number = advice%if_no_motion
+      text = from_table(run, list)
+   end function look_into
+
+   !> The first command that the table has for advice: a command line, or assignments for another run; empty if there is none.
+   function from_table(run, list) result(text)
+      type(run_t), intent(in) :: run
+      type(advice_list_t), intent(in) :: list
+      character(:), allocatable :: text
+      character(:), allocatable :: remark
+      type(string_t), allocatable :: sets(:)
+      integer :: i
 
       text = ""
-      select case (run%kind%status)
-      case (outcome%no_motion, outcome%collapsed, outcome%not_finite)
-         if (run%kind%status == outcome%collapsed .and. size(run%tones%omega) > 1) return   ! the remedy: fewer tones
-         text = "nhbm check "//shell_word(run%names%input)//"  (prints natural frequencies: a first guess for &tones)"
-      case (outcome%failed, outcome%crashed)
-         text = "nhbm check "//shell_word(run%names%input)//"; nhbm solve "//shell_word(run%names%input)// &
-                " --overwrite solves a corrected input, nhbm resume "//shell_word(run%names%result)//" --retry repeats the same"
-      case (outcome%integrated)
-         text = "nhbm verify "//shell_word(run%names%result)//" --points "//to_text(run%kind%first - 1)// &
-                "  (is the motion stable?)"
-      end select
-   end function look_into
+      do i = 1, n_advice(list)
+         call find_command(list%items(i), text)
+         if (len(text) > 0) exit
+      end do
+      if (index(text, "nhbm") == 1) then
+         call replace(text, "{input}", shell_word(run%names%input))
+         call replace(text, "{result}", shell_word(run%names%result))
+         call replace(text, "{point}", to_text(run%kind%first - 1))
+      else if (len(text) > 0) then
+         remark = text(index(text//"  (", "  ("):)
+         call split(text(:len(text) - len(remark)), " ", sets)
+         text = solve_with(run, sets(1)%value, sets(2:))
+         if (len(text) > 0) text = text//remark
+      end if
+   end function from_table
+
+   pure subroutine replace(text, old, new)
+      character(:), allocatable, intent(inout) :: text
+      character(*), intent(in) :: old, new
+      type(string_t), allocatable :: parts(:)
+
+      call split(text, old, parts)
+      text = join(parts, new)
+   end subroutine replace
 
    !> A larger budget, the fallbacks that were off, or time integration.
    function with_other_search(run) result(text)
@@ -231,8 +257,6 @@ contains
             text = raised(run, "max_iterations", [string_t("solver%fallback=.true.")])
          else if (limit == reason%max_iterations) then
             text = raised(run, "max_iterations")
-         else if (.not. fallbacks) then
-            text = solve_with(run, "solver%fallback=.true.")
          else if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. run%here%count("dynamic_stiffness") == 0) then
             text = solve_with(run, "solver%first_guess='integration'")
          end if

@@ -1,6 +1,7 @@
 !> Texts of the command about a run: its points, the time of its ranks, and the located points of its curves.
 module run_texts
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: advice, advice_list_t
    use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
@@ -124,11 +125,13 @@ contains
       text = trim(adjustl(buffer))//" %"
    end function share_text
 
-   !> A line for each special point: its kind, its values, its number. `plan` has the values of the curve.
-   subroutine curve_lines(path, plan, lines, error)
+   !> A line for each special point: its kind, its values, its number; and advice on the curves. `plan` has the values of the
+   !> curve.
+   subroutine curve_lines(path, plan, lines, list, error)
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(in) :: plan
       character(max_line), allocatable, intent(out) :: lines(:)
+      type(advice_list_t), intent(out) :: list
       type(error_t), allocatable, intent(out) :: error
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
@@ -167,56 +170,48 @@ contains
       call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, lengths, &
                      merge(n_unstable, -1, is_stable /= 0 .and. largest < hides_others), plan%n_fastest(), n, first_gap)
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
-      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
-         ", point "//to_text(first_gap - 1)//": stability changes here, but no bifurcation was located"]
+      if (n > 0) call list%add(advice%unexplained_steps, [real(wp) :: n, first_gap - 1], rounded%describe(first_gap))
       n = count(reasons == reason%unlocated)
-      if (n > 0) lines = [character(max_line) :: lines, "events before "//number_of(n, "point")//" were not located, first "// &
-         "point "//to_text(findloc(reasons, reason%unlocated, dim=1) - 1)//" (see 'message'): "// &
-         "a smaller &curve max_step may locate them"]
+      if (n > 0) call list%add(advice%unlocated_of_curve, [real(wp) :: n, findloc(reasons, reason%unlocated, dim=1) - 1])
       n = count(reasons == reason%points)
-      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
-         to_text(plan%n_fastest())//" points"//cut_text(findloc(reasons, reason%points, dim=1))]
-      if (has_no_peak()) lines = [character(max_line) :: lines, "no peak: the response of 'peak_of' is largest at an end "// &
-                                  "of the curve, or not in its sets of harmonics"]
+      i = findloc(reasons, reason%points, dim=1)
+      if (n > 0) call list%add(advice%cut_curves, [real(wp) :: n, plan%n_fastest()], rounded%describe(i), &
+                                first_of(n), share_text(i))
+      if (has_no_peak()) call list%add(advice%no_peak)
       n = count(reasons == reason%grazing)
-      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
-         "no motion was found beyond; try a sweep from there, or another start"]
+      if (n > 0) call list%add(advice%ended_at_graze, [real(n, wp)])
       vanishing = pack([(i, i=1, plan%n_points)], [(is_regular_end(status(i), i, plan), i=1, plan%n_points)] .and. &
                        status == outcome%collapsed)
-      if (size(vanishing) > 0) lines = [character(max_line) :: lines, number_of(size(vanishing), "curve")// &
-         " ended where the motion of an unknown tone vanishes, at "//rounded%describe(vanishing(1))// &
-         trim(merge(" (first)", repeat(" ", 8), size(vanishing) > 1))]
+      n = size(vanishing)
+      if (n > 0) call list%add(advice%vanishing_motion, [real(n, wp)], rounded%describe(vanishing(1)), first_of(n))
       do i = 1, plan%n_points
          if (status(i) /= outcome%locked .or. .not. is_regular_end(status(i), i, plan)) cycle
          lines = [character(max_line) :: lines, "point "//to_text(i - 1)//": "//message_of(path, i)]
       end do
       turned = rows_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
-      if (size(turned) > 0) lines = [character(max_line) :: lines, turned_back_text(size(turned), plan%curve_values(turned(1)))]
+      if (size(turned) == 0) return
+      associate (from => plan%curve%from, to => plan%curve%to, start => plan%curve_values(turned(1)))
+         call list%add(advice%returned_curves, [real(size(turned), wp), start, &
+                                                merge(to, from, abs(start - from) < abs(start - to))])
+      end associate
 
    contains
 
-      !> Where a curve was cut off, and how far that is.
-      function cut_text(point) result(text)
+      !> Percentage of the range that a curve covers.
+      function share_text(point) result(text)
          integer, intent(in) :: point
          character(:), allocatable :: text
 
          text = to_text(int(100.0_wp*plan%share_covered(point)))
          if (text == "0") text = "less than 1"
-         text = " at "//rounded%describe(point)//trim(merge(" (first)", repeat(" ", 8), n > 1))//", with "//text// &
-                " % of the range covered: increase 'points' of &curve"
-      end function cut_text
+      end function share_text
 
-      !> That curves have returned to the end of the range at which the first of them began.
-      function turned_back_text(n_curves, start) result(text)
-         integer, intent(in) :: n_curves
-         real(wp), intent(in) :: start                                !! of the first
-         character(:), allocatable :: text
+      !> That the first of several is meant.
+      pure character(8) function first_of(n)
+         integer, intent(in) :: n
 
-         associate (from => plan%curve%from, to => plan%curve%to)
-            text = number_of(n_curves, "curve")//" returned to "//to_text(start)//" without reaching the other end of the "// &
-                   "range: try start = "//to_text(merge(to, from, abs(start - from) < abs(start - to)))//" in &curve"
-         end associate
-      end function turned_back_text
+         first_of = merge(" (first)", repeat(" ", 8), n > 1)
+      end function first_of
 
       !> Whether peaks were requested along curves that have none, although they end regularly.
       logical function has_no_peak()

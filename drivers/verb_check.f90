@@ -2,8 +2,9 @@
 !> derivatives of its laws with differences of their forces.
 module verb_check
    use arguments, only: arguments_t
-   use console, only: print_error, say
+   use console, only: print_error, say, say_advice
    use exit_status, only: incomplete, not_all_right, success
+   use hb_advice, only: advice_list_t, append_advice, has_advice, n_advice
    use hb_basis, only: basis_t
    use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
@@ -18,7 +19,7 @@ module verb_check
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
    use hb_model_basis, only: find_basis
-   use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
+   use hb_model_advice, only: advise_on_drive, advise_on_model
    use hb_modes, only: find_natural_frequencies, max_dofs, modes_t, new_modes
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, rank_of
@@ -41,11 +42,11 @@ module verb_check
       procedure :: wants_end => until_signal_wants_end
    end type until_signal_t
 
-   !> Warnings about the points of a study.
-   type :: doubts_t
-      integer :: n_commensurate = 0, n_without_load = 0               !! points
-      character(:), allocatable :: first_commensurate                 !! texts for the first of them
-   end type doubts_t
+   !> Advice on the points of a study: each kind once, with the number of its points.
+   type :: counted_advice_t
+      type(advice_list_t) :: list
+      integer, allocatable :: n_points(:), first(:)                   !! how many have it, and the first of them
+   end type counted_advice_t
 
 contains
 
@@ -56,14 +57,15 @@ contains
       integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
-      type(doubts_t) :: doubts
+      type(advice_list_t) :: implausible
+      type(counted_advice_t) :: found
       type(error_t), allocatable :: no_balance
-      character(:), allocatable :: implausible
       real(wp) :: end_of_time
       logical :: all_right
       integer :: n_checked, point, stride
 
       status = success
+      allocate (found%n_points(0), found%first(0))
       end_of_time = wall_clock() + options%time_limit
       call load_study(options, comm, study, error)
       if (allocated(error)) return
@@ -71,7 +73,7 @@ contains
       stride = 1
       if (allocated(study%plan%curve)) stride = study%plan%n_fastest()
       do point = 1, study%plan%n_points, stride                       ! of curves, their starts
-         call check_point(study, point, doubts, error)
+         call check_point(study, point, found, error)
          if (allocated(error)) return
          if (point + stride > study%plan%n_points) exit
          if (.not. signal_caught() .and. wall_clock() < end_of_time) cycle
@@ -84,7 +86,7 @@ contains
       call describe(study)
       associate (laws => study%model%system%laws)
          call check_laws(laws, study%model%system%tones%n_tones, all_right, n_checked)
-         call write_doubts(study, doubts)
+         call write_advice(study, found)
          if (n_checked < size(laws)) call print_error(why_stopped()//" after the derivatives of "//to_text(n_checked)//" of "// &
             number_of(size(laws), "law"))
          if (n_checked < size(laws)) status = incomplete
@@ -105,8 +107,8 @@ contains
          call print_error(why_stopped()//" before the cost of the tolerance was measured")
          return
       end if
-      call describe_implausible(study%model%system, study%model%discretisation, study%model%options, implausible)
-      if (doubts%n_commensurate + doubts%n_without_load > 0 .or. len(implausible) > 0) then
+      call advise_on_model(study%model%system, study%model%discretisation, study%model%options, implausible)
+      if (n_advice(found%list) + n_advice(implausible) > 0) then
          call say("the input can be solved, but see the warnings above")
       else
          call say("the input is valid")
@@ -120,47 +122,48 @@ contains
       text = ending_text(merge(interruption%signal, interruption%time_limit, signal_caught()))
    end function why_stopped
 
-   !> Reads a point and records its warnings.
-   subroutine check_point(study, point, doubts, error)
+   !> Reads a point and counts the advice on it.
+   subroutine check_point(study, point, found, error)
       type(study_t), intent(in) :: study
       integer, intent(in) :: point
-      type(doubts_t), intent(inout) :: doubts
+      type(counted_advice_t), intent(inout) :: found
       type(error_t), allocatable, intent(out) :: error
+      type(advice_list_t) :: here, new
       type(model_t) :: model
-      character(:), allocatable :: text
+      integer :: i, k
 
       call study%read_point(point, model, error)
       if (allocated(error)) return
-      text = trim(commensurate_text(model%system%tones, model%options%error_estimate%commensurability))
-      if (len(text) > 0) then
-         if (doubts%n_commensurate == 0 .and. study%plan%n_points > 1) text = study%plan%describe(point)//": "//text
-         if (doubts%n_commensurate == 0) doubts%first_commensurate = text
-         doubts%n_commensurate = doubts%n_commensurate + 1
-      end if
-      if (has_no_load(model%system, model%discretisation)) doubts%n_without_load = doubts%n_without_load + 1
+      call advise_on_drive(model%system, model%discretisation, model%options, here)
+      do i = 1, n_advice(here)
+         if (has_advice(found%list, here%items(i)%number)) then
+            k = findloc(found%list%items%number, here%items(i)%number, dim=1)
+            found%n_points(k) = found%n_points(k) + 1
+         else
+            new%items = [here%items(i)]
+            call append_advice(found%list, new)
+            found%n_points = [found%n_points, 1]
+            found%first = [found%first, point]
+         end if
+      end do
    end subroutine check_point
 
-   !> Prints the warnings, one line for each kind.
-   subroutine write_doubts(study, doubts)
+   !> Prints the advice, of a sweep with the number of points.
+   subroutine write_advice(study, found)
       type(study_t), intent(in) :: study
-      type(doubts_t), intent(in) :: doubts
+      type(counted_advice_t), intent(in) :: found
+      type(advice_list_t) :: one
+      character(:), allocatable :: points
+      integer :: i
 
-      if (doubts%n_commensurate > 0) call say("warning: "// &
-         share_text(study, doubts%n_commensurate, ", the first at ")//doubts%first_commensurate)
-      if (doubts%n_without_load > 0) call say("warning: "// &
-         share_text(study, doubts%n_without_load, ": ")//no_load_text)
-   end subroutine write_doubts
-
-   !> Number of points of a sweep, with a text after it; empty for a single point.
-   function share_text(study, n, and) result(text)
-      type(study_t), intent(in) :: study
-      integer, intent(in) :: n
-      character(*), intent(in) :: and
-      character(:), allocatable :: text
-
-      text = ""
-      if (study%plan%n_points > 1) text = to_text(n)//" of "//to_text(study%plan%n_points)//" points"//and
-   end function share_text
+      points = ""
+      do i = 1, n_advice(found%list)
+         if (study%plan%n_points > 1) points = to_text(found%n_points(i))//" of "//to_text(study%plan%n_points)// &
+            " points, the first at "//study%plan%describe(found%first(i))//": "
+         one%items = [found%list%items(i)]
+         call say_advice("warning: "//points, one)
+      end do
+   end subroutine write_advice
 
    subroutine describe(study)
       type(study_t), intent(in) :: study

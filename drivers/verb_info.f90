@@ -5,6 +5,7 @@ module verb_info
    use console, only: say
    use exit_status, only: bad_input, incomplete, success
    use explanation, only: status_lines
+   use hb_advice, only: advice_list_t, describe_item, n_advice
    use hb_attempts, only: is_fallback
    use hb_branches, only: jumps_between
    use hb_curve_table, only: note_curve_values
@@ -255,17 +256,22 @@ contains
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
+      type(advice_list_t) :: list
       character(max_line), allocatable :: lines(:)
-      character(:), allocatable :: command
+      character(:), allocatable :: text
       integer :: i
 
-      call curve_lines(names%result, plan, lines, error)
+      call curve_lines(names%result, plan, lines, list, error)
       if (allocated(error)) return
       do i = 1, size(lines)
          call write_fact(merge("found", "     ", i == 1), trim(lines(i)))
       end do
-      command = command_for_cut_curve(names, plan, document)
-      if (len(command) > 0) call write_fact("", "try: "//command)
+      do i = 1, n_advice(list)
+         call describe_item(list%items(i), text)
+         call write_fact("", text)
+      end do
+      text = command_for_cut_curve(names, plan, document)
+      if (len(text) > 0) call write_fact("", "try: "//text)
    end subroutine write_curves
 
    !> Writes the frequencies of unknown tones.

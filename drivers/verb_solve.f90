@@ -1,19 +1,19 @@
 !> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: continues a result file.
 module verb_solve
    use arguments, only: arguments_t, is_more_points
-   use console, only: print_error, say
+   use console, only: print_error, say, say_advice
    use exit_status, only: incomplete, not_all_right, success
    use explanation, only: status_lines
+   use hb_advice, only: advice, advice_list_t, has_advice
    use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_source
-   use hb_idle_laws, only: describe_idle_law
+   use hb_idle_laws, only: advise_on_idle_laws
    use hb_kinds, only: wp
    use hb_longer_curves, only: lengthen_curves
    use hb_memory, only: available_memory, retain_freed_memory
    use hb_model, only: model_t
-   use hb_model_warnings, only: commensurate_text, describe_implausible, has_no_load, no_load_text
-   use hb_motion_doubt, only: sticking_text
+   use hb_model_advice, only: advise_on_combination, advise_on_drive
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_outcome, only: outcome, reason
@@ -28,9 +28,9 @@ module verb_solve
    use hb_text, only: add_string, join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
-   use model_warnings, only: free_text, frozen_speed_text, model_text, repeated_value_text, varies_loads
    use next_step, only: command_for_cut_curve, run_names_t, shell_word
    use result_location, only: place_result
+   use run_advice, only: advise_on_free_coordinates, advise_on_run, varies_loads
    use run_texts, only: answers_text, curve_lines, ending_text, found_frequency, is_regular_end, max_line, stability_text, &
       timing_lines
    use switched_inputs, only: switched_input
@@ -50,14 +50,19 @@ contains
       integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
+      type(advice_list_t) :: list
       character(:), allocatable :: path
 
       status = success
       call place_result(options, comm, path, error)
       if (.not. allocated(error)) call load_study(options, comm, study, error)
       if (allocated(error)) return
-      if (rank_of(comm) == 0 .and. has_no_load(study%model%system, study%model%discretisation) .and. &
-          .not. varies_loads(study%plan)) call say("warning: "//no_load_text)
+      call advise_on_drive(study%model%system, study%model%discretisation, study%model%options, list)
+      if (rank_of(comm) == 0 .and. has_advice(list, advice%no_load) .and. .not. varies_loads(study%plan)) then
+         list = advice_list_t()
+         call list%add(advice%no_load)
+         call say_advice("warning: ", list)
+      end if
       if (options%overwrite .and. rank_of(comm) == 0) call remove_switched(path)
       call run(study, options, path, options%resumes, comm, status, error)
       if (.not. allocated(error)) call run_switched(study, options, path, comm, status, error)
@@ -347,17 +352,19 @@ contains
       character(*), intent(in) :: path
       type(sweep_plan_t) :: plan
       type(error_t), allocatable :: error
+      type(advice_list_t) :: list
       character(max_line), allocatable :: lines(:)
       character(:), allocatable :: command
       integer :: i
 
       plan = study%plan
       call note_curve_values(path, plan, error)
-      if (.not. allocated(error)) call curve_lines(path, plan, lines, error)
+      if (.not. allocated(error)) call curve_lines(path, plan, lines, list, error)
       if (allocated(error)) return                                    ! the file was just written: `info` reports the error
       do i = 1, size(lines)
          call say(trim(lines(i)))
       end do
+      call say_advice("", list)
       command = command_for_cut_curve(names_of(study, path), plan, study%document)
       if (len(command) > 0) call say("  try: "//command)
    end subroutine write_curves
@@ -379,8 +386,8 @@ contains
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path
       character(100) :: estimates
-      character(:), allocatable :: sentence
-      integer :: i
+      type(advice_list_t) :: list
+      integer :: i, n
 
       if (allocated(summary%made_by)) call say("note: the file was made by "//summary%made_by// &
          ", this is nhbm "//program_version//" ("//git_commit//")")
@@ -394,8 +401,10 @@ contains
       if (allocated(study%plan%curve)) call write_curves(study, path)
       if (summary%n_by_fallback > 0) call say(number_of(summary%n_by_fallback, "point")// &
          " solved by a fallback (see 'fallback' in the results)")
-      call sticking_text(count(numbers_of(path, "n_full_stick") > 0), .true., sentence)
-      if (len(sentence) > 0) call say(sentence)
+      n = count(numbers_of(path, "n_full_stick") > 0)
+      if (n > 0) call list%add(advice%full_stick_of_points, [real(n, wp)])
+      call say_advice("", list)
+      list = advice_list_t()
       do i = 1, study%model%system%tones%n_tones
          if (study%model%system%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i, study%model%system%tones))
       end do
@@ -415,31 +424,22 @@ contains
       if (number_solved(summary) > 0 .and. study%model%options%stability%method /= stability_method%off &
           .and. .not. study%model%system%normal_mode%is_requested) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
-      if (summary%n_too_costly > 0) then
-         if (study%model%options%stability%method == stability_method%auto) then
-            call say("the stability of "//number_of(summary%n_too_costly, "point")// &
-                     " was not computed, because it is costly; &stability method = 'integration' requests it")
-         else
-            call say("the stability of "//number_of(summary%n_too_costly, "point")// &
-                     " was not computed: the fastest harmonic has more than a million cycles in a period of the slowest tone")
-         end if
-      end if
+      if (summary%n_too_costly > 0) &
+         call list%add(merge(advice%costly_stability, advice%endless_stability, &
+                             study%model%options%stability%method == stability_method%auto), [real(summary%n_too_costly, wp)])
+      call say_advice("", list)
+      list = advice_list_t()
       if (size(study%model%options%gradient%by) > 0 .and. summary%counts(outcome%integrated) > 0 .and. &
           .not. (study%model%system%tones%n_tones == 1 .and. &
                  study%model%options%lacks_impacts_of(study%model%system, outcome%impact))) &
-         call say("warning: "//number_of(summary%counts(outcome%integrated), "point")// &
-                  " found by time integration: without derivatives, which need a balance; compare runs at two values instead")
+         call list%add(advice%no_derivatives, [real(summary%counts(outcome%integrated), wp)])
       if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)
-      do i = 1, size(summary%is_idle)
-         if (.not. summary%is_idle(i)) cycle
-         call describe_idle_law(study%model%system, summary%is_idle, i, sentence)
-         call say("warning: "//sentence)
-      end do
-      if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
-         " to another branch between neighbouring points (see 'branch'), the first at "//study%plan%describe(summary%first_jump))
-      if (summary%n_near_commensurate > 0) call say("warning: in "// &
-         number_of(summary%n_near_commensurate, "point")//" a low-order combination of the tones nearly vanishes"// &
-         " (see 'combination')"//near_text(study, summary%first_near_commensurate))
+      call advise_on_idle_laws(study%model%system, summary%is_idle, list)
+      if (summary%n_near_commensurate > 0) call advise_on_tones(study, summary, list)
+      call say_advice("warning: ", list)
+      list = advice_list_t()
+      if (summary%n_jumps > 0) call list%add(advice%jumps, [real(summary%n_jumps, wp)], study%plan%describe(summary%first_jump))
+      call say_advice("", list)
    end subroutine write_summary
 
    !> How the points of a complete file that did not converge are tried again; empty if there are none.
@@ -486,25 +486,22 @@ contains
       if (len(study%input_overrides) > 0) call split(study%input_overrides, new_line("a"), names%overrides)
    end function names_of
 
-   !> Warning about the tones of a point, if they are given.
-   function near_text(study, point) result(text)
+   !> Names the points at which a combination of the tones nearly vanishes, and that of the first one.
+   subroutine advise_on_tones(study, summary, list)
       type(study_t), intent(in) :: study
-      integer, intent(in) :: point                                    !! from 1
-      character(:), allocatable :: text
+      type(run_summary_t), intent(in) :: summary
+      type(advice_list_t), intent(inout) :: list
       type(error_t), allocatable :: error
       type(model_t) :: model
+      character(:), allocatable :: first
 
-      call study%read_point(point, model, error)
-      text = ""
-      if (.not. allocated(error)) text = trim(commensurate_text(model%system%tones, model%options%error_estimate%commensurability))
-      if (len(text) == 0) text = "such tones are nearly commensurate"
-      if (len(study%plan%describe(point)) > 0) then
-         text = "first at "//study%plan%describe(point)//": "//text
-      else if (study%plan%n_points > 1) then                          ! of a curve
-         text = "first in point "//to_text(point - 1)//": "//text
-      end if
-      text = "; "//text
-   end function near_text
+      first = study%plan%describe(summary%first_near_commensurate)
+      if (len(first) == 0) first = "point "//to_text(summary%first_near_commensurate - 1)
+      call list%add(advice%vanishing_combinations, [real(summary%n_near_commensurate, wp)], first)
+      call study%read_point(summary%first_near_commensurate, model, error)
+      if (.not. allocated(error)) &
+         call advise_on_combination(model%system%tones, model%options%error_estimate%commensurability, list)
+   end subroutine advise_on_tones
 
    !> Reads the input file on rank 0, for all ranks, and creates its study.
    subroutine load_study(options, comm, study, error)
@@ -608,10 +605,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: may_only_integrate             !! as of `new_study`
       character(*), intent(in), optional :: files                     !! likewise
-      type(string_t), allocatable :: lines(:)
-      character(:), allocatable :: warning
+      type(advice_list_t) :: list
       real(wp) :: memory
-      integer :: i
 
       memory = memory_share(comm)
       call retain_freed_memory(retained_mebibytes(memory))
@@ -621,19 +616,11 @@ contains
       if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory, may_only_integrate, files)
       call share_error(comm, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
-      warning = model_text(study%model, study%document)
-      if (len(warning) > 0) call say("warning: "//warning)
-      call describe_implausible(study%model%system, study%model%discretisation, study%model%options, warning)
-      call split(warning, new_line("a"), lines)
-      do i = 1, size(lines)
-         if (len(warning) > 0) call say("warning: "//lines(i)%value)
-      end do
-      warning = frozen_speed_text(study%plan, study%document)
-      if (len(warning) > 0) call say("warning: "//warning)
-      warning = repeated_value_text(study%plan)
-      if (len(warning) > 0) call say("warning: "//warning)
-      warning = free_text(study%model)
-      if (len(warning) > 0) call say("note: "//warning)
+      call advise_on_run(study%plan, study%document, study%model, list)
+      call say_advice("warning: ", list)
+      list = advice_list_t()
+      call advise_on_free_coordinates(study%model, list)
+      call say_advice("note: ", list)
    end subroutine make_study
 
    !> Memory [bytes] that each process may take: the smallest share of all ranks; collective.

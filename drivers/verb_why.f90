@@ -4,12 +4,13 @@ module verb_why
    use arguments, only: arguments_t
    use console, only: say, say_entry
    use explanation, only: explain_failures, explain_point
+   use hb_advice, only: advice_list_t, describe_advice
    use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
+   use hb_motion_advice, only: advise_on_status
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_outcome, only: outcome, outcome_names, outcome_text
-   use hb_remedies, only: remedy_of
    use hb_results_record, only: record_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
@@ -82,13 +83,17 @@ contains
 
    !> Prints the table of all statuses: the meaning and the remedy of each.
    subroutine print_statuses()
-      character(:), allocatable :: text
+      type(advice_list_t) :: list
+      character(:), allocatable :: remedy, text
       integer :: i
 
       do i = lbound(outcome_names, 1), ubound(outcome_names, 1)
          text = outcome_text(i)
          if (index(text, ": ") > 0) text = text(index(text, ": ") + 2:)   ! the preceding text repeats the name
-         call say_entry(trim(outcome_names(i)), text//". "//trim(remedy_of(i)), len(outcome_names) + 2)
+         list = advice_list_t()
+         call advise_on_status(i, list)
+         call describe_advice(list, remedy)
+         call say_entry(trim(outcome_names(i)), text//". "//remedy, len(outcome_names) + 2)
       end do
    end subroutine print_statuses
 end module verb_why

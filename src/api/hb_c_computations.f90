@@ -337,22 +337,6 @@ contains
       end associate
    end subroutine copy_motion
 
-   integer(c_int) function nhbm_get_warnings(model, warnings) bind(c, name="nhbm_get_warnings") result(status)
-      type(c_ptr), value :: model, warnings
-      type(handle_t), pointer :: handle
-      type(error_t), allocatable :: error
-      character(:), allocatable :: text
-
-      status = begin_call(model, "nhbm_get_warnings", handle, text=warnings, needs_input=.true.)
-      if (status /= c_status%success) return
-      call handle%session%warnings(text, error)
-      if (allocated(error)) then
-         status = end_call(model, error, c_status%invalid_input)
-      else
-         status = end_call_with_text(model, "nhbm_get_warnings", text, handle%text, warnings)
-      end if
-   end function nhbm_get_warnings
-
    integer(c_int) function nhbm_get_natural_frequencies(model, n, frequencies) bind(c, name="nhbm_get_natural_frequencies") &
       result(status)
       type(c_ptr), value :: model, n, frequencies

@@ -1,17 +1,22 @@
 !> The functions of nhbm.h that return results. The header documents them.
 module hb_c_results
-   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t
+   use hb_advice, only: advice_list_t, advice_number, advice_t, describe_item, list_records
    use hb_c_handles, only: c_status, release_handle, set_last_error, status_of
    use hb_c_model, only: address_of_integers, address_of_reals, address_of_text, begin_call, empty_text, &
-      end_call_with_text, handle_t
+      end_call, end_call_with_text, handle_t
    use hb_c_text, only: c_text
    use hb_column_table, only: max_axes
    use hb_column_units, only: column_kind
    use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
    use hb_session_columns, only: labels_along
+   use hb_text, only: split
    implicit none
    private
    public :: c_description_t, clear_description, fill_description
+
+   integer(c_int), parameter :: about_model = 0_c_int, about_motion = 1_c_int, about_laws = 2_c_int   ! enum nhbm_subject
 
    !> struct nhbm_column.
    type, bind(c) :: c_column_t
@@ -168,32 +173,65 @@ contains
 
       status = begin_call(model, "nhbm_get_message", handle, text=message, needs_input=.true.)
       if (status /= c_status%success) return
-      text = ""
-      if (allocated(handle%session%result%message)) text = handle%session%result%message
+      call handle%session%result%describe(text)
       status = end_call_with_text(model, "nhbm_get_message", text, handle%text, message)
    end function nhbm_get_message
 
-   integer(c_int) function nhbm_get_doubt(model, doubt) bind(c, name="nhbm_get_doubt") result(status)
-      type(c_ptr), value :: model, doubt
+   integer(c_int) function nhbm_get_advice(model, about, advice) bind(c, name="nhbm_get_advice") result(status)
+      type(c_ptr), value :: model, advice
+      integer(c_int), value :: about
       type(handle_t), pointer :: handle
+      type(advice_list_t) :: list
+      type(error_t), allocatable :: error
       character(:), allocatable :: text
 
-      status = begin_call(model, "nhbm_get_doubt", handle, text=doubt, needs_input=.true.)
+      status = begin_call(model, "nhbm_get_advice", handle, text=advice, needs_input=.true.)
       if (status /= c_status%success) return
-      call handle%session%doubt(text)
-      status = end_call_with_text(model, "nhbm_get_doubt", text, handle%text, doubt)
-   end function nhbm_get_doubt
+      select case (about)
+      case (about_model)
+         call handle%session%advise_on_model(list, error)
+      case (about_motion)
+         call handle%session%advise_on_motion(list)
+      case (about_laws)
+         call handle%session%advise_on_laws(list)
+      case default
+         call fail(error, "nhbm_get_advice: there is no such subject; use one of enum nhbm_subject")
+      end select
+      if (allocated(error)) then
+         status = end_call(model, error, merge(c_status%invalid_input, c_status%invalid_argument, about == about_model))
+      else
+         call list_records(list, text)
+         status = end_call_with_text(model, "nhbm_get_advice", text, handle%text, advice)
+      end if
+   end function nhbm_get_advice
 
-   integer(c_int) function nhbm_get_idle_laws(model, laws) bind(c, name="nhbm_get_idle_laws") result(status)
-      type(c_ptr), value :: model, laws
+   integer(c_int) function nhbm_describe_advice(model, name, n, values, words, text) &
+      bind(c, name="nhbm_describe_advice") result(status)
+      type(c_ptr), value :: model, name, values, words, text
+      integer(c_size_t), value :: n
       type(handle_t), pointer :: handle
-      character(:), allocatable :: text
+      type(advice_t) :: item
+      type(error_t), allocatable :: error
+      real(c_double), pointer :: numbers(:)
+      character(:), allocatable :: line
 
-      status = begin_call(model, "nhbm_get_idle_laws", handle, text=laws, needs_input=.true.)
+      status = begin_call(model, "nhbm_describe_advice", handle, text=text, texts=[name, words])
       if (status /= c_status%success) return
-      call handle%session%idle_laws(text)
-      status = end_call_with_text(model, "nhbm_get_idle_laws", text, handle%text, laws)
-   end function nhbm_get_idle_laws
+      item%number = advice_number(c_text(name))
+      call split(c_text(words), new_line("a"), item%words)
+      allocate (item%values(0))
+      if (n > 0 .and. c_associated(values)) then
+         call c_f_pointer(values, numbers, [n])
+         item%values = real(numbers, wp)
+      end if
+      if (item%number == 0) then
+         call fail(error, "nhbm_describe_advice: the table of advice has no row '"//c_text(name)//"'")
+         status = end_call(model, error, c_status%invalid_argument)
+         return
+      end if
+      call describe_item(item, line)
+      status = end_call_with_text(model, "nhbm_describe_advice", line, handle%text, text)
+   end function nhbm_describe_advice
 
    !> Sets a column of C, unless it is NULL, to one without values.
    subroutine clear_column(address)

@@ -98,6 +98,7 @@ contains
    subroutine column_table_add(self, motion)
       class(column_table_t), intent(inout) :: self
       type(motion_result_t), intent(in) :: motion
+      character(:), allocatable :: message
 
       if (.not. allocated(self%columns)) call self%redeclare()
       self%n_rows = self%n_rows + 1
@@ -113,9 +114,8 @@ contains
       self%had_curve = self%had_curve .or. self%has_curve
       call self%append_connected(motion)
       if (self%has_branch) call branch_column(self, motion%leaves_branch)
-      if (.not. allocated(motion%message)) return
-      if (len(motion%message) == 0) return
-      call add_message(self, motion%message)
+      call motion%describe(message)
+      if (len(message) > 0) call add_message(self, message)
    end subroutine column_table_add
 
    subroutine add_message(self, message)

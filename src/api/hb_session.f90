@@ -4,6 +4,7 @@
 !> A call of `solve` corresponds to a point of a sweep in a run, and a curve is computed point by point; numbers are
 !> the same to the last bit. Only one thread at a time may use a session.
 module hb_session
+   use hb_advice, only: advice, advice_list_t, append_advice, n_advice
    use hb_cancellation, only: verdict
    use hb_census, only: census_config_t, census_t, take_census
    use hb_claim, only: claim_t, new_claim
@@ -21,11 +22,11 @@ module hb_session
    use hb_law_doubt, only: law_doubt_t
    use hb_level, only: level_t
    use hb_model, only: model_t
+   use hb_model_advice, only: advise_on_combination, advise_on_drive, advise_on_model
    use hb_model_reader, only: read_model, update_model
    use hb_model_tones, only: read_tones
-   use hb_model_warnings, only: commensurate_text, describe_warnings
    use hb_modes, only: find_natural_frequencies
-   use hb_motion_doubt, only: describe_doubt, sticking_text
+   use hb_motion_advice, only: advise_on_motion
    use hb_motion_result, only: motion_result_t
    use hb_movement, only: follow_frequencies
    use hb_namelist, only: set_text
@@ -85,10 +86,10 @@ module hb_session
       procedure :: check_model => session_check_model
       procedure :: complete_input => session_complete_input
       procedure :: libraries => session_libraries
-      procedure :: warnings => session_warnings
+      procedure :: advise_on_model => session_advise_on_model
       procedure :: natural_frequencies => session_natural_frequencies
-      procedure :: doubt => session_doubt
-      procedure :: idle_laws => session_idle_laws
+      procedure :: advise_on_motion => session_advise_on_motion
+      procedure :: advise_on_laws => session_advise_on_laws
       procedure :: solve => session_solve
       procedure :: curve_begin => session_curve_begin
       procedure :: curve_lengthen => session_curve_lengthen
@@ -261,19 +262,19 @@ contains
       if (self%source%model%is_read) call self%source%model%system%list_files(text)
    end subroutine session_libraries
 
-   !> Warnings about the model with its present values, one per line; empty: none.
-   subroutine session_warnings(self, text, error)
+   !> Advises on the model with its present values (hb_model_advice).
+   subroutine session_advise_on_model(self, list, error)
       class(session_t), intent(inout), target :: self
-      character(:), allocatable, intent(out) :: text
+      type(advice_list_t), intent(out) :: list
       type(error_t), allocatable, intent(out) :: error
 
-      text = ""
       call self%update(error)
       if (allocated(error)) return
       associate (model => self%source%model)
-         call describe_warnings(model%system, model%discretisation, model%options, text)
+         call advise_on_model(model%system, model%discretisation, model%options, list)
+         call advise_on_drive(model%system, model%discretisation, model%options, list)
       end associate
-   end subroutine session_warnings
+   end subroutine session_advise_on_model
 
    !> Natural frequencies [rad/s] of the structure with its present values (hb_modes).
    subroutine session_natural_frequencies(self, frequencies, error)
@@ -288,50 +289,38 @@ contains
          call find_natural_frequencies(self%source%model%system%structure, frequencies, lacks_gyroscopic)
    end subroutine session_natural_frequencies
 
-   !> What is doubtful about the last motion, with numbers and what to do; empty: nothing.
-   subroutine session_doubt(self, text)
+   !> Advises on the last motion (hb_motion_advice), and on laws whose derivatives are wrong along it.
+   subroutine session_advise_on_motion(self, list)
       class(session_t), intent(inout), target :: self
-      character(:), allocatable, intent(out) :: text
+      type(advice_list_t), intent(out) :: list
       type(system_t), pointer :: system
-      character(:), allocatable :: line
+      integer :: n
 
-      text = ""
-      if (self%source%model%is_read) call describe_doubt(self%source%model%options, self%result, text)
+      if (.not. self%source%model%is_read) return
+      call advise_on_motion(self%source%model%options, self%result, list)
       if (self%result%is_near_commensurate) then
          system => system_of_result(self)
-         line = trim(commensurate_text(system%tones, self%source%model%options%error_estimate%commensurability))
-         if (len(line) == 0) line = "a low-order combination of the tones nearly vanishes"
-         call add_line(line)
+         n = n_advice(list)
+         call advise_on_combination(system%tones, self%source%model%options%error_estimate%commensurability, list)
+         if (n_advice(list) == n) call list%add(advice%vanishing_combination)
       end if
-      if (self%has_law_doubt .and. allocated(self%source%law_doubt%text)) call add_line(self%source%law_doubt%text)
-      call sticking_text(min(1, self%result%n_full_stick), .false., line)
-      if (len(line) > 0) call add_line(line)
+      if (self%has_law_doubt) call append_advice(list, self%source%law_doubt%found)
+   end subroutine session_advise_on_motion
 
-   contains
-
-      subroutine add_line(line)
-         character(*), intent(in) :: line
-
-         if (len(text) > 0) text = text//new_line("a")
-         text = text//line
-      end subroutine add_line
-   end subroutine session_doubt
-
-   !> Names the laws that exert no force on the last motion, or on all motions of the sweep so far, one per line; empty: none.
-   subroutine session_idle_laws(self, text)
+   !> Names the laws that exert no force on the last motion, or on all motions of the sweep so far.
+   subroutine session_advise_on_laws(self, list)
       class(session_t), intent(inout), target :: self
-      character(:), allocatable, intent(out) :: text
+      type(advice_list_t), intent(out) :: list
       type(idle_laws_t) :: idle
 
-      text = ""
       if (.not. self%source%model%is_read) return
       if (self%sweep%is_begun) then
          idle = self%source%idle_laws
       else
          call idle%examine(system_of_result(self), self%source%model%discretisation, self%result)
       end if
-      call idle%describe(self%source%model%system, text)
-   end subroutine session_idle_laws
+      call idle%advise(self%source%model%system, list)
+   end subroutine session_advise_on_laws
 
    !> Solves the model with its present values, from the last motion if requested and available. The status of the
    !> result reports a failure to converge; an error is one of the model.

@@ -363,9 +363,23 @@ NHBM_EXPORT int nhbm_select_census_motion(nhbm_model *model, size_t index, nhbm_
 
 /* ---- Checks ---- */
 
-/* Returns warnings about the model with its present values, one per line: tones with a common period, no load. Empty: none.
- * NHBM_INVALID_INPUT: a value is invalid. */
-NHBM_EXPORT int nhbm_get_warnings(nhbm_model *model, const char **warnings);
+/* What advice is about. */
+enum nhbm_subject {
+   NHBM_ADVICE_ON_MODEL = 0,  /* its present values: no load, tones with a common period, values that suggest a mistake */
+   NHBM_ADVICE_ON_MOTION = 1, /* the last one: why it has not converged, or is less accurate than requested, with numbers and limits; tones
+                               * of which a low-order combination vanishes; joints that stick throughout; for the first motion of an input
+                               * derivatives of user laws that differ from differences of their forces */
+   NHBM_ADVICE_ON_LAWS = 2    /* laws that exert no force on the last motion, or on all points of a sweep so far */
+};
+
+/* Returns what was found and what to do, one per line: name in the table of advice, the law or degree of freedom that it is about
+ * (empty: none) and text, with tabulators between. Empty: nothing. NHBM_INVALID_INPUT: a value is invalid. */
+NHBM_EXPORT int nhbm_get_advice(nhbm_model *model, int about, const char **advice);
+
+/* Returns the text of a row of this table with `n` values and with words, separated by newlines, in their places.
+ * NHBM_INVALID_ARGUMENT: the table has no such name. */
+NHBM_EXPORT int nhbm_describe_advice(nhbm_model *model, const char *name, size_t n, const double *values, const char *words,
+                                     const char **text);
 
 /* Returns the natural frequencies of the structure [rad/s], ascending, without damping and laws; *n is 0 for a structure of more
  * than 1500 degrees of freedom or with sparse matrices. NHBM_INVALID_INPUT: a value is invalid. */
@@ -473,15 +487,6 @@ NHBM_EXPORT int nhbm_get_outcome(const nhbm_model *model, int *status, int *reas
 
 /* Returns why the last motion was not found, or a remark about it; empty if there is none. */
 NHBM_EXPORT int nhbm_get_message(const nhbm_model *model, const char **message);
-
-/* Returns what is doubtful about the last motion, with numbers, limits and what to do: that it has not converged, or is less
- * accurate than requested, or has tones of which a low-order combination vanishes; for the first motion of an input also
- * derivatives of user laws that differ from differences of their forces. Empty: nothing. */
-NHBM_EXPORT int nhbm_get_doubt(const nhbm_model *model, const char **doubt);
-
-/* Returns the laws that exert no force on the last motion, or on all points of a sweep so far, such as a stop that is not touched, one
- * sentence per line; empty: none. */
-NHBM_EXPORT int nhbm_get_idle_laws(const nhbm_model *model, const char **laws);
 
 #ifdef __cplusplus
 }

@@ -149,7 +149,7 @@ contains
    end function rounded
 
    !> Formats a number that is compared with a limit: as `rounded`, with a third digit where two are those of the limit.
-   function rounded_beside(value, limit) result(text)
+   pure function rounded_beside(value, limit) result(text)
       real(wp), intent(in) :: value, limit
       character(24) :: text
       character(9) :: digits

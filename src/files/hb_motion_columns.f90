@@ -6,18 +6,21 @@
 !> Shapes are names of dimensions after that of the point, in the order of h5py: slowest first.
 module hb_motion_columns
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_advice, only: n_advice, stored_names
    use hb_attempts, only: attempt_rules
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_outcome, only: outcome_names, reason_names
+   use hb_outcome, only: is_solved, outcome_names, reason_names
    use hb_point_kinds, only: curve_kind_names, kind_attribute_t, kind_attributes
    use hb_solver_types, only: fallback_names
    use hb_stability, only: stability_method_names
    use hb_text, only: join
    implicit none
    private
-   public :: columns_t, find_shared_unit, max_attempts, of_dof, of_force, of_rate
+   public :: columns_t, find_shared_unit, max_advice, max_attempts, max_values, of_dof, of_force, of_rate
 
+   integer, parameter :: max_advice = 6                 !! that is stored of a motion
+   integer, parameter :: max_values = 4                 !! of each advice
    integer, parameter :: max_attempts = 24              !! that are stored of a motion: the first ones
 
    ! Units that depend on the degrees of freedom along an axis of a row: theirs, and those of the forces on them and of their rates.
@@ -141,17 +144,40 @@ contains
       t%is_known = .true.
    end subroutine columns_append_connected
 
+   !> The numbers of the advice on a failed search, and its values.
+   subroutine advice_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+      integer :: i, n, numbers(max_advice)
+      real(wp) :: values(max_values, max_advice)
+
+      numbers = 0
+      values = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (.not. is_solved(m%status)) then
+         do i = 1, min(n_advice(m%advice), max_advice)
+            numbers(i) = m%advice%items(i)%number
+            n = min(size(m%advice%items(i)%values), max_values)
+            values(:n, i) = m%advice%items(i)%values(:n)
+         end do
+      end if
+      call t%integer("advice", "1", "advice_item", "what may help, of the table of advice", numbers, stored_names)
+      call t%real("advice_values", "1", "advice_item advice_value", "values of each advice; NaN: none", values)
+   end subroutine advice_columns
+
    subroutine outcome_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
       integer :: attempts(max_attempts), depth(max_attempts), n, status(max_attempts)
       real(wp) :: least(max_attempts)
+      character(:), allocatable :: message
 
       call t%integer("status", "1", "", "outcome of the point", m%status, outcome_names)
       call t%integer("reason", "1", "", "what ended the work, where the next step depends on it", m%reason, reason_names)
       call t%integer("n_periods", "1", "", &
          "periods of the tones after which a subharmonic motion repeats; 0: not known", m%n_periods)
-      call t%text("message", "1", "message_byte", "reason for a failure, and advice", m%message)
+      call m%describe(message)
+      call t%text("message", "1", "message_byte", "reason for a failure, and advice", message)
+      call advice_columns(t, m)
       attempts = 0
       depth = 0
       status = 0

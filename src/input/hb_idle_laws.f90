@@ -1,5 +1,6 @@
 !> Laws that exert no force on any of some motions, such as a stop that is never touched: often a length in the wrong unit.
 module hb_idle_laws
+   use hb_advice, only: advice, advice_list_t, has_advice
    use hb_coordinates, only: position_in
    use hb_discretisation, only: discretisation_t
    use hb_floquet, only: free_motions
@@ -11,11 +12,11 @@ module hb_idle_laws
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved, outcome
    use hb_system, only: system_t
-   use hb_text, only: rounded_to, to_text
+   use hb_text, only: rounded_to
    use hb_thresholds, only: faint
    implicit none
    private
-   public :: describe_idle_law, idle_law_text, idle_laws_t
+   public :: advise_on_idle_laws, idle_laws_t
 
    character(*), parameter :: units(2) = [character(5) :: "rad/s", "Hz"]
    integer, parameter :: n_digits = 3                                 ! of a frequency
@@ -35,7 +36,7 @@ module hb_idle_laws
    contains
       procedure :: examine => idle_laws_examine
       procedure :: add => idle_laws_add
-      procedure :: describe => idle_laws_describe
+      procedure :: advise => idle_laws_advise
    end type idle_laws_t
 
 contains
@@ -123,46 +124,40 @@ contains
       self%largest = max(self%largest, other%largest)
    end subroutine idle_laws_add
 
-   !> Names the idle laws, one per line; empty: none. Laws at degrees of freedom at rest are not named.
-   subroutine idle_laws_describe(self, system, text)
+   !> Names the idle laws. Laws at degrees of freedom at rest are not named.
+   subroutine idle_laws_advise(self, system, list)
       class(idle_laws_t), intent(in) :: self
       type(system_t), intent(in) :: system
-      character(:), allocatable, intent(out) :: text
-      character(:), allocatable :: sentence
-      integer :: i
+      type(advice_list_t), intent(inout) :: list
 
-      text = ""
       if (.not. allocated(self%is_idle) .or. self%n_motions == 0) return
-      if (size(self%is_idle) /= size(system%laws)) return
-      do i = 1, size(system%laws)
-         if (.not. (self%is_idle(i) .and. self%largest(i) > 0.0_wp)) cycle
-         if (len(text) > 0) text = text//new_line("a")
-         call describe_idle_law(system, self%is_idle, i, sentence)
-         text = text//sentence
-      end do
-   end subroutine idle_laws_describe
+      if (size(self%is_idle) == size(system%laws)) call advise_on_idle_laws(system, self%is_idle .and. self%largest > 0.0_wp, list)
+   end subroutine idle_laws_advise
 
-   !> Sentence about one of the idle laws: why it exerts no force.
-   subroutine describe_idle_law(system, is_idle, i, text)
+   !> Names idle laws, and why each exerts no force.
+   subroutine advise_on_idle_laws(system, is_idle, list)
       type(system_t), intent(in) :: system
       logical, intent(in) :: is_idle(:)                               !! of each law
-      integer, intent(in) :: i                                        !! the law
-      character(:), allocatable, intent(out) :: text
+      type(advice_list_t), intent(inout) :: list
+      integer :: i
 
-      associate (law => system%laws(i)%law)
-         if (is_at_free_body(system, is_idle, law)) then
-            text = trim(free_body_text(law%label))
-         else
-            text = trim(idle_law_text(law%label))
-            call add_unit_hint(system, text)
-         end if
-      end associate
-   end subroutine describe_idle_law
+      do i = 1, size(system%laws)
+         if (.not. is_idle(i)) cycle
+         associate (law => system%laws(i)%law)
+            if (is_at_free_body(system, is_idle, law)) then
+               call list%add(advice%idle_law_at_free_body, a=law%label)
+            else
+               call list%add(advice%idle_law, a=law%label)
+               if (.not. has_advice(list, advice%tone_in_other_unit)) call advise_on_unit(system, list)
+            end if
+         end associate
+      end do
+   end subroutine advise_on_idle_laws
 
-   !> Asks for the unit of a tone that is far from all natural frequencies, but near one if it is read in the other unit.
-   subroutine add_unit_hint(system, text)
+   !> Names a tone that is far from all natural frequencies, but near one if it is read in the other unit.
+   subroutine advise_on_unit(system, list)
       type(system_t), intent(in) :: system
-      character(:), allocatable, intent(inout) :: text
+      type(advice_list_t), intent(inout) :: list
       real(wp), parameter :: factors(2) = [two_pi, 1.0_wp/two_pi], max_unit_mismatch = 2.0_wp
       real(wp), allocatable :: natural(:)
       real(wp) :: omega, read_as
@@ -179,10 +174,8 @@ contains
             k = merge(2, 1, tones%unit() == "Hz")
             read_as = omega*factors(k)
             if (.not. is_near(read_as)) cycle
-            text = text//"; is the tone of "//to_text(rounded_to(tones%in_unit(omega), n_digits))//" "//trim(tones%unit())// &
-                   " given in "//trim(units(3 - k))//"? A natural frequency is "// &
-                   to_text(rounded_to(natural(minloc(abs(natural - read_as), dim=1))/two_pi**(2 - k), n_digits))//" "// &
-                   trim(units(3 - k))
+            call list%add(advice%tone_in_other_unit, rounded_to([tones%in_unit(omega), &
+               natural(minloc(abs(natural - read_as), dim=1))/two_pi**(2 - k)], n_digits), tones%unit(), units(3 - k))
             return
          end do
       end associate
@@ -194,7 +187,7 @@ contains
 
          is_near = any(natural > omega/max_unit_mismatch .and. natural < omega*max_unit_mismatch)
       end function is_near
-   end subroutine add_unit_hint
+   end subroutine advise_on_unit
 
    !> Whether a law acts on a body that nothing else holds: neither the structure nor a law that exerts a force.
    logical function is_at_free_body(system, is_idle, law)
@@ -224,23 +217,6 @@ contains
          is_at_free_body = is_at_free_body .or. any(abs(matmul(transpose(law%shape), free(places(:, place), :))) > rounding)
       end do
    end function is_at_free_body
-
-   !> Sentence about a body whose position only a law determines that it does not reach.
-   pure function free_body_text(label) result(text)
-      character(*), intent(in) :: label
-      character(len(label) + 200) :: text
-
-      text = "law '"//label//"' exerts no force on this motion, and nothing else holds the body: its mean position is any at "// &
-             "which the law is not reached, one of them is stored; hold the body, or load it against the law"
-   end function free_body_text
-
-   !> Sentence about an idle law.
-   pure function idle_law_text(label) result(text)
-      character(*), intent(in) :: label
-      character(len(label) + 90) :: text
-
-      text = "law '"//label//"' exerts no force: no motion reaches it; check the units of lengths and loads"
-   end function idle_law_text
 
    !> Whether forces act at the degrees of freedom of a law in a motion that time integration has found: its series, which may lack
    !> harmonics, stays within gaps that the motion exceeds, but is in balance with the forces, to the errors of its averages.

@@ -2,10 +2,11 @@
 !> motion of a run. Newton's method converges to the right motion with wrong derivatives, but stability, curves and derivatives are
 !> then wrong; motions under a law that is wrongly declared odd lack their even harmonics.
 module hb_law_doubt
+   use hb_advice, only: advice, advice_list_t
    use hb_discretisation, only: discretisation_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_law_check, only: check_derivatives_at, derivative_check_t, mixed_samples
+   use hb_law_check, only: check_derivatives_at, derivative_check_t
    use hb_motion_result, only: motion_result_t
    use hb_motion_samples, only: sample_motion
    use hb_outcome, only: is_solved
@@ -20,7 +21,7 @@ module hb_law_doubt
    !> The comparison of a run, made once.
    type :: law_doubt_t
       logical :: is_done = .false.
-      character(:), allocatable :: text                               !! what is wrong; not allocated: nothing is known to be
+      type(advice_list_t) :: found                                    !! what is wrong
    contains
       procedure :: examine => law_doubt_examine
    end type law_doubt_t
@@ -52,25 +53,13 @@ contains
                                          motion%frequency, check)
             end associate
             if (check%mixes_samples) then
-               call add(law%label, mixed_samples//", and the motion is wrong; correct the law")
+               call self%found%add(advice%mixed_samples, a=law%label)
                cycle
             end if
-            if (size(check%wrong) > 0) call add(law%label, join(check%wrong, ", ")//" is not the derivative of its force "// &
-               "(differences along the motion): stability, curves and derivatives are wrong; correct the law")
-            if (check%is_wrongly_odd) call add(law%label, "it is declared odd, but f(-z, -v) is not -f(z, v) along the "// &
-               "motion: even harmonics are missing, and the motion is wrong; leave 'odd' out")
+            if (size(check%wrong) > 0) call self%found%add(advice%wrong_derivative, a=law%label, b=join(check%wrong, ", "))
+            if (check%is_wrongly_odd) call self%found%add(advice%wrongly_odd, a=law%label)
          end associate
       end do
-
-   contains
-
-      subroutine add(label, words)
-         character(*), intent(in) :: label, words
-
-         if (.not. allocated(self%text)) self%text = ""
-         if (len(self%text) > 0) self%text = self%text//new_line("a")
-         self%text = self%text//"law '"//label//"': "//words
-      end subroutine add
    end subroutine law_doubt_examine
 
    !> Whether the derivatives of a law come from the user, and depend on the motion at the same instant alone.

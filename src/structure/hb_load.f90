@@ -5,14 +5,13 @@ module hb_load
    use hb_error, only: error_t
    use hb_harmonic_amplitude, only: harmonic_amplitude_t
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: two_pi, wp
+   use hb_kinds, only: wp
    use hb_load_course, only: load_course_t
    use hb_numbers, only: number_t, numbers_t
    use hb_problems, only: problems_t
    use hb_sine_course, only: sine_course_t
    use hb_structure, only: structure_t
    use hb_structure_load, only: structure_load_t, timed_structure_load_t
-   use hb_text, only: to_text
    implicit none
    private
    public :: load_t
@@ -35,7 +34,6 @@ module hb_load
       procedure :: depends_on_frequency => load_depends_on_frequency
       procedure :: depends_on_structure => load_depends_on_structure
       procedure :: derive => load_derive
-      procedure :: doubt => load_doubt
       procedure :: find_course => load_find_course
       procedure :: has_tuple => load_has_tuple
       procedure :: has_valid_numbers => load_has_valid_numbers
@@ -251,16 +249,6 @@ contains
       end do
       if (self%is_acceleration) amplitude = -structure%mass_times(amplitude)
    end subroutine load_find_course
-
-   !> A phase that seems to be in degrees.
-   pure function load_doubt(self) result(text)
-      class(load_t), intent(in) :: self
-      character(120) :: text
-
-      text = ""
-      if (abs(self%amplitude%phase) > two_pi) text = "phase = "//to_text(self%amplitude%phase)// &
-                                                     " rad is more than a turn; 90 degrees are 1.5708 rad"
-   end function load_doubt
 
    !> The same place, tuple and component.
    pure logical function load_repeats(self, other) result(repeats)

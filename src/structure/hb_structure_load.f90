@@ -28,7 +28,6 @@ module hb_structure_load
       procedure :: is_zero => structure_load_is_zero
       procedure :: n_dofs => structure_load_n_dofs
       procedure :: repeats => structure_load_repeats
-      procedure :: doubt => structure_load_doubt
    end type structure_load_t
 
    !> A load that may have a course over time: it is then one of time integration alone, and not of the balance.
@@ -171,12 +170,4 @@ contains
 
       repeats = .false.
    end function structure_load_repeats
-
-   !> What is implausible about the numbers; empty: nothing.
-   pure function structure_load_doubt(self) result(text)
-      class(structure_load_t), intent(in) :: self
-      character(120) :: text
-
-      text = ""
-   end function structure_load_doubt
 end module hb_structure_load

@@ -180,10 +180,7 @@ contains
          return
       end select
       result%leaves_branch = .true.
-      if (allocated(result%message)) then
-         if (len(result%message) > 0) text = result%message//"; "//text
-      end if
-      result%message = text
+      call result%add_message(text, is_first=.false.)
    end subroutine describe
 
    !> Computes the motion of the model between two points, without further results.

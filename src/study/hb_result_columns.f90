@@ -9,7 +9,7 @@ module hb_result_columns
    use hb_integration_verdict, only: verdict_t
    use hb_kinds, only: int64, two_pi, wp
    use hb_line_numbering, only: branch_column
-   use hb_motion_columns, only: max_attempts
+   use hb_motion_columns, only: max_advice, max_attempts, max_values
    use hb_motion_result, only: motion_result_t
    use hb_parameter_path, only: identifier
    use hb_results_layout, only: results_layout_t
@@ -115,6 +115,8 @@ contains
          layout%law_dof_units)
       call self%add_axis("component", 2, "part of a coefficient", ["cos", "sin"])
       call self%add_axis("message_byte", message_length, "byte of a message")
+      call self%add_axis("advice_item", max_advice, "number of the advice, from 0")
+      call self%add_axis("advice_value", max_values, "number of the value, from 0")
       call self%add_axis("attempt", max_attempts, "number of the attempt, from 0")
       call self%add_axis("law", size(layout%law_labels), "law, by its label", layout%law_labels)
       call self%add_axis("worker", layout%n_ranks, "rank or process of the run, from 0")

@@ -2,13 +2,14 @@
 !> over its values in most datasets. Read by one process; `resume` and `info` begin with it.
 module hb_results_record
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: advice_list_t
    use hb_attempts, only: row_of
    use hb_checksum, only: checksum_rows
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_source
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: int64, wp
-   use hb_motion_columns, only: max_attempts
+   use hb_motion_columns, only: max_advice, max_attempts, max_values
    use hb_operating_system, only: file_kind, kind_of_file
    use hb_outcome, only: is_solved, is_status, outcome, outcome_names
    use hb_parameter_path, only: identifier
@@ -19,7 +20,8 @@ module hb_results_record
    use hb_text, only: join, number_of, split, string_t, texts_t, to_text
    implicit none
    private
-   public :: attempts_of, count_pending, fail_where_damaged, message_of, messages_of, name_of_input, numbers_of, open_points
+   public :: advice_of, attempts_of, count_pending, fail_where_damaged, message_of, messages_of, name_of_input, numbers_of
+   public :: open_points
    public :: store_law_doubt
    public :: read_record, read_units, record_t, refuse_damaged_rows
 
@@ -101,6 +103,31 @@ contains
       end do
       call file%close(error)
    end subroutine messages_of
+
+   !> Reads the advice on a point that has no motion, without words; none if it cannot be read.
+   subroutine advice_of(path, point, list)
+      character(*), intent(in) :: path                  !! of the result file
+      integer, intent(in) :: point                      !! from 1
+      type(advice_list_t), intent(out) :: list
+      type(error_t), allocatable :: error
+      type(h5_dataset_t) :: dataset
+      type(h5_file_t) :: file
+      real(wp) :: values(max_values, max_advice)
+      integer :: i, numbers(max_advice)
+
+      call open_file(file, path, error)
+      if (.not. allocated(error)) call file%open_dataset("advice_values", dataset, error)
+      if (.not. allocated(error)) call dataset%read(values, error, first=point)
+      call dataset%close()
+      if (.not. allocated(error)) call file%open_dataset("advice", dataset, error)
+      if (.not. allocated(error)) call dataset%read(numbers, error, first=point)
+      call dataset%close()
+      if (allocated(error)) numbers = 0
+      call file%close(error)
+      do i = 1, count(numbers > 0)
+         call list%add(numbers(i), pack(values(:, i), ieee_is_finite(values(:, i))))
+      end do
+   end subroutine advice_of
 
    !> Reads the attempts of a point; none if they cannot be read. Their numbers are those of the program that wrote the file,
    !> which names them there.

@@ -3,6 +3,7 @@
 !> the next ones from hb_schedule. The result of a point does not depend on the rank that solves it or on the time, so
 !> the file contains the same numbers for any number of ranks.
 module hb_sweep
+   use hb_advice, only: describe_advice, n_advice
    use hb_branch_numbers, only: number_branches
    use hb_cancellation, only: verdict
    use hb_chain_check, only: chain_check_t
@@ -280,9 +281,9 @@ contains
       type(run_summary_t), intent(inout) :: summary
       integer :: first
 
-      first = -max_over(comm, merge(-rank_of(comm), -size_of(comm), allocated(found%text)))
+      first = -max_over(comm, merge(-rank_of(comm), -size_of(comm), n_advice(found%found) > 0))
       if (first == size_of(comm)) return
-      if (allocated(found%text)) summary%law_doubt = found%text
+      if (n_advice(found%found) > 0) call describe_advice(found%found, summary%law_doubt)
       call broadcast_text(comm, summary%law_doubt, root=first)
    end subroutine share_law_doubt
 

@@ -26,7 +26,7 @@ module hb_swept
       logical :: is_text = .false.
       logical :: is_real = .false.                                    !! according to its reader
       logical :: varies = .false.                                     !! numbers that are not all equal
-      type(range_t), private :: range
+      type(range_t) :: range                                          !! of numbers without a list
       real(wp), allocatable, private :: values(:)                     ! numbers, unless is_text or a range
       type(string_t), allocatable :: texts(:)
       integer :: n_whole = 0                                          !! number of values of all parts of the sweep
@@ -35,7 +35,6 @@ module hb_swept
    contains
       procedure :: describe => swept_describe
       procedure :: length => swept_length
-      procedure :: omission => swept_omission
       procedure :: restrict => swept_restrict
       procedure :: value => swept_value
    end type swept_t
@@ -91,17 +90,6 @@ contains
          if (allocated(self%texts)) self%texts = self%texts(first:last)
       end associate
    end subroutine swept_restrict
-
-   !> What a range of one value leaves out; empty: nothing.
-   function swept_omission(self) result(text)
-      class(swept_t), intent(in) :: self
-      character(:), allocatable :: text
-
-      text = ""
-      if (self%range%n == 1 .and. abs(self%range%last - self%range%first) > 0.0_wp) &
-         text = "with n = 1 only from = "//to_text(self%range%first)//" is solved, not to = "//to_text(self%range%last)// &
-                "; n counts both ends"
-   end function swept_omission
 
    !> Value i along the axis of a parameter.
    pure real(wp) function swept_value(self, i) result(value)

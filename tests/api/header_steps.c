@@ -84,6 +84,16 @@ static const char *text_of(nhbm_model *model, int (*get)(const nhbm_model *model
    return get(model, &text) ? NULL : text;
 }
 
+static int advice_on_model(const nhbm_model *model, const char **text)
+{
+   return nhbm_get_advice((nhbm_model *)model, NHBM_ADVICE_ON_MODEL, text);
+}
+
+static int advice_on_motion(const nhbm_model *model, const char **text)
+{
+   return nhbm_get_advice((nhbm_model *)model, NHBM_ADVICE_ON_MOTION, text);
+}
+
 static int status_of(nhbm_model *model)
 {
    nhbm_column found;
@@ -335,9 +345,10 @@ int description_step(void)
    CHECK((text = text_of(model, nhbm_get_given_input)) && strstr(text, "damping_mass = 0.2") && !strstr(text, "&solver"));
    CHECK((text = text_of(model, nhbm_get_libraries)) && strcmp(text, "") == 0);
    CHECK(nhbm_get_natural_frequencies(model, &n, &frequencies) == NHBM_SUCCESS && n == 1 && NEAR(frequencies[0], sqrt(0.5), 1e-14));
-   CHECK(nhbm_get_warnings(model, &text) == NHBM_SUCCESS && strcmp(text, "") == 0);
+   CHECK((text = text_of(model, advice_on_model)) && strcmp(text, "") == 0);
    CHECK(set_number(model, "load%cos", 0.0) == NHBM_SUCCESS);
-   CHECK(nhbm_get_warnings(model, &text) == NHBM_SUCCESS && strstr(text, "no load acts"));
+   CHECK((text = text_of(model, advice_on_model)) && strstr(text, "no load acts"));
+   CHECK(nhbm_describe_advice(model, "curve_ended_at_graze", 0, NULL, "", &text) == NHBM_SUCCESS && strstr(text, "grazed"));
    CHECK(strlen(nhbm_get_commit()) > 0);
    nhbm_destroy(&model);
    return 0;
@@ -584,19 +595,19 @@ int doubt_step(void)
    CHECK(nhbm_register_law("cubic", &info, cubic_evaluate) == 0);
    snprintf(input, sizeof input, "%.*s&law type = 'user', library = '', name = 'cubic', label = 'mine', dof = 'x1' /\n"
             "&error_estimate truncation = 1e-12 /\n", (int)(strstr(oscillator, "&law") - oscillator), oscillator);
-   CHECK(nhbm_read_input(model, input, "oscillator") == NHBM_SUCCESS && (text = text_of(model, nhbm_get_doubt)) && !*text);
-   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 7 && (text = text_of(model, nhbm_get_doubt)));
+   CHECK(nhbm_read_input(model, input, "oscillator") == NHBM_SUCCESS && (text = text_of(model, advice_on_motion)) && !*text);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 7 && (text = text_of(model, advice_on_motion)));
    CHECK(strstr(text, "truncated") && strstr(text, "by truncation (limit 1.0E-12)") && strstr(text, "double it"));
    CHECK(!strstr(text, "derivative"));
    CHECK(set_number(model, "error_estimate%truncation", 1.0) == NHBM_SUCCESS);
    CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1);
-   CHECK((text = text_of(model, nhbm_get_doubt)) && !*text);
+   CHECK((text = text_of(model, advice_on_motion)) && !*text);
    factor = 2.9;
    CHECK(nhbm_read_input(model, input, "oscillator") == NHBM_SUCCESS);
    CHECK(set_number(model, "error_estimate%truncation", 1.0) == NHBM_SUCCESS);
-   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && (text = text_of(model, nhbm_get_doubt)));
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && (text = text_of(model, advice_on_motion)));
    CHECK(strstr(text, "law 'mine': df/dz is not the derivative of its force"));
-   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && (text = text_of(model, nhbm_get_doubt)));
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && (text = text_of(model, advice_on_motion)));
    CHECK(!strstr(text, "derivative"));
    nhbm_unregister_law("cubic");
    nhbm_destroy(&model);

@@ -121,12 +121,11 @@ static int verify(nhbm_model *m) { return nhbm_verify(m, 1); }
 static int verify_motion(nhbm_model *m) { return nhbm_verify_motion(m, &motion, 1); }
 static int take_census(nhbm_model *m) { return nhbm_take_census(m, 3, 1, 0.0, &census); }
 static int select_census_motion(nhbm_model *m) { return nhbm_select_census_motion(m, 0, &census_motion); }
-static int get_warnings(nhbm_model *m) { return nhbm_get_warnings(m, &text); }
+static int get_advice(nhbm_model *m) { return nhbm_get_advice(m, NHBM_ADVICE_ON_MODEL, &text); }
 static int get_natural_frequencies(nhbm_model *m) { return nhbm_get_natural_frequencies(m, &n_frequencies, &frequencies); }
 static int describe_column(nhbm_model *m) { return nhbm_describe_column(m, "coefficients", &description); }
 static int describe_time_column(nhbm_model *m) { return nhbm_describe_time_column(m, "time", &description); }
-static int get_doubt(nhbm_model *m) { return nhbm_get_doubt(m, &text); }
-static int get_idle_laws(nhbm_model *m) { return nhbm_get_idle_laws(m, &text); }
+static int get_advice_on_motion(nhbm_model *m) { return nhbm_get_advice(m, NHBM_ADVICE_ON_MOTION, &text); }
 static int get_column(nhbm_model *m) { return nhbm_get_column(m, "coefficients", &column); }
 static int get_column_names(nhbm_model *m) { return nhbm_get_column_names(m, &text); }
 static int get_time_column(nhbm_model *m) { return nhbm_get_time_column(m, "time", &column); }
@@ -171,8 +170,8 @@ static const struct {
    {verify, true}, {get_column, true}, {get_column_names, true}, {get_time_column, true}, {get_time_column_names, true}, {get_labels, true}, {get_message, true},
    {add_row, true}, {get_outcome, true}, {clear_table, false}, {get_table, false},
    {copy_columns, false}, {get_table_labels, false}, {get_given_input, true}, {get_libraries, true},
-   {verify_motion, true}, {take_census, true}, {select_census_motion, true}, {get_warnings, true}, {get_natural_frequencies, true}, {describe_column, true},
-   {describe_time_column, true}, {get_doubt, true}, {get_idle_laws, true}, {add_group, false}, {clear, false}, {read_input, false},
+   {verify_motion, true}, {take_census, true}, {select_census_motion, true}, {get_advice, true}, {get_natural_frequencies, true}, {describe_column, true},
+   {describe_time_column, true}, {get_advice_on_motion, true}, {add_group, false}, {clear, false}, {read_input, false},
    {destroy, false},
 };
 enum { n_functions = sizeof functions/sizeof functions[0] };
@@ -277,8 +276,10 @@ int null_arguments_step(void)
    CHECK(nhbm_get_column_names(model, NULL) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_describe_column(model, NULL, &description) == NHBM_INVALID_ARGUMENT && strcmp(description.long_name, "") == 0);
    CHECK(nhbm_describe_column(model, "coefficients", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_describe_column"));
-   CHECK(nhbm_get_doubt(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_doubt"));
-   CHECK(nhbm_get_warnings(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_warnings"));
+   CHECK(nhbm_get_advice(model, NHBM_ADVICE_ON_MODEL, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_advice"));
+   CHECK(nhbm_get_advice(model, 9, &text) == NHBM_INVALID_ARGUMENT && SAYS("no such subject"));
+   CHECK(nhbm_describe_advice(model, "no_advice", 0, NULL, "", &text) == NHBM_INVALID_ARGUMENT && SAYS("no_advice"));
+   CHECK(nhbm_describe_advice(model, "no_load", 0, NULL, "", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_describe_advice"));
    CHECK(nhbm_get_natural_frequencies(model, &n_frequencies, &frequencies) == NHBM_SUCCESS && n_frequencies > 0 && frequencies);
    CHECK(nhbm_get_natural_frequencies(model, NULL, &frequencies) == NHBM_INVALID_ARGUMENT && !frequencies);
    CHECK(nhbm_get_natural_frequencies(model, &n_frequencies, NULL) == NHBM_INVALID_ARGUMENT && n_frequencies == 0);

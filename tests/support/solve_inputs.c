@@ -70,8 +70,8 @@ static void look_at_texts(nhbm_model *model) {
    const char *text = NULL;
 
    if (succeeded("message", nhbm_get_message(model, &text))) printf("   message: %s\n", text);
-   if (succeeded("doubt", nhbm_get_doubt(model, &text))) printf("   doubt: %s\n", text);
-   if (succeeded("idle laws", nhbm_get_idle_laws(model, &text))) printf("   idle laws: %s\n", text);
+   if (succeeded("advice", nhbm_get_advice(model, NHBM_ADVICE_ON_MOTION, &text))) printf("   advice: %s\n", text);
+   if (succeeded("laws", nhbm_get_advice(model, NHBM_ADVICE_ON_LAWS, &text))) printf("   laws: %s\n", text);
    for (size_t i = 0; i < sizeof axes / sizeof *axes; ++i) {
       if (succeeded(axes[i], nhbm_get_labels(model, axes[i], &text))) printf("   labels: %s\n", text);
    }
@@ -101,7 +101,7 @@ static void look_at_model(nhbm_model *model) {
    const char *text = NULL;
    size_t n = 0;
 
-   if (succeeded("warnings", nhbm_get_warnings(model, &text))) printf("   warnings: %s\n", text);
+   if (succeeded("advice", nhbm_get_advice(model, NHBM_ADVICE_ON_MODEL, &text))) printf("   advice: %s\n", text);
    if (succeeded("input", nhbm_get_input(model, &text))) printf("   input: %zu characters\n", strlen(text));
    if (succeeded("natural frequencies", nhbm_get_natural_frequencies(model, &n, &frequencies))) {
       nhbm_column column = {.data = frequencies, .kind = NHBM_REAL, .n_values = n};

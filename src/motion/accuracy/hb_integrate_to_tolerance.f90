@@ -119,12 +119,7 @@ contains
       if (.not. is_done) then
          if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
          if (steady%is_out_of_work) result%reason = reason%max_fallback_work
-         if (.not. (allocated(steady%message) .and. allocated(result%message))) return
-         if (result%status == outcome%law_undefined) then              ! why, before where the integration ended
-            result%message = result%message//"; "//steady%message
-         else
-            result%message = steady%message//"; "//result%message
-         end if
+         if (allocated(steady%message)) call result%add_message(steady%message, is_first=result%status /= outcome%law_undefined)
          return
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp

@@ -258,13 +258,7 @@ contains
             return
          else if (steady%status == outcome%pending) then
             if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
-            if (.not. allocated(result%message)) then
-               result%message = steady%message
-            else if (result%status == outcome%law_undefined) then      ! why, before where the integration ended
-               result%message = result%message//"; "//steady%message
-            else
-               result%message = steady%message//"; "//result%message
-            end if
+            call result%add_message(steady%message, is_first=result%status /= outcome%law_undefined)
             if (steady%is_out_of_work) result%reason = reason%max_fallback_work
             if (self%conditions%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
          else

@@ -1,7 +1,7 @@
 !> The motion of a system in one basis: its balance is built, solved by the attempts of the solver alone, and described.
 module hb_motion_in_basis
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
-   use hb_advice, only: advice_on, circumstances_t, find_circumstances, limit_of
+   use hb_advice, only: advice, advice_list_t
    use hb_amplitudes, only: amplitudes_t
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
@@ -25,6 +25,7 @@ module hb_motion_in_basis
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_lost, outcome, reason
+   use hb_search_advice, only: advise_on_search, circumstances_t, find_circumstances, limit_of
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_stability, only: harmonic_motion_t
@@ -367,10 +368,12 @@ contains
       else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
          call find_circumstances(system, options, balance, u, circumstances)
-         result%message = trim(advice_on(report, circumstances))
+         result%advice = advice_list_t()
+         call advise_on_search(system, report, circumstances, result%advice)
          result%reason = limit_of(report, circumstances)
       else if (report%status == outcome%not_finite) then
-         result%message = "loads or motion overflow; rescale the units"
+         result%advice = advice_list_t()
+         call result%advice%add(advice%overflow)
          result%reason = reason%overflow
       end if
    end subroutine store_report
@@ -404,6 +407,7 @@ contains
       if (.not. locking%is_locked) return
       result%status = outcome%locked
       result%message = trim(locking%message())
+      result%advice = advice_list_t()
       result%error_estimate = none                                       ! of a torus that does not exist
       result%is_near_commensurate = .false.
       where (system%tones%is_unknown) result%frequency = locking%multiples*locking%base

@@ -1,11 +1,12 @@
 !> The result of the search for a motion.
 module hb_motion_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_advice, only: advice_list_t, describe_advice
    use hb_error, only: error_t
    use hb_estimated_errors, only: error_estimate_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_outcome, only: has_verdict, outcome, reason
+   use hb_outcome, only: has_verdict, is_solved, outcome, reason
    use hb_solver_types, only: attempt_t
    use hb_stability, only: stability_t, verdict
    implicit none
@@ -92,6 +93,7 @@ module hb_motion_result
       integer :: reason = reason%none                   !! hb_outcome
       integer :: n_periods = 0 !! after which a motion found by time integration repeats, if `subharmonic`
       character(:), allocatable :: message              !! cause of a failure, or a remark; truncated to 400 bytes in a file
+      type(advice_list_t) :: advice                     !! if no motion was found
       type(attempt_t), allocatable :: attempts(:)       !! that were made, see hb_attempts
       real(wp) :: integration_work = 0.0_wp             !! part of it for time integration
       real(wp) :: usual_work = 0.0_wp                   !! of a point with these equations, in about a nanosecond
@@ -117,6 +119,8 @@ module hb_motion_result
       logical :: leaves_branch = .false.                !! of the preceding point in a chain, hb_chain_check
       type(curve_position_t), allocatable :: curve      !! of a motion on a curve
    contains
+      procedure :: add_message => motion_result_add_message
+      procedure :: describe => motion_result_describe
       procedure :: forget_motion => motion_result_forget_motion
       procedure :: set_failure => motion_result_set_failure
       procedure :: withdraw_verdict => motion_result_withdraw_verdict
@@ -246,7 +250,37 @@ contains
 
       none%effort_t = self%effort_t
       self%stored_motion_t = none
+      self%advice = advice_list_t()
    end subroutine motion_result_forget_motion
+
+   !> Adds a part of the message.
+   pure subroutine motion_result_add_message(self, text, is_first)
+      class(motion_result_t), intent(inout) :: self
+      character(*), intent(in) :: text
+      logical, intent(in) :: is_first                                 !! before what there is
+
+      if (.not. allocated(self%message)) then
+         self%message = text
+      else if (is_first) then
+         self%message = text//"; "//self%message
+      else
+         self%message = self%message//"; "//text
+      end if
+   end subroutine motion_result_add_message
+
+   !> The message and, if there is no motion, the advice, in one text.
+   pure subroutine motion_result_describe(self, text)
+      class(motion_result_t), intent(in) :: self
+      character(:), allocatable, intent(out) :: text
+      character(:), allocatable :: message
+
+      call describe_advice(self%advice, text, "; ")
+      if (is_solved(self%status)) text = ""
+      message = ""
+      if (allocated(self%message)) message = self%message
+      if (len(message) > 0 .and. len(text) > 0) message = message//"; "
+      text = message//text
+   end subroutine motion_result_describe
 
    !> Makes an error the outcome.
    pure subroutine motion_result_set_failure(self, error)
@@ -256,6 +290,7 @@ contains
       self%status = outcome%failed
       self%reason = reason%error
       self%message = error%message
+      self%advice = advice_list_t()
    end subroutine motion_result_set_failure
 
    !> Withdraws a verdict on stability unless the status permits one: it is that of another motion. Whatever returns a result

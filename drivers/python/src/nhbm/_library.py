@@ -305,7 +305,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "verify_motion": (pointer, ctypes.POINTER(Motion), number),
         "take_census": (pointer, number, number, ctypes.c_double, ctypes.POINTER(Census)),
         "select_census_motion": (pointer, count, ctypes.POINTER(CensusMotion)),
-        "get_warnings": (pointer, texts),
+        "get_advice": (pointer, number, texts),
+        "describe_advice": (pointer, text, count, pointer, text, texts),
         "get_natural_frequencies": (pointer, ctypes.POINTER(count), ctypes.POINTER(pointer)),
         "get_column": (pointer, text, column),
         "get_column_names": (pointer, texts),
@@ -323,8 +324,6 @@ def _declare(loaded: ctypes.CDLL) -> None:
         "get_outcome": (pointer, numbers, numbers),
         "get_labels": (pointer, text, texts),
         "get_message": (pointer, texts),
-        "get_doubt": (pointer, texts),
-        "get_idle_laws": (pointer, texts),
         "get_key_row": (count, text, count),
     }.items():
         getattr(loaded, f"nhbm_{name}").argtypes = arguments

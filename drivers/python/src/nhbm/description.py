@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from nhbm import doubts
+from nhbm import advice
 from nhbm.builders import Builder
 from nhbm.errors import Implausible, ModelError, among, check_file, foreign_frames
 from nhbm.groups import OPERATIONS, Group, Groups, Settings, absolute_files, call_of, value_at
@@ -175,7 +175,7 @@ class Description(Laws):
         left_out = [group for group in given if group.name in OPERATIONS]
         if left_out:
             names = " and ".join(f"&{name}" for name in dict.fromkeys(group.name for group in left_out))
-            doubts.warn(f"{name}: a model leaves out {names} of an input; call {call_of(left_out)}", Implausible)
+            advice.warn(f"{name}: a model leaves out {names} of an input; call {call_of(left_out)}", Implausible)
         for group in model._groups:
             if group.keys.get("type") == "user" and not group.keys.get("library"):
                 group.put("name", next((law for law in session.laws if law.input_name == group.keys["name"]), group.keys["name"]))
@@ -631,8 +631,8 @@ class Description(Laws):
         """The session of an operation, with a warning of values that suggest a mistake."""
         session = self._ready(settings)
         if not self._is_trial:
-            doubts.warn_of_model(session, self._warned)
-            doubts.warn_of_signs(self._groups.named("law"), self._warned)
+            advice.warn_of_model(session, self._warned)
+            advice.warn_of_signs(session, self._groups.named("law"), self._warned)
         return session
 
     def _continue_cut(self, settings: Settings) -> CutCurve | None:
@@ -719,5 +719,5 @@ class CutCurve(NamedTuple):
     settings: Settings
     serial: int
     rows: Rows
-    doubtful: list[tuple[str, str]]
-    idle: list[str] | None
+    doubtful: list[tuple[str, list[advice.Advice]]]
+    idle: list[advice.Advice] | None

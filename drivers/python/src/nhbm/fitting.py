@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nhbm import doubts
+from nhbm import advice
 from nhbm.errors import ModelError, imported, without_own_frames
 from nhbm.groups import request
 from nhbm.keys import limits_of
@@ -320,7 +320,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
         doubtful.append(f"the data do not determine {', '.join(np.array(paths)[~is_known])}")
     fitted.message = "; ".join([*doubtful, *_scale_of(fitted), *_systematic(fitted)])
     if fitted.message:
-        doubts.warn(fitted.message)
+        advice.warn(fitted.message)
     return fitted
 
 

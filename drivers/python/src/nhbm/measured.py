@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nhbm import doubts
+from nhbm import advice
 from nhbm.errors import Implausible, ModelError
 from nhbm.paths import path_of
 from nhbm.universal_files import read_uff
@@ -208,7 +208,7 @@ def _doubt_the_unit(model: Model, measured: Array, is_in_hertz: bool) -> None:
     would_be = (natural > 0.8 * factor * lowest) & (natural < 1.25 * factor * highest)
     if would_be.any() and not is_near.any():
         unit, scale = ("Hz", 2 * np.pi) if is_in_hertz else ("rad/s", 1.0)
-        doubts.warn(f"column '{'hertz' if is_in_hertz else 'frequency'}' has {lowest / scale:.4g} to {highest / scale:.4g} {unit}, "
+        advice.warn(f"column '{'hertz' if is_in_hertz else 'frequency'}' has {lowest / scale:.4g} to {highest / scale:.4g} {unit}, "
                     f"far from the natural frequency {natural[would_be][0] / scale:.4g} {unit} of the model; "
                     f"for values in {'rad/s' if is_in_hertz else 'Hz'} call the column '{other}'", Implausible)  # fmt: skip
 

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 import nhbm.accessor  # noqa: F401  (every dataset has the accessor `nhbm`)
-from nhbm import dataset, doubts, sweeps
+from nhbm import advice, dataset, sweeps
 from nhbm._library import Motion, library
 from nhbm.description import CHECKED_DOFS, CutCurve, answering, exclusive, place_of, size_of
 from nhbm.docstrings import documented
@@ -119,8 +119,8 @@ class Model(Peaks):
         rows = session.rows()
         motion = dataset.motion_of(rows, self._source(session, rows, is_written_later=True), self._attributes())
         self._solved = motion
-        doubts.warn_of(session)
-        doubts.warn_of_idle_laws(session.idle_laws())
+        advice.warn_of(advice.on_motion(session))
+        advice.warn_of_idle_laws(session.advice("laws"))
         return motion
 
     @exclusive
@@ -144,7 +144,7 @@ class Model(Peaks):
         refuse_largest(of)
         session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
-        doubts.warn_of(session)
+        advice.warn_of(advice.on_motion(session))
         self._warn_of_idle_laws(session)
         return required_response_of(session, of) if session.status in SOLVED else float("nan")
 
@@ -189,7 +189,7 @@ class Model(Peaks):
         of_one = {} if is_pattern(parts_of(of)[0]) else {"of": of}  # the largest is known behind the solution
         session = self._begin(request(tolerance, order, gradient={"by": paths, **of_one}))
         session.solve(warm, points=0)
-        doubts.warn_of(session)
+        advice.warn_of(advice.on_motion(session))
         self._warn_of_idle_laws(session)
         if session.status not in SOLVED:
             return Gradient(float("nan"), np.full(len(paths), np.nan))
@@ -198,14 +198,14 @@ class Model(Peaks):
             raise ModelError(f"'{of}' is zero, where an amplitude has no derivative")
         slopes = gradient_of(session, of)
         if np.isnan(slopes).any():
-            doubts.warn(f"no derivatives of this motion: {session.message or 'it is not differentiable'}")
+            advice.warn(f"no derivatives of this motion: {session.message or 'it is not differentiable'}")
         return Gradient(value, slopes)
 
     def _warn_of_idle_laws(self, session: Session) -> None:
         """Warns of laws that exert no force on a motion, once each: a loop may pass through such motions."""
-        idle = [] if self._is_trial else [text for text in session.idle_laws() if text not in self._warned]
-        self._warned.update(idle)
-        doubts.warn_of_idle_laws(idle)
+        idle = [] if self._is_trial else [law for law in session.advice("laws") if law.text not in self._warned]
+        self._warned.update(law.text for law in idle)
+        advice.warn_of_idle_laws(idle)
 
     @exclusive
     @documented
@@ -260,7 +260,7 @@ class Model(Peaks):
         settings = request(tolerance, order, curve={"parameter": path, **curve_range(start, stop, keys)})
         cut = self._continue_cut(settings) if on_point is None else None
         parts: list[Rows] = []  # points of an earlier call, and of each part of this one
-        doubtful: list[tuple[str, str]] = []
+        doubtful: list[tuple[str, list[advice.Advice]]] = []
         has_warned, is_stopped, idle = False, False, None  # laws without force on all points
         full: list[int] = []  # numbers of points at which there was no room for more
         if cut is None:
@@ -274,10 +274,10 @@ class Model(Peaks):
                 bar.update()
             for _ in _points_of(session, full, is_limited="points" in keys):
                 session.add_row()
-                status, text = session.status, doubts.doubt_of(session)
-                doubtful += [(status, text)] if text else []
+                status, found_here = session.status, advice.on_motion(session)
+                doubtful += [(status, found_here)] if found_here else []
                 if status in SOLVED and (idle is None or idle):
-                    idle = [law for law in session.idle_laws() if idle is None or law in idle]
+                    idle = [law for law in session.advice("laws") if idle is None or law in idle]
                 bar.update()
                 if on_point is None:
                     continue
@@ -296,7 +296,7 @@ class Model(Peaks):
         rows.values["reason"][[n - 1 for n in full]] = 0  # there was room for more
         if not is_stopped:
             values = rows.values.get(identifier(path), np.zeros(0))
-            has_warned = doubts.warn_of_end(session, path, values[np.isfinite(values)].tolist(), stop - start)
+            has_warned = advice.warn_of_end(session, path, values[np.isfinite(values)].tolist(), stop - start)
             if has_warned and session.reason == "points":
                 self._cut = CutCurve(settings, session.serial, rows, [*doubtful], idle)
         source = self._source(session, rows)
@@ -304,13 +304,13 @@ class Model(Peaks):
         found = self._on_curve(rows, path, source)
         if doubtful and (doubtful[-1][0] in ("collapsed", "locked") or (has_warned and doubtful[-1][0] not in SOLVED)):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
-        doubts.warn_of_points(doubtful, len(rows))
-        doubts.warn_of_idle_laws(idle or [])
+        advice.warn_of_points(doubtful, len(rows))
+        advice.warn_of_idle_laws(idle or [])
         if not (is_stopped or has_warned or "over" in keys):
             ends = found[identifier(path)].values[found["curve_kind"].values == "end"].tolist()
-            doubts.warn_of_return(ends, start, stop, keys.get("first", start))
+            advice.warn_of_return(session, ends, start, stop, keys.get("first", start))
         if keys.get("switch"):
-            doubts.warn_of_bifurcations(found["curve_kind"].values.tolist(), path)
+            advice.warn_of_bifurcations(session, found["curve_kind"].values.tolist(), path)
         return found
 
     @exclusive
@@ -537,7 +537,7 @@ class Model(Peaks):
         >>> model.check()
         ['no load acts and no tone is unknown: only laws can cause a motion']
         """
-        return self._ready({}).warnings()
+        return [one.text for one in self._ready({}).advice("model")]
 
     @exclusive
     def natural_frequencies(self, n: int | None = None) -> Any:
@@ -630,9 +630,9 @@ class Model(Peaks):
         """Attributes of a value that varies: path, name and unit."""
         return {"parameter": path, **described(path_of(path), self._groups)}
 
-    def _ending(self) -> tuple[str, str, str]:
-        """Status, message and doubt of the last solution; converged if there was none."""
+    def _ending(self) -> tuple[str, str, list[advice.Advice]]:
+        """Status and message of the last solution, and advice on it; converged if there was none."""
         session = self._session
         if session is None or not session.has_motion:
-            return "converged", "", ""
-        return session.status, session.message, doubts.doubt_of(session)
+            return "converged", "", []
+        return session.status, session.message, advice.on_motion(session)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nhbm import doubts
+from nhbm import advice
 from nhbm.description import Description, exclusive
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError
@@ -166,12 +166,11 @@ class Peaks(Description):
 
         def visit(session: Session, value: float, at: float) -> None:
             if session.kind == "peak":
-                found.append((evaluate(session, value, at), doubts.doubt_of(session)))
+                found.append((evaluate(session, value, at), advice.on_motion(session)))
 
         groups = {"gradient": {"by": paths}} if paths else {}
         self._trace(of, path, curve_range(start, stop, keys), tolerance, order, groups, visit, progress)
-        for doubt in dict.fromkeys(doubt for _, doubt in found if doubt):
-            doubts.warn(doubt)
+        advice.warn_of(dict.fromkeys(one for _, on_peak in found for one in on_peak))
         return [peak for peak, _ in found]
 
     def _of_peaks(self, by: Iterable[str], path: str) -> list[str]:
@@ -185,18 +184,17 @@ class Peaks(Description):
                  groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any], progress: Any) -> Any:  # fmt: skip
         """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
         warning, if the curve stops before the end of its range."""
-        best: dict[str, Any] = {"value": -1.0, "at": np.nan, "found": None, "doubt": ""}
+        best: dict[str, Any] = {"value": -1.0, "at": np.nan, "found": None, "advice": []}
 
         def visit(session: Session, value: float, at: float) -> None:
             if value > best["value"]:
-                best.update(value=value, at=at, found=evaluate(session, value, at), doubt=doubts.doubt_of(session))
+                best.update(value=value, at=at, found=evaluate(session, value, at), advice=advice.on_motion(session))
 
         if not self._trace(of, path, keys, tolerance, order, groups, visit, progress):
             return None
-        if best["doubt"]:
-            doubts.warn(best["doubt"])
+        advice.warn_of(best["advice"])
         if any(abs(best["at"] - end) <= 1e-9 * abs(keys["to"] - keys["from"]) for end in (keys["from"], keys["to"])):
-            doubts.warn(f"the largest {of} is at an end of the range, {self._resolved(path)} = {best['at']:g}: no peak of the "
+            advice.warn(f"the largest {of} is at an end of the range, {self._resolved(path)} = {best['at']:g}: no peak of the "
                         "curve; widen the range", Implausible)  # fmt: skip
         return best["found"]
 
@@ -222,9 +220,9 @@ class Peaks(Description):
                 if session.kind == "end":
                     ends.append(values[-1])
                 visit(session, response_of(session, of), values[-1])
-        if doubts.warn_of_end(session, path, values, keys["to"] - keys["from"]):
+        if advice.warn_of_end(session, path, values, keys["to"] - keys["from"]):
             return False
-        doubts.warn_of_return(ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
+        advice.warn_of_return(session, ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
         return True
 
 

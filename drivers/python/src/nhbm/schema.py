@@ -1,5 +1,7 @@
 """Words of results (docs/user/schema.md): statuses, axes, what a census has. Below all other modules."""
 
+from typing import NamedTuple
+
 SOLVED = "converged truncated aliased penetrating impact integrated multiple_attractors".split()  # there is a motion
 AMPLITUDES = (
     "x(t) = sum over harmonics h of [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
@@ -12,6 +14,8 @@ CENSUS = {  # what varies over the motions of a census, and is a whole number or
     "census_mirror_of": "motion whose mirror image this is; -1: none",
 }
 AXES = {
+    "advice_item": "number of the advice, from 0",
+    "advice_value": "number of the value, from 0",
     "attempt": "number of the attempt, from 0",
     "point": "number of the sweep point, from 0",
     "tone": "number of the tone, from 1",
@@ -28,3 +32,11 @@ AXES = {
 
 # enum nhbm_census_start
 CENSUS_STARTS = "", "first guess", "equilibrium", "mode", "random start", "mirror image", "deflation", "continuation"
+
+
+class Advice(NamedTuple):
+    """A row of the table of advice with its numbers: its name, the law or degree of freedom that it is about, its text."""
+
+    name: str
+    subject: str
+    text: str

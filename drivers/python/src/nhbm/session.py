@@ -10,7 +10,7 @@ import math
 import signal
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,7 @@ from nhbm._library import Column as _Column
 from nhbm.errors import ModelError
 from nhbm.keys import repeated_groups
 from nhbm.rows import ColumnInfo, Layout, Rows
+from nhbm.schema import Advice
 from nhbm.structure import Structure, dofs_of_sets
 from nhbm.values import flat, plain
 
@@ -402,10 +403,6 @@ class Session:
         with self._interrupts:
             self._alter("verify_motion", ctypes.byref(motion), n_periods)
 
-    def warnings(self) -> list[str]:
-        """Warnings about the model with its present values."""
-        return self._text("get_warnings").splitlines()
-
     def natural_frequencies(self) -> Any:
         """Natural frequencies of the structure [rad/s]; none for large or sparse ones."""
         n, address = ctypes.c_size_t(), ctypes.c_void_p()
@@ -518,13 +515,15 @@ class Session:
         text = self._text(function, *arguments)
         return text.split("\n") if text else []
 
-    def doubt(self) -> str:
-        """What is doubtful about the last motion, with numbers and what to do; empty if nothing is."""
-        return self._with_names(self._text("get_doubt"))
+    def advice(self, about: str) -> list[Advice]:
+        """What was found about the `model`, the last `motion` or the `laws` that exert no force on it, and what to do."""
+        text = self._with_names(self._text("get_advice", ("model", "motion", "laws").index(about)))
+        return [Advice(*line.split("\t")) for line in text.split("\n") if line]
 
-    def idle_laws(self) -> list[str]:
-        """Laws that exert no force on the last motion, a sentence each."""
-        return self._text("get_idle_laws").splitlines()
+    def describe_advice(self, name: str, values: Sequence[float] = (), words: Sequence[str] = ()) -> str:
+        """The text of a row of the table of advice."""
+        numbers = (ctypes.c_double * len(values))(*values)
+        return self._text("describe_advice", name.encode(), len(values), numbers, "\n".join(words).encode())
 
     @property
     def message(self) -> str:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from nhbm import dataset, doubts
+from nhbm import advice, dataset
 from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError, NotConverged
 from nhbm.groups import Group, Settings, request
@@ -100,7 +100,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         self._check_value(path, path_of(path), line)
         if not (paired or warm) and len(set(line)) < len(line):  # otherwise samples, or a way up and down
             twice = next(value for value in line if line.count(value) > 1)
-            doubts.warn(f"'{path}': {twice} is given {line.count(twice)} times; the same points are solved again", Implausible)
+            advice.warn(f"'{path}': {twice} is given {line.count(twice)} times; the same points are solved again", Implausible)
     if paired and len(set(map(len, grid.values()))) > 1:
         raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
     n_points = math.prod(len(line) for line in grid.values())
@@ -116,7 +116,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     model._ready(settings)
     for path, value in zip(grid, points[0]):
         model[path] = value  # what is wrong is raised here, not by a worker
-    doubts.warn_of_model(model._ready(settings), self._warned)
+    advice.warn_of_model(model._ready(settings), self._warned)
     names = [identifier(path) for path in grid]
     coordinates = {
         name: ([point[k] for point in points], model._described(path)) for k, (name, path) in enumerate(zip(names, grid))
@@ -146,10 +146,10 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         found = dataset.table([row for part in done for row in part.rows], coordinates).assign_attrs(varies=names)
     if isinstance(of, str):
         found["response"].attrs.update(long_name=words_of(of), units=_unit_of(chains.session, of))
-    doubts.warn_of_points(doubtful, len(points))
-    doubts.warn_of_idle_laws(sorted(idle))
+    advice.warn_of_points(doubtful, len(points))
+    advice.warn_of_idle_laws(sorted(idle))
     if of is None:
-        doubts.warn_of_jumps(rows.values["branch"].tolist(), length, lambda k: _place_of(grid, points[k]), rows.messages)
+        advice.warn_of_jumps(chains.session, rows.values["branch"].tolist(), length, lambda k: _place_of(grid, points[k]), rows.messages)
     return found
 
 
@@ -185,8 +185,8 @@ class _Part(NamedTuple):
     """What comes of a line of points."""
 
     rows: Any  # Rows of motions, or a list of mappings of numbers
-    doubtful: list[tuple[str, str]]  # status, and what is doubtful
-    idle: set[str] | None  # laws without force on all motions
+    doubtful: list[tuple[str, list[advice.Advice]]]  # status, and what is doubtful
+    idle: set[advice.Advice] | None  # laws without force on all motions
 
 
 class _Work:
@@ -252,20 +252,20 @@ class _Chains(_Work):
         session.select_chains(piece.start, len(piece))
         is_found = False
         while session.next_of_sweep():
-            text, status = doubts.doubt_of(session), session.status
+            found, status = advice.on_motion(session), session.status
             if self.of is None:
                 session.add_row()
             else:
                 response = response_of(session, self.of) if status in SOLVED else float("nan")
                 if status in SOLVED and response != response:
-                    text = absence_of(session, self.of)
+                    found = [advice.Advice("", "", absence_of(session, self.of))]
                 part.rows.append({"response": response, "status": status, "message": session.message})
-            if text:
-                part.doubtful.append((status, text))
+            if found:
+                part.doubtful.append((status, found))
             is_found = is_found or status in SOLVED
             update()
         rows = session.rows() if self.of is None else part.rows
-        return part._replace(rows=rows, idle=set(session.idle_laws()) if is_found else None)
+        return part._replace(rows=rows, idle=set(session.advice("laws")) if is_found else None)
 
 
 def _values_of(line: list[Any]) -> dict[str, Any]:
@@ -310,12 +310,12 @@ class _Function(_Work):
             if point == self.points[0]:
                 raise
             text = f"{type(fault).__name__}: {fault}"
-            return {"status": "failed", "message": text}, ("failed", text)
+            return {"status": "failed", "message": text}, ("failed", [advice.Advice("", "", text)])
         wrong = [value for value in row.values() if isinstance(value, (str, bytes)) or np.ndim(value) > 0 or value is None]
         if wrong:
             raise ModelError(f"the function `of` of a sweep returns a number or a dict of numbers, not {wrong[0]!r}")
-        status, message, text = model._ending()
-        return {**row, "status": status, "message": message}, (status, text) if text else None
+        status, message, found = model._ending()
+        return {**row, "status": status, "message": message}, (status, found) if found else None
 
 
 def _spread(work: _Work, lines: list[range], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[_Part]:

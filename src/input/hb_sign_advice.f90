@@ -1,57 +1,51 @@
-!> Warnings about signs that feed energy into a structure or make it unstable at rest: deliberate in self-excited and bistable
+!> Signs that feed energy into a structure or make it unstable at rest: deliberate in self-excited and bistable
 !> models, otherwise a mistake.
-module hb_sign_warnings
+module hb_sign_advice
+   use hb_advice, only: advice, advice_list_t
    use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_kinds, only: wp
    use hb_lapack, only: dsygv
    use hb_law, only: law_t
-   use hb_numbers, only: number_t
+   use hb_numbers, only: number_t, numbered_t
    use hb_structure, only: structure_t
    use hb_system, only: slowest_of, system_t
-   use hb_text, only: add_string, rounded_to, string_t, to_text
+   use hb_text, only: rounded_to
    implicit none
    private
-   public :: describe_signs, is_gyrator
+   public :: advise_on_signs, is_gyrator, numbers_of
 
    real(wp), parameter :: rounding = 1.0e-9_wp                        ! of an eigenvalue, relative to the largest entry
    real(wp), parameter :: zero = 1.0e-11_wp                           ! of an entry, likewise: rigid body modes of a reduction
    integer, parameter :: n_shown = 4                                  ! digits of a number
    integer, parameter :: max_dofs = 100                               ! of a structure whose eigenvalues take milliseconds
-   character(*), parameter :: feeding = "energy is fed into vibrations; unless the motion is to be self-excited, "
-   character(*), parameter :: remedy = "make it positive"
-   character(*), parameter :: without_inertia = "all masses and dampings of the structure are zero: it follows its loads as in "// &
-      "statics, at any frequency; unless that is meant, give the masses"
-   character(*), parameter :: without_mass = "all masses of the structure are zero: springs and dashpots follow their loads "// &
-      "without a resonance; unless that is meant, give the masses"
-   character(*), parameter :: unstable = "the equilibrium is unstable; unless the structure is to be buckled, "
 
 contains
 
-   !> Returns a line for each of damping and stiffness that are not positive semi-definite, and for each law that damps with a
-   !> negative coefficient. Damping is passed over in a search for self-excited motions and normal modes.
-   subroutine describe_signs(system, lines)
+   !> Names damping and stiffness that are not positive semi-definite, and laws that damp with a negative coefficient. Damping is
+   !> passed over in a search for self-excited motions and normal modes.
+   subroutine advise_on_signs(system, list)
       type(system_t), intent(in) :: system
-      type(string_t), allocatable, intent(out) :: lines(:)
+      type(advice_list_t), intent(inout) :: list
       real(wp), allocatable :: damping(:), mass(:), stiffness(:)      ! diagonals
       integer :: i
 
-      allocate (lines(0))
       associate (structure => system%structure)
          call structure%diagonals(mass, damping, stiffness)
          if (all(abs(mass) <= 0.0_wp) .and. all(abs(damping) <= 0.0_wp)) then
-            call add_string(lines, without_inertia)
+            call list%add(advice%no_inertia)
          else if (all(abs(mass) <= 0.0_wp)) then
-            call add_string(lines, without_mass)
+            call list%add(advice%no_mass)
          end if
-         if (.not. is_gyroscopic(structure)) &
-            call describe_matrix(structure, "stiffness", stiffness, structure%stiffness, unstable, lines)
+         if (.not. is_gyroscopic(structure)) call advise_on_matrix(structure, "stiffness", stiffness, structure%stiffness, &
+                                                                   [advice%negative_stiffness, advice%indefinite_stiffness], list)
          if (any(system%tones%is_unknown)) return
-         call describe_matrix(structure, "damping", damping, dissipative_part(system), feeding, lines)
+         call advise_on_matrix(structure, "damping", damping, dissipative_part(system), &
+                               [advice%negative_damping, advice%indefinite_damping], list)
       end associate
       do i = 1, size(system%laws)
-         call describe_law(system%laws(i)%law, lines)
+         call advise_on_law(system%laws(i)%law, list)
       end do
-   end subroutine describe_signs
+   end subroutine advise_on_signs
 
    !> The damping without what stores or passes on energy, with equations multiplied so that forces are reciprocal: the voltage of a
    !> coil, whose force is in another matrix, and a gyrator in any units damp nothing. Not allocated for sparse matrices.
@@ -102,21 +96,21 @@ contains
          is_gyroscopic = any(abs(structure%damping - transpose(structure%damping)) > rounding*maxval(abs(structure%damping)))
    end function is_gyroscopic
 
-   !> Adds a line on a matrix with negative numbers on its diagonal or, if it is not large, with negative eigenvalues of its
+   !> Names a matrix with negative numbers on its diagonal or, if it is not large, with negative eigenvalues of its
    !> symmetric part. An unsymmetric stiffness, as of journal bearings, may have these.
-   subroutine describe_matrix(structure, name, diagonal, matrix, meaning, lines)
+   subroutine advise_on_matrix(structure, name, diagonal, matrix, numbers, list)
       type(structure_t), intent(in) :: structure
-      character(*), intent(in) :: name, meaning
+      character(*), intent(in) :: name
       real(wp), intent(in) :: diagonal(:)                             !! (n_dofs)
       real(wp), intent(in), allocatable :: matrix(:, :)               !! (n_dofs, n_dofs); not allocated: sparse
-      type(string_t), allocatable, intent(inout) :: lines(:)
+      integer, intent(in) :: numbers(2)                               !! of `advice`: negative on the diagonal, and otherwise
+      type(advice_list_t), intent(inout) :: list
       real(wp), allocatable :: a(:, :), b(:, :), values(:), work(:)
       integer :: at, i, info
 
       at = minloc(diagonal, dim=1)
       if (diagonal(at) < -zero*maxval(abs(diagonal))) then
-         call add_string(lines, "the "//name//" of '"//trim(structure%labels(at))//"' is negative, "//to_text(diagonal(at))//" "// &
-                         trim(unit_of(name, structure%units(at)))//": "//meaning//remedy)
+         call list%add(numbers(1), [diagonal(at)], structure%labels(at), unit_of(name, structure%units(at)))
          return
       end if
       if (structure%n_dofs > max_dofs .or. .not. allocated(matrix)) return
@@ -131,10 +125,8 @@ contains
       if (info /= 0) return
       if (values(1) >= -rounding*maxval(abs(values))) return
       at = maxloc(abs(a(:, 1)), dim=1)
-      call add_string(lines, "the "//name//" matrix has a negative eigenvalue, "//to_text(rounded_to(values(1), n_shown))// &
-                      ", whose vector is largest at '"// &
-                      trim(structure%labels(at))//"': "//meaning//"make it positive semi-definite")
-   end subroutine describe_matrix
+      call list%add(numbers(2), [rounded_to(values(1), n_shown)], structure%labels(at))
+   end subroutine advise_on_matrix
 
    !> Unit of an entry of a matrix that belongs to a coordinate.
    pure function unit_of(name, coordinate) result(unit)
@@ -147,32 +139,40 @@ contains
       if (name == "damping" .and. coordinate == "rad") unit = "N m s/rad"
    end function unit_of
 
-   !> Adds a line on a law that damps with negative coefficients alone.
-   subroutine describe_law(given, lines)
-      class(law_t), intent(in) :: given
-      type(string_t), allocatable, intent(inout) :: lines(:)
-      class(law_t), allocatable :: law
+   !> Names a law that damps with negative coefficients alone.
+   subroutine advise_on_law(law, list)
+      class(law_t), intent(in) :: law
+      type(advice_list_t), intent(inout) :: list
+      character(11), parameter :: keys(2) = ["coefficient", "damping    "]
+      real(wp) :: lowest(2)
+      integer :: k
+
+      if (.not. law%needs_velocity .or. law%is_users_own) return
+      do k = 1, size(keys)
+         lowest(k) = minval([0.0_wp, numbers_of(law, keys(k:k))])
+      end do
+      if (any(lowest < 0.0_wp) .and. .not. any(numbers_of(law, keys) > 0.0_wp)) &
+         call list%add(advice%negative_law_damping, [minval(lowest)], law%label, keys(minloc(lowest, dim=1)))
+   end subroutine advise_on_law
+
+   !> The numbers of an object with one of these keys.
+   function numbers_of(object, keys) result(values)
+      class(numbered_t), intent(in) :: object
+      character(*), intent(in) :: keys(:)
+      real(wp), allocatable :: values(:)
+      class(numbered_t), allocatable :: copy                          ! declarations may change an object
       type(number_t), allocatable :: numbers(:)
-      real(wp) :: highest, lowest, value
-      character(:), allocatable :: key
+      real(wp) :: value
       logical :: is_found
       integer :: i
 
-      if (.not. given%needs_velocity .or. given%is_users_own) return
-      allocate (law, source=given)
-      call law%list_numbers(numbers)
-      highest = 0.0_wp
-      lowest = 0.0_wp
-      key = ""
+      allocate (values(0))
+      allocate (copy, source=object)
+      call copy%list_numbers(numbers)
       do i = 1, size(numbers)
-         if (.not. any(numbers(i)%key == [character(11) :: "coefficient", "damping"])) cycle
-         call law%find_number(numbers(i), value, is_found)
-         if (.not. is_found) cycle
-         if (value < lowest) key = trim(numbers(i)%key)
-         lowest = min(lowest, value)
-         highest = max(highest, value)
+         if (.not. any(numbers(i)%key == keys)) cycle
+         call copy%find_number(numbers(i), value, is_found)
+         if (is_found) values = [values, value]
       end do
-      if (len(key) > 0 .and. .not. highest > 0.0_wp) call add_string(lines, "law '"//law%label//"': "//key//" = "// &
-                                                                   to_text(lowest)//" is negative: "//feeding//remedy)
-   end subroutine describe_law
-end module hb_sign_warnings
+   end function numbers_of
+end module hb_sign_advice

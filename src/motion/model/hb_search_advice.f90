@@ -1,11 +1,10 @@
-!> The message of a point that was not solved: possible remedies.
-!> The remedies follow from the outcomes of the attempts and from properties that make a model difficult: contact much
-!> stiffer than the structure, sliders that hardly slide, steep friction, nearly commensurate tones.
-module hb_advice
+!> Advice on a search that has found no motion, from the outcomes of the attempts and from properties that make a model difficult:
+!> contact much stiffer than the structure, sliders that hardly slide, steep friction, nearly commensurate tones.
+module hb_search_advice
+   use hb_advice, only: advice, advice_list_t, n_advice
    use hb_attempts, only: attempt_rules, technique
    use hb_balance, only: balance_t
    use hb_error_estimate, only: near_commensurate
-   use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_numbers, only: number_t
@@ -13,10 +12,9 @@ module hb_advice
    use hb_outcome, only: outcome, reason
    use hb_solver_types, only: report_t
    use hb_system, only: system_t
-   use hb_text, only: rounded, to_text
    implicit none
    private
-   public :: advice_on, circumstances_t, find_circumstances, limit_of
+   public :: advise_on_search, circumstances_t, find_circumstances, limit_of
 
    real(wp), parameter :: stiff_contact_ratio = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
@@ -26,11 +24,11 @@ module hb_advice
 
    !> Properties that make a model difficult, as far as known.
    type :: circumstances_t
-      character(:), allocatable :: contact                            !! label of the stiffest law
+      integer :: contact = 0                                          !! number of the stiffest law
       real(wp) :: stiffness_ratio = 0.0_wp !! its stiffness relative to that of the structure at its coordinate
-      character(:), allocatable :: slider                             !! label of the law that slides least
+      integer :: slider = 0                                           !! number of the law that slides least
       real(wp) :: slip_ratio = huge(1.0_wp)                           !! its motion relative to its sticking displacement
-      character(:), allocatable :: friction                           !! label of the law with the steepest smoothed friction
+      integer :: friction = 0                                         !! number of the law with the steepest smoothed friction
       real(wp) :: smoothing = 1.0_wp, speed = 0.0_wp                  !! over which it is smoothed, and that of the motion [m/s]
       integer, allocatable :: combination(:)                          !! of tones, nearly zero; not allocated: none
       real(wp) :: combination_frequency = 0.0_wp                      !! [rad/s]
@@ -59,18 +57,18 @@ contains
       do i = 1, size(system%laws)
          associate (law => system%laws(i)%law, set => balance%law_set)
             length = law%length_scale
-            if (law%needs_velocity) call find_friction(law, maxval(abs(set%coordinates_of(i, set%samples%v%values))), found)
+            if (law%needs_velocity) call find_friction(i, law, maxval(abs(set%coordinates_of(i, set%samples%v%values))), found)
             if (law%n_states > 0) then
                if (length <= 0.0_wp) cycle
                ratio = maxval(abs(set%coordinates_of(i, set%samples%q%values)))/length
                if (ratio >= found%slip_ratio) cycle
                found%slip_ratio = ratio
-               found%slider = law%label
+               found%slider = i
             else
                ratio = stiffness_of(law, length)*balance%compliance_of_law(i)
                if (ratio <= found%stiffness_ratio) cycle
                found%stiffness_ratio = ratio
-               found%contact = law%label
+               found%contact = i
             end if
          end associate
       end do
@@ -82,7 +80,8 @@ contains
    end subroutine find_circumstances
 
    !> Keeps a law if its friction is smoothed over a smaller part of the speed of its coordinates than that of others.
-   subroutine find_friction(given, speed, found)
+   subroutine find_friction(number, given, speed, found)
+      integer, intent(in) :: number                                   !! of the law
       class(law_t), intent(in) :: given
       real(wp), intent(in) :: speed                                   !! [m/s]
       type(circumstances_t), intent(inout) :: found
@@ -99,7 +98,7 @@ contains
          call law%find_number(numbers(i), value, is_found)
          if (.not. is_found .or. value <= 0.0_wp) cycle
          if (speed/value <= found%speed/found%smoothing) cycle
-         found%friction = law%label
+         found%friction = number
          found%smoothing = value
          found%speed = speed
       end do
@@ -141,48 +140,40 @@ contains
       stiffness = maxval(abs(df_dz))
    end function stiffness_of
 
-   !> The message.
-   pure function advice_on(report, circumstances) result(advice)
+   !> Adds what may help. The first value of an advice on a law is its number, with which a file stores it.
+   subroutine advise_on_search(system, report, circumstances, list)
+      type(system_t), intent(in) :: system
       type(report_t), intent(in) :: report
       type(circumstances_t), intent(in) :: circumstances
-      character(1000) :: advice
-      character(:), allocatable :: text
+      type(advice_list_t), intent(inout) :: list
+      integer :: n
 
-      text = ""
+      n = n_advice(list)
       associate (c => circumstances)
-         if (report%status == outcome%timed_out) call add(text, "raise solver%time_limit")
-         if (was_falling(report)) call add(text, "the residual was still decreasing: raise solver%max_iterations")
-         if (c%stiffness_ratio >= stiff_contact_ratio) call add(text, "'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
-            " times stiffer than the structure: use more harmonics, or a rigid wall")
-         if (c%slip_ratio < hardly_sliding) &
-            call add(text, "'"//c%slider//"' hardly slips: its motion is "//rounded(c%slip_ratio)// &
-            " times its sticking range: replace it by a spring, or increase the loads")
-         if (is_steep(c)) call add(text, "'"//c%friction//"' smooths friction over "//to_text(c%smoothing)// &
-            " m/s, at speeds of "//rounded(c%speed)//" m/s: smooth it over a thousandth of these, or use coulomb_rigid or jenkins")
-         if (allocated(c%combination)) call add(text, "nearly commensurate tones, "//tuple_text(c%combination)//" has "// &
-            rounded(c%combination_frequency)//" rad/s: use fewer tones, or lower orders")
-         if (report%status == outcome%singular) call add(text, "singular tangent: a fold, or an unconstrained motion")
-         if (any(report%status == [outcome%diverged, outcome%not_finite])) &
-            call add(text, "continue from smaller loads, each point from its neighbour")
+         if (report%status == outcome%timed_out) call list%add(advice%out_of_time)
+         if (was_falling(report)) call list%add(advice%out_of_iterations)
+         if (c%stiffness_ratio >= stiff_contact_ratio) call add(advice%stiff_contact, c%contact, [c%stiffness_ratio])
+         if (c%slip_ratio < hardly_sliding) call add(advice%hardly_slipping, c%slider, [c%slip_ratio])
+         if (is_steep(c)) call add(advice%steep_friction, c%friction, [c%smoothing, c%speed])
+         if (allocated(c%combination)) call list%add(advice%slow_combination, [real(wp) :: c%combination_frequency, c%combination])
+         if (report%status == outcome%singular) call list%add(advice%singular_tangent)
+         if (any(report%status == [outcome%diverged, outcome%not_finite])) call list%add(advice%smaller_loads)
          if (count_attempts(report) == 1 .and. report%status /= outcome%timed_out .and. .not. c%has_fallbacks) &
-            call add(text, "set solver%fallback to try other methods")
-         if (is_out_of_work(report) .and. .not. is_steep(c)) &
-            call add(text, "a fallback exhausted its budget: raise solver%max_fallback_work")
-         if (len(text) == 0 .or. report%status == outcome%stalled) &
-            call add(text, "try another first guess: "//trim(guesses(c)))
+            call list%add(advice%no_fallbacks)
+         if (is_out_of_work(report) .and. .not. is_steep(c)) call list%add(advice%out_of_fallback_work)
+         if (n_advice(list) == n .or. report%status == outcome%stalled) call list%add(unused_guess(c))
       end associate
-      advice = text
 
    contains
 
-      pure subroutine add(text, sentence)
-         character(:), allocatable, intent(inout) :: text
-         character(*), intent(in) :: sentence
+      !> Adds an advice on a law.
+      subroutine add(number, law, values)
+         integer, intent(in) :: number, law
+         real(wp), intent(in) :: values(:)
 
-         if (len(text) > 0) text = text//"; "
-         text = text//sentence
+         call list%add(number, [real(law, wp), values], system%laws(law)%law%label)
       end subroutine add
-   end function advice_on
+   end subroutine advise_on_search
 
    !> Whether smoothed friction is a step at the speeds of the motion, so that work alone does not help.
    pure logical function is_steep(circumstances)
@@ -203,15 +194,14 @@ contains
       if (report%status == outcome%timed_out) limit = reason%time_limit
    end function limit_of
 
-   !> First guesses that were not used.
-   pure function guesses(circumstances) result(text)
+   !> The advice on first guesses that were not used.
+   pure integer function unused_guess(circumstances) result(number)
       type(circumstances_t), intent(in) :: circumstances
-      character(100) :: text
 
-      text = "a motion near the one sought"
-      if (.not. circumstances%is_neighbour_used) text = "a neighbouring point, or a motion near the one sought"
-      if (.not. circumstances%is_integration_used) text = "the end of a time integration, "//trim(text)
-   end function guesses
+      number = advice%other_guess
+      if (.not. circumstances%is_neighbour_used) number = advice%guess_of_neighbour
+      if (.not. circumstances%is_integration_used) number = advice%guess_by_integration
+   end function unused_guess
 
    !> Attempts at the problem itself, without those at smaller ones.
    pure integer function count_attempts(report)
@@ -251,4 +241,4 @@ contains
          end associate
       end do
    end function is_out_of_work
-end module hb_advice
+end module hb_search_advice

@@ -1,42 +1,40 @@
 !> Pairs of nodes that a law meets in the order of two sets, although another node of the second set is nearer to the first one.
-module hb_pair_warnings
+module hb_pair_advice
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: advice, advice_list_t
    use hb_kinds, only: wp
    use hb_node_sets, only: node_sets_t
    use hb_system, only: system_t
-   use hb_text, only: number_of, rounded, string_t
    implicit none
    private
-   public :: describe_pairs
+   public :: advise_on_pairs
 
    integer, parameter :: max_pairs = 3000                             ! of a group: distances of all are compared, 0.05 s
    real(wp), parameter :: clearly_nearer = 0.9_wp                     ! distance of another node relative to that of the partner
 
 contains
 
-   !> Describes for each group of laws the first pair whose partner is not the nearest node; none without places of nodes.
-   subroutine describe_pairs(system, lines)
+   !> Names for each group of laws the first pair whose partner is not the nearest node; none without places of nodes.
+   subroutine advise_on_pairs(system, list)
       type(system_t), intent(in) :: system
-      type(string_t), allocatable, intent(out) :: lines(:)
+      type(advice_list_t), intent(inout) :: list
       integer, allocatable :: laws(:)
       integer :: group, i
 
-      allocate (lines(0))
       if (.not. allocated(system%structure%sets%coordinates) .or. .not. allocated(system%law_groups)) return
       do group = 1, maxval([0, system%law_groups])
          laws = pack([(i, i=1, size(system%law_groups))], system%law_groups == group)
          if (size(laws) < 2 .or. size(laws) > max_pairs) cycle
-         call describe_group(system, laws, lines)
+         call advise_on_group(system, laws, list)
       end do
-   end subroutine describe_pairs
+   end subroutine advise_on_pairs
 
-   subroutine describe_group(system, laws, lines)
+   subroutine advise_on_group(system, laws, list)
       type(system_t), intent(in) :: system
       integer, intent(in) :: laws(:)                                  !! of one group
-      type(string_t), allocatable, intent(inout) :: lines(:)
-      type(string_t) :: line
+      type(advice_list_t), intent(inout) :: list
       integer :: first(size(laws)), i, n_wrong, nearest, second(size(laws)), worst
-      real(wp) :: distance(size(laws)), least
+      real(wp) :: distance(size(laws)), distances(2)
 
       do i = 1, size(laws)
          call find_nodes(system, laws(i), first(i), second(i))
@@ -46,6 +44,8 @@ contains
          if (.not. all(ieee_is_finite(x(:, [first, second])))) return
          n_wrong = 0
          worst = 0
+         nearest = 0
+         distances = 0.0_wp
          do i = 1, size(laws)
             distance = norm2(x(:, second) - spread(x(:, first(i)), 2, size(laws)), dim=1)
             if (minval(distance) >= clearly_nearer*distance(i)) cycle
@@ -53,16 +53,13 @@ contains
             if (worst > 0) cycle
             worst = i
             nearest = minloc(distance, dim=1)
-            least = distance(nearest)
-            line%value = "'"//system%laws(laws(i))%law%label//"' meets "//label_of(system, laws(i), 2)//" at a distance of "// &
-               rounded(distance(i))//" m, although "//label_of(system, laws(nearest), 2)//" is nearer, "//rounded(least)//" m"
+            distances = [distance(i), distance(nearest)]
          end do
       end associate
       if (n_wrong == 0) return
-      line%value = line%value//": sets are paired in their order (so with "//number_of(n_wrong, "pair")// &
-         "); list their nodes in one order"
-      lines = [lines, line]
-   end subroutine describe_group
+      call list%add(advice%crossed_pairs, [distances, real(n_wrong, wp)], system%laws(laws(worst))%law%label, &
+                    label_of(system, laws(worst), 2), label_of(system, laws(nearest), 2))
+   end subroutine advise_on_group
 
    !> The nodes of a relative coordinate of a law, 0 for another coordinate.
    subroutine find_nodes(system, i, first, second)
@@ -85,8 +82,8 @@ contains
    pure function label_of(system, i, k) result(text)
       type(system_t), intent(in) :: system
       integer, intent(in) :: i, k                                     !! law and degree of freedom of it
-      character(len_trim(system%structure%labels(system%laws(i)%law%dofs(k))) + 2) :: text
+      character(len(system%structure%labels)) :: text
 
-      text = "'"//trim(system%structure%labels(system%laws(i)%law%dofs(k)))//"'"
+      text = system%structure%labels(system%laws(i)%law%dofs(k))
    end function label_of
-end module hb_pair_warnings
+end module hb_pair_advice

@@ -1,6 +1,7 @@
-!> Warnings of the command about a model that can be solved: speeds that stay constant while tones move, and models that are large
-!> or were reduced for lower frequencies. Others: hb_model_warnings.
-module model_warnings
+!> Advice of the command on a run that is possible: values of a sweep that are solved twice, speeds that stay constant while tones
+!> move, models that are large or were reduced for lower frequencies. On the model itself: hb_model_advice.
+module run_advice
+   use hb_advice, only: advice, advice_list_t
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: indifferent_coordinates
    use hb_contact_flexibility, only: pays_to_factorise
@@ -15,44 +16,55 @@ module model_warnings
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_load_catalogue, only: load_groups
    use hb_model, only: model_t
+   use hb_model_advice, only: advise_on_model
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_system, only: coordinates_of
-   use hb_text, only: lower, max_name, string_t, to_text
+   use hb_text, only: lower, max_name, string_t
    implicit none
    private
-   public :: free_text, frozen_speed_text, model_text, repeated_value_text, varies_loads
+   public :: advise_on_free_coordinates, advise_on_run, advise_on_size, advise_on_speed, varies_loads
 
    integer, parameter :: max_compared = 10000                         ! values of a sweep
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
 
 contains
 
-   !> Names a value of a sweep that is given twice in succession, other than for samples, which vary together, or a range
-   !> that one value leaves unused; empty: none.
-   function repeated_value_text(plan) result(text)
+   !> Adds all advice on a run; of the points of a sweep the first model is examined.
+   subroutine advise_on_run(plan, document, model, list)
       type(sweep_plan_t), intent(in) :: plan
-      character(:), allocatable :: text
+      type(document_t), intent(inout) :: document                     !! that was read
+      type(model_t), intent(in) :: model                              !! that was made from it
+      type(advice_list_t), intent(inout) :: list
+
+      call advise_on_size(model, document, list)
+      call advise_on_model(model%system, model%discretisation, model%options, list)
+      call advise_on_speed(plan, document, list)
+      call advise_on_values(plan, list)
+   end subroutine advise_on_run
+
+   !> Names a value of a sweep that is given twice in succession, other than for samples, which vary together, or the end of a range
+   !> that one value leaves unused.
+   subroutine advise_on_values(plan, list)
+      type(sweep_plan_t), intent(in) :: plan
+      type(advice_list_t), intent(inout) :: list
       integer :: i, k
 
-      text = ""
       do i = 1, size(plan%parameters)
-         associate (swept => plan%parameters(i))
-            text = swept%omission()
-            if (len(text) > 0) then
-               text = "&sweep("//to_text(i)//"): "//text
+         associate (swept => plan%parameters(i), range => plan%parameters(i)%range)
+            if (range%n == 1 .and. abs(range%last - range%first) > 0.0_wp) then
+               call list%add(advice%unused_end, [real(wp) :: i, range%first, range%last])
                return
             end if
             if (swept%is_text .or. count(plan%parameters%axis == swept%axis) > 1) cycle
             do k = 2, min(swept%length(), max_compared)
                if (abs(swept%value(k) - swept%value(k - 1)) > 0.0_wp) cycle
-               text = "&sweep("//to_text(i)//"): "//swept%path//" = "//to_text(swept%value(k))// &
-                      " is given twice in succession; the same point is solved again"
+               call list%add(advice%repeated_value, [real(wp) :: i, swept%value(k)], swept%path)
                return
             end do
          end associate
       end do
-   end function repeated_value_text
+   end subroutine advise_on_values
 
    !> Whether a sweep or a curve varies a load, which may be zero in the input.
    logical function varies_loads(plan)
@@ -66,12 +78,11 @@ contains
       varies_loads = varies_loads .or. any(load_groups == path(:scan(path//"%", "(%") - 1))
    end function varies_loads
 
-   !> Names a speed of a structure or element that is constant while the frequency of a tone moves, and the input that
-   !> ties them; empty: none.
-   function frozen_speed_text(plan, document) result(text)
+   !> Names a speed of a structure or element that is constant while the frequency of a tone moves.
+   subroutine advise_on_speed(plan, document, list)
       type(sweep_plan_t), intent(in) :: plan
-      type(document_t), intent(inout) :: document                     !! that was read
-      character(:), allocatable :: text
+      type(document_t), intent(inout) :: document
+      type(advice_list_t), intent(inout) :: list
       type(properties_t), pointer :: group
       type(parameter_t) :: moving
       character(*), parameter :: groups(*) = [character(max_name) :: "structure", element_groups]
@@ -79,7 +90,6 @@ contains
       real(wp) :: factor
       integer :: i
 
-      text = ""
       i = findloc([(turns(trim(groups(i))), i=1, size(groups))], .true., dim=1)
       if (i == 0) return
       name = trim(groups(i))
@@ -99,14 +109,15 @@ contains
          if (index(path, "%speed") == 0) cycle
          call group%get("to", to)
          call group%get("factor", factor)
-         if (index(to, "tones%hertz") == 1 .and. abs(factor - 1.0_wp) <= rounding) text = path//" [rad/s] follows "//to// &
-            " [Hz] with the factor 1; if they are the same frequency: factor = "//to_text(two_pi)
+         if (index(to, "tones%hertz") == 1 .and. abs(factor - 1.0_wp) <= rounding) &
+            call list%add(advice%factor_of_speed, [two_pi], path, to)
          return
       end do
-      text = name//"%speed is constant while tones%"//trim(moving%key)//" moves; if they belong together: "// &
-         "&tie parameter = '"//name//"%speed', to = 'tones%"//trim(moving%key)//"'"
-      if (moving%key == "hertz") text = text//", factor = "//to_text(two_pi)
-      text = text//" /"
+      if (moving%key == "hertz") then
+         call list%add(advice%constant_speed_in_hertz, [two_pi], name)
+      else
+         call list%add(advice%constant_speed, a=name)
+      end if
 
    contains
 
@@ -132,11 +143,12 @@ contains
 
          name = document%groups%holders(parameter%i_group)%group%name
       end function group_of
-   end function frozen_speed_text
+   end subroutine advise_on_speed
 
-   !> Names degrees of freedom whose mean values nothing determines, so that they are zero; empty: none.
-   function free_text(model) result(text)
+   !> Names degrees of freedom whose mean values nothing determines, so that they are zero.
+   subroutine advise_on_free_coordinates(model, list)
       type(model_t), intent(in) :: model
+      type(advice_list_t), intent(inout) :: list
       character(:), allocatable :: text
       type(amplitudes_t) :: no_loads
       type(coordinates_t) :: coordinates
@@ -164,41 +176,39 @@ contains
       do i = 1, size(dofs)
          text = text//", '"//trim(model%system%structure%labels(dofs(i)))//"'"
       end do
-      if (len(text) > 0) text = "the mean value is set to zero at "//text(3:)//": no stiffness or law determines it, and it "// &
-                                "has no effect on the motion elsewhere"
-   end function free_text
+      if (len(text) > 0) call list%add(advice%undetermined_mean, a=text(3:))
+   end subroutine advise_on_free_coordinates
 
-   !> Warnings about a structure of type model, empty for none: it is large, or was reduced for lower frequencies.
-   function model_text(model, document) result(text)
+   !> Advises on a structure of type model that is large, or was reduced for lower frequencies, and on parts without equations in
+   !> time.
+   subroutine advise_on_size(model, document, list)
       type(model_t), intent(in) :: model
-      type(document_t), intent(inout) :: document                     !! from which the model was made
-      character(:), allocatable :: text
+      type(document_t), intent(inout) :: document
+      type(advice_list_t), intent(inout) :: list
       real(wp) :: highest
       integer :: i
 
-      text = ""
       highest = maxval([0.0_wp, abs(model%discretisation%harmonics%frequencies(model%system%tones%omega))])
       associate (structure => model%system%structure)
          if (allocated(structure%parts)) then
-            text = "a &dynamic_stiffness has no equations in time: "
             if (model%system%tones%n_tones > 1 .or. &
-                any([(all(structure%parts(i)%kind /= [kind_of_part%delay, kind_of_part%maxwell]), i=1, size(structure%parts))])) &
-               text = text//"stability is not known, and "
-            text = text//"time integration neither finds nor checks motions"
+                any([(all(structure%parts(i)%kind /= [kind_of_part%delay, kind_of_part%maxwell]), &
+                      i=1, size(structure%parts))])) then
+               call list%add(advice%no_stability)
+            else
+               call list%add(advice%no_integration)
+            end if
          end if
          if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then
-            text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
-                   to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
+            call list%add(advice%above_reduction, [highest, structure%up_to])
          else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp .and. &
                   2*sum([(size(model%system%laws(i)%law%dofs), i=1, size(model%system%laws))]) < structure%n_dofs .and. &
                   .not. pays_to_factorise(structure, coordinates_of(model%system))) then
-            text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each point "// &
-                   "anew; a reduced model of it, created once, is much faster:"//new_line("a")// &
-                   "   nhbm-model reduce "//structure%model_file//" --keep "//named_dofs(document)//" --up-to "// &
-                   to_text(real(ceiling(1.01_wp*highest), wp))//" -o small.h5"
+            call list%add(advice%large_model, [real(wp) :: structure%n_dofs, ceiling(1.01_wp*highest)], structure%model_file, &
+                          named_dofs(document))
          end if
       end associate
-   end function model_text
+   end subroutine advise_on_size
 
    !> Names of degrees of freedom and sets in an input, separated by commas.
    function named_dofs(document) result(text)
@@ -226,4 +236,4 @@ contains
       end do
       text = text(2:)
    end function named_dofs
-end module model_warnings
+end module run_advice
