@@ -263,7 +263,7 @@ ALWAYS = {
         (LABELS, "labels", b"\xff\xfe", "is not a text file"),
         ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n7, 0.0, 0.0, 0.0\n", "node 1 of the matrices is not in the mesh"),
         ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n1,0.,0.\n2,x", "line 3: '2,x' is not a node with its position"),
-        ([*MESH, "--mesh=bad.msh"], "bad.msh", "hello", "is not a mesh that meshio reads: Error: Couldn't read file bad.msh"),
+        ([*MESH, "--mesh=bad.msh"], "bad.msh", "hello", "is not a mesh that meshio reads: "),
     ],
 )  # fmt: skip
 def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name, content, message):

@@ -26,7 +26,7 @@ def test_disk_that_turns_splits_the_whirls():
     """A heavy disk in the middle tilts alone: I w**2 -+ Omega I_p w - k = 0 with the tilting stiffness 12 EI/L of both halves."""
     speed, diametral, polar = 200.0, 5.0, 9.0
     shaft = rotors.rotor(
-        1.0, 0.02, 20, [(0.5, 500.0, diametral, polar)], [(0.0, 1e13, 0.0), (1.0, 1e13, 0.0)], speed, density=1e-6
+        1.0, 0.02, 20, [(0.5, 500.0, diametral, polar)], [(0.0, 1e13, 0.0), (1.0, 1e13, 0.0)], speed, density=1e-3
     )
     k = 12 * 2.1e11 * np.pi * 0.02**4 / 64 / 1.0
     root = np.sqrt((speed * polar / 2) ** 2 + diametral * k)

@@ -448,10 +448,14 @@ def at_speeds(structure: Structure, speeds: Any) -> Structure:
 def whirls(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies >= 0 [rad/s], rising, and growth rates [1/s] of a small linear structure, each (n_dofs)."""
     n = structure.n_dofs
-    none, one = np.zeros((n, n)), np.eye(n)
+    none, one, mass = np.zeros((n, n)), np.eye(n), structure.mass.toarray()
     rates = sum((m.toarray() for m in (structure.damping, structure.gyroscopic) if m is not None), none)
-    states = np.block([[none, one], [-structure.stiffness.toarray(), -rates]])
-    values = scipy.linalg.eigvals(states, scipy.linalg.block_diag(one, structure.mass.toarray()))
+    forces = np.hstack([structure.stiffness.toarray(), rates])
+    try:  # the standard problem is balanced by LAPACK, the generalised one is not: stiff bearings cost its lowest values digits
+        states = np.vstack([np.hstack([none, one]), -scipy.linalg.cho_solve(scipy.linalg.cho_factor(mass), forces)])
+        values = scipy.linalg.eigvals(states)
+    except np.linalg.LinAlgError:  # coordinates without mass
+        values = scipy.linalg.eigvals(np.vstack([np.hstack([none, one]), -forces]), scipy.linalg.block_diag(one, mass))
     values = values[np.lexsort((values.real, abs(values.imag)))][::2]  # one of each pair
     return abs(values.imag), values.real
 
