@@ -36,10 +36,10 @@ def info(path) -> str:
             ]
             if "frequency" in file:
                 lines.append(f"tones      {', '.join(f'{w:.10g}' for w in np.atleast_1d(file['frequency'][()]))} rad/s")
-            lines += [f"largest    {np.max(np.abs(x)):.4g} at {dof}" for dof, x in zip(dofs, file["displacement"][()], strict=True)]
+            lines += [f"largest    {np.max(np.abs(x)):.4g} at {dof}" for dof, x in zip(dofs, file["displacement"][()])]
             if "peak_frequency" in file:
                 sizes = np.hypot(*np.moveaxis(file["peak_coefficients"][()], -1, 0))
-                for dof, size, omega in zip(dofs, sizes, file["peak_frequency"][()], strict=True):
+                for dof, size, omega in zip(dofs, sizes, file["peak_frequency"][()]):
                     lines.append(f"peaks      {', '.join(f'{a:.4g} at {w:.10g}' for a, w in zip(size, omega))} rad/s of {dof}")
             if "start_motion" in file:
                 starts = file["start_motion"][()]

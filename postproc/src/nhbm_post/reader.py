@@ -453,7 +453,7 @@ class Results:
         found = np.asarray(self._file["output_estimate"][()], dtype=float)
         if "output_level_estimate" in self._file:
             found = np.maximum(found, self._file["output_level_estimate"][()])
-        return list(zip(names, found.T, strict=True))
+        return list(zip(names, found.T))
 
     def unknown_tones(self) -> np.ndarray:
         """Numbers (from 0) of the tones with unknown frequencies."""

@@ -399,7 +399,7 @@ def time(arguments):
         if arguments.overlay or arguments.integration:
             raise UsageError("a .csv holds the motions of one result file: leave --overlay and --integration out")
         names = [dof if len(points) == 1 else f"{dof} at point {point}" for point in points]
-        columns = [(name, series) for name, (_, series) in zip(names, curves, strict=True)]
+        columns = [(name, series) for name, (_, series) in zip(names, curves)]
         print(f"wrote {write_time(columns, arguments.output, arguments.t_from, arguments.t_to, arguments.samples)}")
         return
     references = []
