@@ -281,7 +281,7 @@ contains
    !> The residual of many contacts of a whole model, k (u - load_factor u_stuck + C (F - c k u)), with the compliance C of stuck
    !> contacts: the equations times k C, whose tangent has its eigenvalues between 0 and k where laws are no stiffer than k.
    subroutine linear_part_find_contact_residual(self, set, u, force, load_factor, is_exact, r)
-      class(linear_part_t), intent(in) :: self
+      class(linear_part_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_law)
       real(wp), intent(in) :: force(:, :)                             !! F of the laws [N], as u

@@ -3,7 +3,6 @@
 !> In the order of use: `factorise`, `solve` any number of times, `destroy`, which may be called twice. An assignment copies
 !> the reference, not the factor.
 module hb_cholmod
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_int, c_null_ptr, c_ptr
    use hb_kinds, only: wp
    implicit none
@@ -11,12 +10,12 @@ module hb_cholmod
    public :: cholesky_factor_t, has_cholmod
 
    type :: cholesky_factor_t
-      integer, private :: n = 0
       type(c_ptr), private :: handle = c_null_ptr
    contains
       procedure :: factorise => cholesky_factor_factorise
       procedure :: is_there => cholesky_factor_is_there
       procedure :: solve => cholesky_factor_solve
+      procedure :: solve_at => cholesky_factor_solve_at
       procedure :: bytes => cholesky_factor_bytes
       procedure :: destroy => cholesky_factor_destroy
    end type cholesky_factor_t
@@ -26,19 +25,26 @@ module hb_cholmod
          import :: c_int
       end function hb_has_cholmod
 
-      type(c_ptr) function hb_cholmod_new(n, first, column, value) bind(c)
+      type(c_ptr) function hb_cholmod_new(n, first, column, value, n_at, at) bind(c)
          import :: c_double, c_int, c_ptr
-         integer(c_int), value :: n
-         integer(c_int), intent(in) :: first(*), column(*)
+         integer(c_int), value :: n, n_at
+         integer(c_int), intent(in) :: first(*), column(*), at(*)
          real(c_double), intent(in) :: value(*)
       end function hb_cholmod_new
 
-      integer(c_int) function hb_cholmod_solve(self, n_columns, b) bind(c)
+      subroutine hb_cholmod_solve(self, n_columns, b) bind(c)
          import :: c_double, c_int, c_ptr
          type(c_ptr), value :: self
          integer(c_int), value :: n_columns
          real(c_double), intent(inout) :: b(*)
-      end function hb_cholmod_solve
+      end subroutine hb_cholmod_solve
+
+      subroutine hb_cholmod_solve_at(self, n_columns, b) bind(c)
+         import :: c_double, c_int, c_ptr
+         type(c_ptr), value :: self
+         integer(c_int), value :: n_columns
+         real(c_double), intent(inout) :: b(*)
+      end subroutine hb_cholmod_solve_at
 
       real(c_double) function hb_cholmod_bytes(self) bind(c)
          import :: c_double, c_ptr
@@ -60,15 +66,15 @@ contains
 
    !> Factorises a matrix from its rows, in the place of an earlier factor; false if it is not positive definite, or if there is not
    !> enough memory. Its upper triangle is read.
-   logical function cholesky_factor_factorise(self, first, column, value) result(is_done)
+   logical function cholesky_factor_factorise(self, first, column, value, at) result(is_done)
       class(cholesky_factor_t), intent(inout) :: self
       integer, intent(in) :: first(:)                                 !! (n + 1): row i has entries first(i) to first(i + 1) - 1
       integer, intent(in) :: column(:)                                !! of each entry
       real(wp), intent(in) :: value(:)
+      integer, intent(in) :: at(:)                                    !! the unknowns of `solve_at`
 
       call self%destroy()
-      self%n = size(first) - 1
-      self%handle = hb_cholmod_new(self%n, first - 1, column - 1, value)
+      self%handle = hb_cholmod_new(size(first) - 1, first - 1, column - 1, value, size(at), at - 1)
       is_done = self%is_there()
    end function cholesky_factor_factorise
 
@@ -79,14 +85,21 @@ contains
       is_there = c_associated(self%handle)
    end function cholesky_factor_is_there
 
-   !> Overwrites b with the solutions of A X = b, all columns at once; with NaN out of memory.
+   !> Overwrites b with the solutions of A X = b of all right sides at once.
    subroutine cholesky_factor_solve(self, b)
       class(cholesky_factor_t), intent(in) :: self
-      real(wp), intent(inout), contiguous :: b(:, :)                  !! (n, any)
+      real(wp), intent(inout), contiguous :: b(:, :)                  !! (any, n)
 
-      if (size(b, 2) == 0) return
-      if (hb_cholmod_solve(self%handle, size(b, 2), b) /= 0) b = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (size(b, 1) > 0) call hb_cholmod_solve(self%handle, size(b, 1), b)
    end subroutine cholesky_factor_solve
+
+   !> Likewise for some unknowns: the others have no right sides, and their solutions are not wanted.
+   subroutine cholesky_factor_solve_at(self, b)
+      class(cholesky_factor_t), intent(in) :: self
+      real(wp), intent(inout), contiguous :: b(:, :)                  !! (any, size(at)) of `factorise`
+
+      if (size(b, 1) > 0) call hb_cholmod_solve_at(self%handle, size(b, 1), b)
+   end subroutine cholesky_factor_solve_at
 
    !> Memory of the factor.
    real(wp) function cholesky_factor_bytes(self) result(bytes)

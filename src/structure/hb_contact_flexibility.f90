@@ -20,8 +20,9 @@ module hb_contact_flexibility
    integer, parameter :: least_coordinates = 100             !! below, condensing them takes little memory
    integer, parameter :: dofs_per_coordinate = 4             !! of a model that is not reduced to its contacts
    integer, parameter :: entries_per_row = 20                !! of solids and shells; chains and beams condense to narrow bands
-   integer, parameter :: block = 4                           !! right sides of a step of the iteration for modes
-   integer, parameter :: max_vectors = 480                   !! of this iteration
+   integer, parameter :: block = 8                           !! right sides of a step of the iteration for modes
+   integer, parameter :: vectors_together = 64               !! of this iteration, in memory: a multiple of `block`
+   integer, parameter :: few_vectors = 480                   !! of it: beyond, modes up to the least margin suffice
    real(wp), parameter :: least_margin = 3.0_wp              !! of the highest mode over the highest frequency
    real(wp), parameter :: margin = 8.0_wp                    !! when modes are computed: sets of error estimates are twice as wide
    real(wp), parameter :: rounding = 1.0e-11_wp              !! relative
@@ -30,7 +31,6 @@ module hb_contact_flexibility
    type :: contact_flexibility_t
       integer :: n_dofs = 0, n = 0
       type(coordinates_t) :: coordinates
-      type(sparse_t) :: functionals                          !! B, (n, n_dofs)
       real(wp), allocatable :: contact(:)                    !! k [N/m], (n)
       type(sparse_t) :: mass                                 !! [kg]
       real(wp) :: by_mass = 0.0_wp, by_stiffness = 0.0_wp    !! a [1/s] and b [s] of the damping
@@ -47,6 +47,11 @@ module hb_contact_flexibility
       procedure :: cover => contact_flexibility_cover
       procedure :: destroy => contact_flexibility_destroy
    end type contact_flexibility_t
+
+   !> Some vectors of the iteration for modes.
+   type :: vectors_t
+      real(wp), allocatable :: columns(:, :)                 !! (n_dofs, vectors_together)
+   end type vectors_t
 
 contains
 
@@ -80,9 +85,8 @@ contains
       if (is_possible) is_possible = is_symmetric(structure%sparse%stiffness)
       if (.not. is_possible) return
       self%mass = structure%sparse%mass
-      call find_functionals(self)
       stuck = sparse_sum(1.0_wp, structure%sparse%stiffness, 1.0_wp, contact_matrix(self))
-      is_possible = self%factor%factorise(stuck%first, stuck%column, stuck%value)
+      is_possible = self%factor%factorise(stuck%first, stuck%column, stuck%value, coordinates%dofs)
       self%n_in_factor = self%factor%bytes()/8.0_wp
    end subroutine new_contact_flexibility
 
@@ -261,51 +265,31 @@ contains
       probe = [(cos((1.0_wp + 0.618_wp*number)*i + number), i=1, n)]
    end function probe
 
-   subroutine find_functionals(self)
-      type(contact_flexibility_t), intent(inout) :: self
+   !> B^T k B.
+   function contact_matrix(self) result(matrix)
+      type(contact_flexibility_t), intent(in) :: self
+      type(sparse_t) :: matrix
       integer, allocatable :: at(:), column(:), row(:)
       real(wp), allocatable :: value(:), weights(:)
-      integer :: i, n, pass
+      integer :: e, f, i, n, pass
 
       do pass = 1, 2
          n = 0
          do i = 1, self%n
             call self%coordinates%find_functional(i, at, weights)
             if (pass == 2) then
-               row(n + 1:n + size(at)) = i
-               column(n + 1:n + size(at)) = self%coordinates%dofs(at)
-               value(n + 1:n + size(at)) = weights
+               do e = 1, size(at)
+                  do f = 1, size(at)
+                     row(n + (e - 1)*size(at) + f) = self%coordinates%dofs(at(e))
+                     column(n + (e - 1)*size(at) + f) = self%coordinates%dofs(at(f))
+                     value(n + (e - 1)*size(at) + f) = self%contact(i)*weights(e)*weights(f)
+                  end do
+               end do
             end if
-            n = n + size(at)
+            n = n + size(at)**2
          end do
          if (pass == 1) allocate (row(n), column(n), value(n))
       end do
-      self%functionals = sparse_from_entries(self%n, row, column, value, self%n_dofs)
-   end subroutine find_functionals
-
-   !> B^T k B.
-   function contact_matrix(self) result(matrix)
-      type(contact_flexibility_t), intent(in) :: self
-      type(sparse_t) :: matrix
-      integer, allocatable :: column(:), row(:)
-      real(wp), allocatable :: value(:)
-      integer :: e, f, i, n
-
-      associate (b => self%functionals)
-         n = sum([((b%first(i + 1) - b%first(i))**2, i=1, self%n)])
-         allocate (row(n), column(n), value(n))
-         n = 0
-         do i = 1, self%n
-            do e = b%first(i), b%first(i + 1) - 1
-               do f = b%first(i), b%first(i + 1) - 1
-                  n = n + 1
-                  row(n) = b%column(e)
-                  column(n) = b%column(f)
-                  value(n) = self%contact(i)*b%value(e)*b%value(f)
-               end do
-            end do
-         end do
-      end associate
       matrix = sparse_from_entries(self%n_dofs, row, column, value)
    end function contact_matrix
 
@@ -320,82 +304,117 @@ contains
       if (.not. is_covered) self%not_covered = min(frequency, self%not_covered)
    end subroutine contact_flexibility_cover
 
-   !> Computes all modes below a frequency.
+   !> Computes all modes below a frequency; beyond few vectors, or if there is not enough memory, those that are accurate.
    subroutine find_modes(self, frequency)
       type(contact_flexibility_t), intent(inout) :: self
       real(wp), intent(in) :: frequency                      !! [rad/s]
-      integer, parameter :: between = 4                      ! blocks from one look at the Ritz values to the next
-      real(wp), allocatable :: h(:, :), s(:, :), theta(:), v(:, :), w(:, :)
-      real(wp) :: r(block, block)
-      integer :: i, k, n, n_found
+      type(vectors_t) :: v(self%n_dofs/(2*vectors_together) + 1)
+      real(wp), allocatable :: h(:, :), s(:, :), theta(:), w(:, :)
+      real(wp) :: r(block, block), wanted
+      integer :: i, n, n_found, next
       logical :: is_over
 
-      associate (limit => min(max_vectors, (self%n_dofs/(2*block))*block))
-         allocate (v(self%n_dofs, limit), w(self%n_dofs, block), h(limit, limit), source=0.0_wp)
-      end associate
+      allocate (w(block, self%n_dofs), h(0, 0))
       do i = 1, block
-         w(:, i) = probe(self%n_dofs, i)
+         w(i, :) = probe(self%n_dofs, i)
       end do
       call respond(self, w)
       call orthonormalise(self, w, r, is_over)
       n = 0
       n_found = 0
+      next = vectors_together
       do
-         v(:, n + 1:n + block) = w
+         call append(w, n, v, h, is_over)
+         if (is_over) exit
          n = n + block
          call respond(self, w)
-         do k = 1, 2
-            call remove(self, v(:, :n), w, h(:n, n - block + 1:n))
+         do i = 1, 2
+            call remove(self, v, w, h(:n, n - block + 1:n))
          end do
          call orthonormalise(self, w, r, is_over)
-         is_over = is_over .or. n + block > size(v, 2)
-         if (.not. (is_over .or. mod(n/block, between) == 0)) cycle
+         is_over = is_over .or. n + block > size(v)*vectors_together
+         if (.not. (is_over .or. n >= next)) cycle
+         next = n + max(block, n/8)
          call find_ritz(h(:n, :n), theta, s)
          n_found = converged(r, theta, s)
          if (is_over) exit
          if (n_found == 0 .or. n_found == n) cycle
-         if (1.0_wp/theta(n_found) > frequency**2) exit
+         wanted = merge(frequency, least_margin/margin*frequency, n <= few_vectors)
+         if (1.0_wp/theta(n_found) > wanted**2) exit
       end do
-      call store_modes(self, v(:, :n), theta, s, n_found)
+      if (size(theta) < n) then                              ! out of memory between two examinations
+         call find_ritz(h(:n, :n), theta, s)
+         n_found = converged(r, theta, s)
+      end if
+      call store_modes(self, v, theta, s, n_found)
    end subroutine find_modes
 
-   !> W = K_k^-1 M W.
+   !> Appends the block W to n vectors and makes room in their matrix; `is_over` without memory.
+   subroutine append(w, n, v, h, is_over)
+      real(wp), intent(in) :: w(:, :)                        !! (block, n_dofs)
+      integer, intent(in) :: n
+      type(vectors_t), intent(inout) :: v(:)
+      real(wp), intent(inout), allocatable :: h(:, :)
+      logical, intent(out) :: is_over
+      real(wp), allocatable :: larger(:, :)
+      integer :: k, stat
+
+      stat = 0
+      associate (chunk => n/vectors_together + 1, at => mod(n, vectors_together))
+         if (.not. allocated(v(chunk)%columns)) allocate (v(chunk)%columns(size(w, 2), vectors_together), stat=stat)
+         if (stat == 0 .and. n + block > size(h, 1)) allocate (larger(2*n + block, 2*n + block), stat=stat, source=0.0_wp)
+         is_over = stat /= 0
+         if (is_over) return
+         do k = 1, block
+            v(chunk)%columns(:, at + k) = w(k, :)
+         end do
+      end associate
+      if (.not. allocated(larger)) return
+      larger(:n, :n) = h(:n, :n)
+      call move_alloc(larger, h)
+   end subroutine append
+
+   !> W = W M K_k^-1.
    subroutine respond(self, w)
       type(contact_flexibility_t), intent(in) :: self
-      real(wp), intent(inout), contiguous :: w(:, :)
+      real(wp), intent(inout), allocatable :: w(:, :)        !! (block, n_dofs)
       real(wp), allocatable :: forces(:, :)
 
       allocate (forces, mold=w)
       call self%mass%times(w, forces)
       call self%factor%solve(forces)
-      w = forces
+      call move_alloc(forces, w)
    end subroutine respond
 
-   !> Removes from W its components along V, which are added to `along`.
+   !> Removes from W its components along vectors, which are added to `along`.
    subroutine remove(self, v, w, along)
       type(contact_flexibility_t), intent(in) :: self
-      real(wp), intent(in), contiguous :: v(:, :)            !! orthonormal in the mass
-      real(wp), intent(inout), contiguous :: w(:, :)
-      real(wp), intent(inout) :: along(:, :)                 !! (size(v, 2), block)
-      real(wp) :: components(size(v, 2), block)
+      type(vectors_t), intent(in) :: v(:)                    !! orthonormal in the mass
+      real(wp), intent(inout), contiguous :: w(:, :)         !! (block, n_dofs)
+      real(wp), intent(inout) :: along(:, :)                 !! (number of vectors, block)
+      real(wp) :: components(block, vectors_together)
       real(wp), allocatable :: mw(:, :)
+      integer :: first, m
 
       allocate (mw, mold=w)
       call self%mass%times(w, mw)
-      associate (n => size(v, 1), m => size(v, 2))
-         call dgemm("T", "N", m, block, n, 1.0_wp, v, n, mw, n, 0.0_wp, components, m)
-         call dgemm("N", "N", n, block, m, -1.0_wp, v, n, components, m, 1.0_wp, w, n)
-      end associate
-      along = along + components
+      do first = 0, size(along, 1) - 1, vectors_together
+         m = min(vectors_together, size(along, 1) - first)
+         associate (n => size(w, 2), columns => v(first/vectors_together + 1)%columns)
+            call dgemm("N", "N", block, m, n, 1.0_wp, mw, block, columns, n, 0.0_wp, components, block)
+            call dgemm("N", "T", block, n, m, -1.0_wp, components, block, columns, n, 1.0_wp, w, block)
+         end associate
+         along(first + 1:first + m, :) = along(first + 1:first + m, :) + transpose(components(:, :m))
+      end do
    end subroutine remove
 
-   !> Makes W orthonormal in the mass, W = W_new R; `is_over` if its columns depend on each other to rounding.
+   !> Makes W orthonormal in the mass, W = R^T W_new; `is_over` if its rows depend on each other to rounding.
    subroutine orthonormalise(self, w, r, is_over)
       type(contact_flexibility_t), intent(in) :: self
-      real(wp), intent(inout), contiguous :: w(:, :)
+      real(wp), intent(inout), contiguous :: w(:, :)         !! (block, n_dofs)
       real(wp), intent(out) :: r(block, block)
       logical, intent(out) :: is_over
-      real(wp) :: again(block, block), gram(block, block), scale
+      real(wp) :: factor(block, block)
       real(wp), allocatable :: mw(:, :)
       integer :: i, info, k, pass
 
@@ -406,22 +425,21 @@ contains
       end do
       do pass = 1, 2                                         ! the second one removes the rounding of the first
          call self%mass%times(w, mw)
-         gram = matmul(transpose(w), mw)
-         scale = maxval([(gram(i, i), i=1, block)])
-         is_over = .not. scale > 0.0_wp
-         if (is_over) return
-         call dpotrf("U", block, gram, block, info)
+         associate (n => size(w, 2))
+            call dgemm("N", "T", block, block, n, 1.0_wp, w, block, mw, block, 0.0_wp, factor, block)
+         end associate
+         call dpotrf("U", block, factor, block, info)
          is_over = info /= 0
          if (is_over) return
-         again = 0.0_wp
          do k = 1, block
-            again(:k, k) = gram(:k, k)
-            do i = 1, k - 1
-               w(:, k) = w(:, k) - again(i, k)*w(:, i)
-            end do
-            w(:, k) = w(:, k)/again(k, k)
+            factor(k + 1:, k) = 0.0_wp
          end do
-         r = matmul(again, r)
+         do i = 1, size(w, 2)
+            do k = 1, block
+               w(k, i) = (w(k, i) - dot_product(factor(:k - 1, k), w(:k - 1, i)))/factor(k, k)
+            end do
+         end do
+         r = matmul(factor, r)
       end do
    end subroutine orthonormalise
 
@@ -459,22 +477,26 @@ contains
 
    subroutine store_modes(self, v, theta, s, n_found)
       type(contact_flexibility_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: v(:, :)
+      type(vectors_t), intent(inout) :: v(:)                 !! freed
       real(wp), intent(in) :: theta(:), s(:, :)
       integer, intent(in) :: n_found
       real(wp), allocatable :: of_basis(:, :)
+      integer :: first, m
 
       if (allocated(self%shapes)) deallocate (self%shapes, self%at_contacts)
-      allocate (self%shapes(self%n_dofs, n_found), self%at_contacts(self%n, n_found))
+      allocate (self%shapes(self%n_dofs, n_found), source=0.0_wp)
       self%squares = 1.0_wp/theta(:n_found)
       self%up_to = 0.0_wp
-      if (n_found == 0) return
-      self%up_to = sqrt(self%squares(n_found))
-      allocate (of_basis, source=s(:, :n_found))
-      associate (n => size(v, 1), m => size(v, 2))
-         call dgemm("N", "N", n, n_found, m, 1.0_wp, v, n, of_basis, m, 0.0_wp, self%shapes, n)
-      end associate
-      call self%functionals%times(self%shapes, self%at_contacts)
+      if (n_found > 0) self%up_to = sqrt(self%squares(n_found))
+      do first = 0, size(theta) - 1, vectors_together
+         m = min(vectors_together, size(theta) - first)
+         of_basis = s(first + 1:first + m, :n_found)
+         associate (n => self%n_dofs, columns => v(first/vectors_together + 1)%columns)
+            call dgemm("N", "N", n, n_found, m, 1.0_wp, columns, n, of_basis, m, 1.0_wp, self%shapes, n)
+         end associate
+         deallocate (v(first/vectors_together + 1)%columns)
+      end do
+      self%at_contacts = transpose(self%coordinates%values_of(transpose(self%shapes(self%coordinates%dofs, :))))
    end subroutine store_modes
 
    !> Frees the factor; safe to call twice.

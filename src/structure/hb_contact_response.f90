@@ -31,6 +31,8 @@ module hb_contact_response
       complex(wp), allocatable :: stuck(:, :)                !! motion of the coordinates under the loads, contacts stuck [m], (n,
                                                              !! n_harmonics)
       type(amplitudes_t) :: loads                            !! [N], of all degrees of freedom
+      complex(wp), allocatable, private :: force(:, :), motion(:, :)  ! of the last `respond`
+      complex(wp), allocatable, private :: force_of_all(:, :), all_dofs(:, :) ! of the last `recover`
    contains
       procedure :: multiply => contact_response_multiply
       procedure :: respond => contact_response_respond
@@ -49,15 +51,14 @@ contains
       type(contact_flexibility_t), intent(in), target :: flexibility
       real(wp), intent(in) :: frequencies(:)                 !! [rad/s]
       type(amplitudes_t), intent(in) :: loads                !! [N], of all degrees of freedom
-      complex(wp), allocatable :: nothing(:, :), x(:, :)
+      complex(wp), allocatable :: nothing(:, :)
 
       self%flexibility => flexibility
       self%frequencies = frequencies
       self%loads = loads
       allocate (nothing(flexibility%n, size(frequencies)), source=(0.0_wp, 0.0_wp))
-      allocate (x(flexibility%n_dofs, size(frequencies)))
-      call self%recover(nothing, x)
-      self%stuck = at_contacts(flexibility, x)
+      allocate (self%stuck, mold=nothing)
+      call self%find_motion(nothing, .true., self%stuck)
    end subroutine new_contact_response
 
    !> Motion of the coordinates in response to forces there, without loads, by the modes and the first term of the sum.
@@ -68,28 +69,31 @@ contains
       real(wp), allocatable :: along(:, :), e(:, :), e_at_contacts(:, :), f(:, :)
 
       associate (flexibility => self%flexibility)
-         allocate (f, source=columns_of(force))
-         allocate (along(size(flexibility%squares), size(f, 2)), e(flexibility%n_dofs, size(f, 2)))
-         allocate (e_at_contacts, mold=f)
+         allocate (f, source=rows_of(force))
+         allocate (along(size(f, 1), size(flexibility%squares)))
          call project(flexibility%at_contacts, f, along)
-         call spread_forces(flexibility, f, e)
-         call flexibility%factor%solve(e)
-         call flexibility%functionals%times(e, e_at_contacts)
+         allocate (e, source=flexibility%coordinates%spread_forces(f))
+         call flexibility%factor%solve_at(e)
+         allocate (e_at_contacts, source=flexibility%coordinates%values_of(e))
          call remove_modes(flexibility%at_contacts, flexibility%squares, along, e_at_contacts)
          call combine(self, flexibility%at_contacts, along, e_at_contacts, z)
       end associate
    end subroutine contact_response_multiply
 
-   !> The same to rounding.
+   !> The same to rounding. Of a force that is near that of the last call the difference is computed.
    subroutine contact_response_respond(self, force, z)
-      class(contact_response_t), intent(in) :: self
+      class(contact_response_t), intent(inout) :: self
       complex(wp), intent(in) :: force(:, :)                 !! [N], (n, n_harmonics)
       complex(wp), intent(out) :: z(:, :)                    !! [m], as force
-      complex(wp), allocatable :: x(:, :)
 
-      allocate (x(self%flexibility%n_dofs, size(force, 2)))
-      call self%find_motion(force, .false., x)
-      z = at_contacts(self%flexibility, x)
+      if (allocated(self%force)) then
+         call self%find_motion(force - self%force, .false., z, maxval(norm2(abs(self%motion), 1)))
+         z = self%motion + z
+      else
+         call self%find_motion(force, .false., z)
+      end if
+      self%force = force
+      self%motion = z
    end subroutine contact_response_respond
 
    !> Stiffness of a closed contact in harmonic h [N/m].
@@ -102,11 +106,21 @@ contains
 
    !> Motion of all degrees of freedom under the loads and forces at the contacts.
    subroutine contact_response_recover(self, force, x)
-      class(contact_response_t), intent(in) :: self
+      class(contact_response_t), intent(inout) :: self
       complex(wp), intent(in) :: force(:, :)                 !! in addition to those of stuck contacts [N], (n, n_harmonics)
       complex(wp), intent(out) :: x(:, :)                    !! [m], (n_dofs, n_harmonics)
+      complex(wp), allocatable :: z(:, :)
+      logical :: is_known
 
-      call self%find_motion(force, .true., x)
+      is_known = allocated(self%all_dofs)
+      if (is_known) is_known = all(abs(force - self%force_of_all) <= 0.0_wp)
+      if (.not. is_known) then
+         allocate (z, mold=force)
+         call self%find_motion(force, .true., z, x=x)
+         self%force_of_all = force
+         self%all_dofs = x
+      end if
+      x = self%all_dofs
    end subroutine contact_response_recover
 
    !> The responses of some of the harmonics.
@@ -145,65 +159,64 @@ contains
       square = cmplx(self%frequencies(h)**2, -self%frequencies(h)*self%flexibility%by_mass, wp)
    end function square_at
 
-   !> Solves S x = f for forces at contacts and, if wanted, the loads: adds terms of the sum until they are below `accuracy`.
-   subroutine contact_response_find_motion(self, force, with_loads, x)
+   !> Solves S x = f for forces at contacts and, if wanted, the loads: adds terms of the sum until they are below `accuracy` of the
+   !> motion at the contacts, or of `size_of_motion` if this is larger.
+   subroutine contact_response_find_motion(self, force, with_loads, z, size_of_motion, x)
       class(contact_response_t), intent(in) :: self
       complex(wp), intent(in) :: force(:, :)                 !! [N], (n, n_harmonics)
       logical, intent(in) :: with_loads
-      complex(wp), intent(out) :: x(:, :)                    !! [m], (n_dofs, n_harmonics)
-      real(wp), allocatable :: along(:, :), e(:, :)
+      complex(wp), intent(out) :: z(:, :)                    !! [m], as force
+      real(wp), intent(in), optional :: size_of_motion       !! [m]
+      complex(wp), intent(out), optional :: x(:, :)          !! [m], (n_dofs, n_harmonics)
+      real(wp), allocatable :: along(:, :), e(:, :), e_at_contacts(:, :)
       integer, allocatable :: active(:)                      ! harmonics whose terms are not yet small
       complex(wp) :: c, ratio
-      logical :: is_small(size(x, 2))
+      logical :: is_small(size(z, 2))
       real(wp) :: largest
       integer :: h, j
 
-      associate (flexibility => self%flexibility)
-         allocate (e(flexibility%n_dofs, 2*size(x, 2)))
-         call spread_forces(flexibility, columns_of(force), e)
+      associate (flexibility => self%flexibility, at => self%flexibility%coordinates)
+         allocate (e(2*size(z, 2), flexibility%n_dofs), source=0.0_wp)
+         e(:, at%dofs) = at%spread_forces(rows_of(force))
          if (with_loads) call add_loads(self%loads, e)
-         allocate (along(size(flexibility%squares), size(e, 2)))
+         allocate (along(size(e, 1), size(flexibility%squares)))
          call project(flexibility%shapes, e, along)
          call flexibility%factor%solve(e)
          call remove_modes(flexibility%shapes, flexibility%squares, along, e)
-         call combine(self, flexibility%shapes, along, e, x)
-         largest = maxval([(norm2(abs(x(:, h))), h=1, size(x, 2))])
-         active = [(h, h=1, size(x, 2))]
+         allocate (e_at_contacts, source=at%values_of(e(:, at%dofs)))
+         call combine(self, flexibility%at_contacts, along, e_at_contacts, z)
+         if (present(x)) call combine(self, flexibility%shapes, along, e, x)
+         largest = maxval(norm2(abs(z), 1))
+         if (present(size_of_motion)) largest = max(largest, size_of_motion)
+         active = [(h, h=1, size(z, 2))]
          is_small = .not. abs(self%frequencies) > 0.0_wp
          do j = 1, max_terms
             call retain(.not. is_small(active), e)
             active = pack(active, .not. is_small(active))
             if (size(active) == 0) exit
             call find_next(flexibility, e)
+            e_at_contacts = at%values_of(e(:, at%dofs))
             do h = 1, size(active)
                c = factor_at(self, active(h))
                ratio = (square_at(self, active(h))/c)**j/c
-               x(:, active(h)) = x(:, active(h)) + ratio*cmplx(e(:, 2*h - 1), e(:, 2*h), wp)
-               is_small(active(h)) = abs(ratio)*norm2(e(:, 2*h - 1:2*h)) <= accuracy*largest
+               z(:, active(h)) = z(:, active(h)) + ratio*cmplx(e_at_contacts(2*h - 1, :), e_at_contacts(2*h, :), wp)
+               if (present(x)) x(:, active(h)) = x(:, active(h)) + ratio*cmplx(e(2*h - 1, :), e(2*h, :), wp)
+               is_small(active(h)) = abs(ratio)*norm2(e_at_contacts(2*h - 1:2*h, :)) <= accuracy*largest
             end do
          end do
       end associate
    end subroutine contact_response_find_motion
 
-   !> Leaves out the two columns of some harmonics.
+   !> Leaves out the two rows of some harmonics.
    subroutine retain(is_retained, e)
       logical, intent(in) :: is_retained(:)
       real(wp), intent(inout), allocatable :: e(:, :)
-      real(wp), allocatable :: fewer(:, :)
-      integer :: h, n
+      integer :: h
 
-      if (all(is_retained)) return
-      allocate (fewer(size(e, 1), 2*count(is_retained)))
-      n = 0
-      do h = 1, size(is_retained)
-         if (.not. is_retained(h)) cycle
-         fewer(:, n + 1:n + 2) = e(:, 2*h - 1:2*h)
-         n = n + 2
-      end do
-      call move_alloc(fewer, e)
+      if (.not. all(is_retained)) e = e(pack([(h, h=1, size(e, 1))], [(is_retained((h + 1)/2), h=1, size(e, 1))]), :)
    end subroutine retain
 
-   !> E = Q K_k^-1 M E.
+   !> E = E M K_k^-1 Q^T.
    subroutine find_next(flexibility, e)
       type(contact_flexibility_t), intent(in) :: flexibility
       real(wp), intent(inout), allocatable :: e(:, :)
@@ -211,118 +224,97 @@ contains
 
       allocate (forces, mold=e)
       call flexibility%mass%times(e, forces)
-      allocate (along(size(flexibility%squares), size(e, 2)))
+      allocate (along(size(e, 1), size(flexibility%squares)))
       call project(flexibility%shapes, forces, along)
       call flexibility%factor%solve(forces)
       call remove_modes(flexibility%shapes, flexibility%squares, along, forces)
       call move_alloc(forces, e)
    end subroutine find_next
 
-   !> Real and imaginary parts of amplitudes as columns, harmonic by harmonic.
-   pure function columns_of(amplitudes) result(columns)
+   !> Real and imaginary parts of amplitudes as rows, harmonic by harmonic.
+   pure function rows_of(amplitudes) result(rows)
       complex(wp), intent(in) :: amplitudes(:, :)            !! (any, n_harmonics)
-      real(wp), allocatable :: columns(:, :)
+      real(wp) :: rows(2*size(amplitudes, 2), size(amplitudes, 1))
       integer :: h
 
-      allocate (columns(size(amplitudes, 1), 2*size(amplitudes, 2)))
       do h = 1, size(amplitudes, 2)
-         columns(:, 2*h - 1) = real(amplitudes(:, h))
-         columns(:, 2*h) = aimag(amplitudes(:, h))
+         rows(2*h - 1, :) = real(amplitudes(:, h))
+         rows(2*h, :) = aimag(amplitudes(:, h))
       end do
-   end function columns_of
-
-   !> B^T f.
-   pure subroutine spread_forces(flexibility, f, forces)
-      type(contact_flexibility_t), intent(in) :: flexibility
-      real(wp), intent(in) :: f(:, :)                        !! (n, any)
-      real(wp), intent(out) :: forces(:, :)                  !! (n_dofs, any)
-      integer :: e, i, k
-
-      forces = 0.0_wp
-      associate (b => flexibility%functionals)
-         do k = 1, size(f, 2)
-            do i = 1, b%n_rows
-               do e = b%first(i), b%first(i + 1) - 1
-                  forces(b%column(e), k) = forces(b%column(e), k) + b%value(e)*f(i, k)
-               end do
-            end do
-         end do
-      end associate
-   end subroutine spread_forces
+   end function rows_of
 
    pure subroutine add_loads(loads, forces)
       type(amplitudes_t), intent(in) :: loads
-      real(wp), intent(inout) :: forces(:, :)                !! as `columns_of`
+      real(wp), intent(inout) :: forces(:, :)                !! as `rows_of`
       integer :: k
 
       do k = 1, size(loads%harmonics)
          associate (h => loads%harmonics(k))
-            forces(:, 2*h - 1) = forces(:, 2*h - 1) + real(loads%values(:, k))
-            forces(:, 2*h) = forces(:, 2*h) + aimag(loads%values(:, k))
+            forces(2*h - 1, :) = forces(2*h - 1, :) + real(loads%values(:, k))
+            forces(2*h, :) = forces(2*h, :) + aimag(loads%values(:, k))
          end associate
       end do
    end subroutine add_loads
 
-   !> Components phi^T f.
+   !> Components f phi.
    subroutine project(shapes, f, along)
       real(wp), intent(in), contiguous :: shapes(:, :)       !! (n, n_modes)
-      real(wp), intent(in), contiguous :: f(:, :)            !! (n, any)
-      real(wp), intent(out), contiguous :: along(:, :)       !! (n_modes, any)
+      real(wp), intent(in), contiguous :: f(:, :)            !! (any, n)
+      real(wp), intent(out), contiguous :: along(:, :)       !! (any, n_modes)
 
-      associate (n => size(shapes, 1), m => size(shapes, 2))
-         call dgemm("T", "N", m, size(f, 2), n, 1.0_wp, shapes, max(1, n), f, max(1, n), 0.0_wp, along, max(1, m))
+      associate (k => size(f, 1), n => size(shapes, 1), m => size(shapes, 2))
+         call dgemm("N", "N", k, m, n, 1.0_wp, f, max(1, k), shapes, max(1, n), 0.0_wp, along, max(1, k))
       end associate
    end subroutine project
+
+   !> Adds a sum of modes, E = E + along phi^T.
+   subroutine add_modes(shapes, along, e)
+      real(wp), intent(in), contiguous :: shapes(:, :)       !! (n, n_modes)
+      real(wp), intent(in), contiguous :: along(:, :)        !! (any, n_modes)
+      real(wp), intent(inout), contiguous :: e(:, :)         !! (any, n)
+
+      associate (k => size(e, 1), n => size(shapes, 1), m => size(shapes, 2))
+         call dgemm("N", "T", k, n, m, 1.0_wp, along, max(1, k), shapes, max(1, n), 1.0_wp, e, max(1, k))
+      end associate
+   end subroutine add_modes
 
    !> Removes the static response of the modes.
    subroutine remove_modes(shapes, squares, along, e)
       real(wp), intent(in), contiguous :: shapes(:, :)
       real(wp), intent(in) :: squares(:)
-      real(wp), intent(in) :: along(:, :)                    !! phi^T f
+      real(wp), intent(in) :: along(:, :)                    !! f phi
       real(wp), intent(inout), contiguous :: e(:, :)
-      real(wp) :: static(size(squares), size(along, 2))
 
-      static = along/spread(squares, 2, size(along, 2))
-      associate (n => size(shapes, 1), m => size(shapes, 2))
-         call dgemm("N", "N", n, size(e, 2), m, -1.0_wp, shapes, max(1, n), static, max(1, m), 1.0_wp, e, max(1, n))
-      end associate
+      call add_modes(shapes, -along/spread(squares, 1, size(along, 1)), e)
    end subroutine remove_modes
 
    !> Motion from the modes and the first term of the sum.
    subroutine combine(self, shapes, along, e, x)
       type(contact_response_t), intent(in) :: self
       real(wp), intent(in), contiguous :: shapes(:, :)
-      real(wp), intent(in) :: along(:, :)                    !! phi^T f, as `columns_of`
+      real(wp), intent(in) :: along(:, :)                    !! f phi, as `rows_of`
       real(wp), intent(in) :: e(:, :)                        !! likewise
       complex(wp), intent(out) :: x(:, :)
       real(wp) :: weights(size(along, 1), size(along, 2))
-      real(wp), allocatable :: of_modes(:, :)
-      complex(wp) :: factor, weight
+      real(wp), allocatable :: total(:, :)
+      complex(wp) :: weight
       integer :: h, i
 
+      allocate (total, mold=e)
       do h = 1, size(x, 2)
-         do i = 1, size(along, 1)
-            weight = cmplx(along(i, 2*h - 1), along(i, 2*h), wp)
+         do i = 1, size(along, 2)
+            weight = cmplx(along(2*h - 1, i), along(2*h, i), wp)
             weight = weight/(factor_at(self, h)*self%flexibility%squares(i) - square_at(self, h))
-            weights(i, 2*h - 1:2*h) = [real(weight), aimag(weight)]
+            weights(2*h - 1:2*h, i) = [real(weight), aimag(weight)]
          end do
+         associate (inverse => 1.0_wp/factor_at(self, h))
+            total(2*h - 1, :) = real(inverse)*e(2*h - 1, :) - aimag(inverse)*e(2*h, :)
+            total(2*h, :) = aimag(inverse)*e(2*h - 1, :) + real(inverse)*e(2*h, :)
+         end associate
       end do
-      allocate (of_modes, mold=e)
-      associate (n => size(shapes, 1), m => size(shapes, 2))
-         call dgemm("N", "N", n, size(e, 2), m, 1.0_wp, shapes, max(1, n), weights, max(1, m), 0.0_wp, of_modes, max(1, n))
-      end associate
+      call add_modes(shapes, weights, total)
       do h = 1, size(x, 2)
-         factor = factor_at(self, h)
-         x(:, h) = cmplx(of_modes(:, 2*h - 1), of_modes(:, 2*h), wp) + cmplx(e(:, 2*h - 1), e(:, 2*h), wp)/factor
+         x(:, h) = cmplx(total(2*h - 1, :), total(2*h, :), wp)
       end do
    end subroutine combine
-
-   !> Motion of the contact coordinates in a motion of all degrees of freedom.
-   function at_contacts(flexibility, x) result(z)
-      type(contact_flexibility_t), intent(in) :: flexibility
-      complex(wp), intent(in) :: x(:, :)                     !! [m], (n_dofs, any)
-      complex(wp), allocatable :: z(:, :)
-
-      z = flexibility%coordinates%amplitudes_of(x)
-   end function at_contacts
 end module hb_contact_response

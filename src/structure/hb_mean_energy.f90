@@ -10,6 +10,7 @@
 module hb_mean_energy
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm
+   use hb_sparse, only: sparse_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -60,12 +61,9 @@ contains
       x(:, n + 1:) = aimag(c)
       if (allocated(structure%sparse)) then
          associate (s => structure%sparse)
-            call s%mass%times(x, y)
-            moved = functionals()
-            call s%damping%times(x, y)
-            damped = functionals()
-            call s%stiffness%times(x, y)
-            strained = functionals()
+            moved = functionals_of(s%mass)
+            damped = functionals_of(s%damping)
+            strained = functionals_of(s%stiffness)
          end associate
       else
          moved = functionals_in(structure%mass)
@@ -96,6 +94,16 @@ contains
          end associate
          functionals_in = functionals()
       end function functionals_in
+
+      function functionals_of(matrix)
+         type(sparse_t), intent(in) :: matrix
+         real(wp) :: functionals_of(n)
+         real(wp) :: rows(size(y, 2), size(y, 1))
+
+         call matrix%times(transpose(x), rows)
+         y = transpose(rows)
+         functionals_of = functionals()
+      end function functionals_of
 
       function functionals()
          real(wp) :: functionals(n)

@@ -272,21 +272,17 @@ contains
       n = self%first(i + 1) - self%first(i)
    end function sparse_n_in_row
 
-   !> Y = A X, column by column.
+   !> Y^T = A X^T: the right sides of a row lie beside each other.
    pure subroutine sparse_times(self, x, y)
       class(sparse_t), intent(in) :: self
-      real(wp), intent(in), contiguous :: x(:, :)                     !! (n_columns, any)
-      real(wp), intent(out), contiguous :: y(:, :)                    !! (n_rows, any)
-      real(wp) :: total
-      integer :: e, i, k
+      real(wp), intent(in), contiguous :: x(:, :)                     !! (any, n_columns)
+      real(wp), intent(out), contiguous :: y(:, :)                    !! (any, n_rows)
+      integer :: e, i
 
-      do k = 1, size(x, 2)
-         do i = 1, self%n_rows
-            total = 0.0_wp
-            do e = self%first(i), self%first(i + 1) - 1
-               total = total + self%value(e)*x(self%column(e), k)
-            end do
-            y(i, k) = total
+      do i = 1, self%n_rows
+         y(:, i) = 0.0_wp
+         do e = self%first(i), self%first(i + 1) - 1
+            y(:, i) = y(:, i) + self%value(e)*x(:, self%column(e))
          end do
       end do
    end subroutine sparse_times
