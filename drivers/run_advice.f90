@@ -203,7 +203,8 @@ contains
             call list%add(advice%above_reduction, [highest, structure%up_to])
          else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp .and. &
                   2*sum([(size(model%system%laws(i)%law%dofs), i=1, size(model%system%laws))]) < structure%n_dofs .and. &
-                  .not. pays_to_factorise(structure, coordinates_of(model%system))) then
+                  .not. (pays_to_factorise(structure, coordinates_of(model%system)) .and. &
+                         document%count("curve") == 0)) then
             call list%add(advice%large_model, [real(wp) :: structure%n_dofs, ceiling(1.01_wp*highest)], structure%model_file, &
                           named_dofs(document))
          end if

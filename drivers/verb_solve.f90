@@ -22,6 +22,7 @@ module verb_solve
    use hb_results_record, only: name_of_input, numbers_of, read_record, record_t
    use hb_run_summary, only: number_answered, number_solved, run_summary_t
    use hb_stability, only: stability_method
+   use hb_structure, only: max_dense
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
@@ -424,9 +425,15 @@ contains
       if (number_solved(summary) > 0 .and. study%model%options%stability%method /= stability_method%off &
           .and. .not. study%model%system%normal_mode%is_requested) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
-      if (summary%n_too_costly > 0) &
-         call list%add(merge(advice%costly_stability, advice%endless_stability, &
-                             study%model%options%stability%method == stability_method%auto), [real(summary%n_too_costly, wp)])
+      if (summary%n_too_costly > 0) then
+         if (study%model%system%structure%n_dofs > max_dense) then
+            call say("the stability of "//number_of(summary%n_too_costly, "point")//" is not known: it is computed for at most "// &
+                     to_text(max_dense)//" degrees of freedom; reduce the model (nhbm-model reduce)")
+         else
+            call list%add(merge(advice%costly_stability, advice%endless_stability, &
+                                study%model%options%stability%method == stability_method%auto), [real(summary%n_too_costly, wp)])
+         end if
+      end if
       call say_advice("", list)
       list = advice_list_t()
       if (size(study%model%options%gradient%by) > 0 .and. summary%counts(outcome%integrated) > 0 .and. &

@@ -323,7 +323,8 @@ contains
       self%n_dofs = self%stiffness%n_law
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
-      self%can_be_damped = .not. allocated(self%stiffness%contacts) .and. .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! with them it led to other motions
+      self%can_be_damped = .not. allocated(self%stiffness%contacts) .and. &
+                           .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))])   ! with them it led to other motions
       self%continues_in_order_first = self%n_unknowns >= min_to_continue_in_order .and. &
          any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)

@@ -67,6 +67,8 @@ contains
       integer :: n_transfers                                          ! at least, for a verdict
 
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
+      stability%is_too_costly = allocated(structure%sparse)
+      if (stability%is_too_costly) return
       limit = self%max_work(config, work_allowed)
       if (size(laws) == 0 .and. .not. allocated(structure%parts)) then
          call assess_structure(stability, config, structure, motion, limit)
@@ -185,8 +187,6 @@ contains
       integer, allocatable :: retained(:)
       integer :: i
 
-      self%is_too_costly = .not. allocated(structure%stiffness)
-      if (self%is_too_costly) return
       work = work_of_eigenvalues*(2.0_wp*structure%n_dofs)**3
       at_once = minor*least_work
       if (config%patience > share_of_stability) at_once = of_a_curve*least_work

@@ -20,11 +20,12 @@ module hb_contact_flexibility
    integer, parameter :: least_coordinates = 100             !! below, condensing them takes little memory
    integer, parameter :: dofs_per_coordinate = 4             !! of a model that is not reduced to its contacts
    integer, parameter :: entries_per_row = 20                !! of solids and shells; chains and beams condense to narrow bands
-   integer, parameter :: block = 8                           !! right sides of a step of the iteration for modes
-   integer, parameter :: vectors_together = 64               !! of this iteration, in memory: a multiple of `block`
-   integer, parameter :: few_vectors = 480                   !! of it: beyond, modes up to the least margin suffice
-   real(wp), parameter :: least_margin = 3.0_wp              !! of the highest mode over the highest frequency
-   real(wp), parameter :: margin = 8.0_wp                    !! when modes are computed: sets of error estimates are twice as wide
+   integer, parameter :: block = 4                           !! right sides of a step of the iteration for modes
+   integer, parameter :: vectors_together = 60               !! of this iteration, in memory: a multiple of `block`
+   integer, parameter :: max_vectors = 480                   !! of it: modes up to the least margin suffice then
+   real(wp), parameter :: least_margin = 1.5_wp              !! of the highest mode over the highest frequency
+   real(wp), parameter :: ample_margin = 2.5_wp              !! below it more modes are sought
+   real(wp), parameter :: margin = 2.7_wp                    !! when modes are computed
    real(wp), parameter :: rounding = 1.0e-11_wp              !! relative
 
    !> Owner of external resources: call `destroy`.
@@ -299,18 +300,20 @@ contains
       real(wp), intent(in) :: frequency                      !! [rad/s]
       logical, intent(out) :: is_covered
 
-      if (self%up_to < least_margin*frequency .and. frequency < self%not_covered) call find_modes(self, margin*frequency)
+      if (self%up_to < ample_margin*frequency .and. frequency < self%not_covered) then
+         call find_modes(self, margin*frequency)
+         if (self%up_to < ample_margin*frequency) self%not_covered = min(frequency, self%not_covered)
+      end if
       is_covered = self%up_to >= least_margin*frequency
-      if (.not. is_covered) self%not_covered = min(frequency, self%not_covered)
    end subroutine contact_flexibility_cover
 
-   !> Computes all modes below a frequency; beyond few vectors, or if there is not enough memory, those that are accurate.
+   !> Computes all modes below a frequency; with the most vectors, or if there is not enough memory, those that are accurate.
    subroutine find_modes(self, frequency)
       type(contact_flexibility_t), intent(inout) :: self
       real(wp), intent(in) :: frequency                      !! [rad/s]
-      type(vectors_t) :: v(self%n_dofs/(2*vectors_together) + 1)
+      type(vectors_t) :: v(max_vectors/vectors_together)
       real(wp), allocatable :: h(:, :), s(:, :), theta(:), w(:, :)
-      real(wp) :: r(block, block), wanted
+      real(wp) :: r(block, block)
       integer :: i, n, n_found, next
       logical :: is_over
 
@@ -322,7 +325,7 @@ contains
       call orthonormalise(self, w, r, is_over)
       n = 0
       n_found = 0
-      next = vectors_together
+      next = 4*block
       do
          call append(w, n, v, h, is_over)
          if (is_over) exit
@@ -332,15 +335,14 @@ contains
             call remove(self, v, w, h(:n, n - block + 1:n))
          end do
          call orthonormalise(self, w, r, is_over)
-         is_over = is_over .or. n + block > size(v)*vectors_together
+         is_over = is_over .or. n + block > min(max_vectors, self%n_dofs)
          if (.not. (is_over .or. n >= next)) cycle
-         next = n + max(block, n/8)
+         next = n + 4*block
          call find_ritz(h(:n, :n), theta, s)
          n_found = converged(r, theta, s)
          if (is_over) exit
          if (n_found == 0 .or. n_found == n) cycle
-         wanted = merge(frequency, least_margin/margin*frequency, n <= few_vectors)
-         if (1.0_wp/theta(n_found) > wanted**2) exit
+         if (1.0_wp/theta(n_found) > frequency**2) exit
       end do
       if (size(theta) < n) then                              ! out of memory between two examinations
          call find_ritz(h(:n, :n), theta, s)

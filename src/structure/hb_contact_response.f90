@@ -14,6 +14,7 @@
 !> The stiffness of a closed contact is c k, with the damping of the structure: it is part of S here and subtracted from the
 !> laws. Source: docs/why/theory.md, section 4; D. J. Rixen, J. Comput. Appl. Math. 168 (2004) 383 (residual flexibility).
 module hb_contact_response
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_amplitudes, only: amplitudes_t
    use hb_contact_flexibility, only: contact_flexibility_t
    use hb_kinds, only: wp
@@ -23,7 +24,7 @@ module hb_contact_response
    public :: contact_response_t, new_contact_response
 
    real(wp), parameter :: accuracy = 1.0e-13_wp              !! of a motion: below any tolerance
-   integer, parameter :: max_terms = 40                      !! of the sum; converging by .11 or better
+   integer, parameter :: max_terms = 80                      !! of the sum, which converges by .44 or better
 
    type :: contact_response_t
       type(contact_flexibility_t), pointer :: flexibility => null()   !! of the caller, which keeps it
@@ -160,7 +161,7 @@ contains
    end function square_at
 
    !> Solves S x = f for forces at contacts and, if wanted, the loads: adds terms of the sum until they are below `accuracy` of the
-   !> motion at the contacts, or of `size_of_motion` if this is larger.
+   !> motion at the contacts, or of `size_of_motion` if this is larger. Harmonics of which they are not are NaN at the contacts.
    subroutine contact_response_find_motion(self, force, with_loads, z, size_of_motion, x)
       class(contact_response_t), intent(in) :: self
       complex(wp), intent(in) :: force(:, :)                 !! [N], (n, n_harmonics)
@@ -204,6 +205,7 @@ contains
                is_small(active(h)) = abs(ratio)*norm2(e_at_contacts(2*h - 1:2*h, :)) <= accuracy*largest
             end do
          end do
+         z(:, pack(active, .not. is_small(active))) = ieee_value(1.0_wp, ieee_quiet_nan)    ! no motion rather than a wrong one
       end associate
    end subroutine contact_response_find_motion
 

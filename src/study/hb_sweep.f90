@@ -15,6 +15,7 @@ module hb_sweep
    use hb_interruption, only: interruption, new_interruption
    use hb_kinds, only: wp
    use hb_law_doubt, only: law_doubt_t
+   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: barrier, broadcast_text, comm_t, gather_rows, max_over, new_work_counter, rank_of, &
       share_error, size_of, sum_over, &
@@ -31,6 +32,7 @@ module hb_sweep
    use hb_run_summary, only: count_point, count_retained, has_answer, number_solved, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
+   use hb_structure, only: structure_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
@@ -75,7 +77,7 @@ contains
    !> Solves all points, or those that a previous run has not solved, and writes them; collective. An error is a
    !> failure of the result file; errors of single points are recorded in the file.
    subroutine run_study(self, options, comm, summary, error)
-      type(study_t), intent(in) :: self
+      type(study_t), intent(inout) :: self                            !! the matrices of a large model are moved from it
       type(run_options_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
@@ -155,7 +157,7 @@ contains
 
    !> Prepares a run: the source of points, the points to solve, and the result file.
    subroutine prepare(self, options, comm, run, summary, error)
-      type(study_t), intent(in) :: self
+      type(study_t), intent(inout) :: self
       type(run_options_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
       type(run_t), intent(inout) :: run
@@ -165,7 +167,11 @@ contains
 
       run%source%rank = rank_of(comm)
       run%source%document = self%document
-      run%source%model = self%model
+      if (allocated(self%plan%curve)) then
+         run%source%model = self%model                                ! a curve may run again with more points
+      else
+         call copy_model(self%model, run%source%model)
+      end if
       run%source%plan = self%plan
       run%source%available_memory = self%available_memory
       run%source%callbacks = self%callbacks
@@ -189,6 +195,17 @@ contains
          call create_results(run%results, options%path, run%source%layout, options%overwrite, comm, error)
       end if
    end subroutine prepare
+
+   !> Copies a model, but moves its large matrices, of which a second copy would take as much memory as the solution.
+   subroutine copy_model(from, to)
+      type(model_t), intent(inout) :: from
+      type(model_t), intent(out) :: to
+      type(structure_t) :: large
+
+      call move_alloc(from%system%structure%sparse, large%sparse)
+      to = from
+      call move_alloc(large%sparse, to%system%structure%sparse)
+   end subroutine copy_model
 
    !> Counts all points of the file: a continued curve has points of both runs.
    subroutine recount(path, summary, error)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nhbm.command import main as nhbm_model
 
-from program import read, solve
+from program import read, run, seconds_of_children, solve
 
 BAR = "--length 0.12 --width 0.03 --height 0.01 --n-x 9 --n-y 4 --n-z 1 --overwrite".split()
 
@@ -45,7 +45,7 @@ def joint(tmp_path_factory) -> Path:
     words = ["assemble", "lower=" + path("lower.h5"), "upper=" + path("upper.h5"), "--at", "upper=0.08,0,0.01"]
     words += ["--pair", "joint=lower_top,upper_bottom", "--partial", "--load", "bolt=lower_bolt.z:1,upper_bolt.z:-1"]
     assert nhbm_model([*words, "--output", path("parts.h5")]) == 0
-    words = ["reduce", path("parts.h5"), "--keep", "joint.x,joint.z,upper_shaker.x", "--modes", "40", "--up-to", "60000"]
+    words = ["reduce", path("parts.h5"), "--keep", "joint.x,joint.y,joint.z,upper_shaker.x", "--modes", "40", "--up-to", "60000"]
     assert nhbm_model([*words, "--no-error", "--output", path("small.h5")]) == 0
     return folder
 
@@ -78,3 +78,102 @@ def test_points_of_a_sweep_are_those_of_their_own(joint):
     sweep = solve(REST.format(file="parts.h5", load=1.0) + WHOLE + swept, joint, name="sweep", status=None)
     alone = solve(REST.format(file="parts.h5", load=1400.0) + WHOLE, joint, name="alone", status=None)
     np.testing.assert_array_equal(read(sweep, "coefficients")[-1], read(alone, "coefficients")[0])
+
+
+TWO_TONES = """
+&structure type = 'model', file = '{file}', damping_stiffness = 4.0e-6 /
+&tones frequency = 6000.0, 8485.281374 /
+&harmonics order = 1 /
+&load vector = 'bolt', tuple = 0, 0, cos = 1000.0 /
+&load dof = 'upper_shaker.x', tuple = 1, 0, cos = 700.0 /
+&load dof = 'upper_shaker.x', tuple = 0, 1, cos = 700.0 /
+"""
+
+PLANE = """
+&law type = 'jenkins_2d', label = 'joint', {places} stiffness = 1.0e7, friction_coefficient = 0.3
+   {normal} normal_stiffness = 1.0e7, preload = 0.0 /
+"""
+
+# an elastic stop that opens, and friction under a constant normal load
+STOPS = """
+&law type = 'elastic_stop', label = 'stop', {normal} stiffness = 1.0e7, gap = 0.0 /
+&law type = 'jenkins', label = 'joint', {places} stiffness = 1.0e7, limit = 3.0 /
+"""
+
+PLACES = "dofs = 'joint_1.{0}', 'joint_2.{0}', weights = 1.0, -1.0,"
+WHOLE_PLACES = {
+    "jenkins_2d": (
+        PLACES.format("x") + " second_dofs = 'joint_1.y', 'joint_2.y', second_weights = 1.0, -1.0,",
+        "normal_dofs = 'joint_1.z', 'joint_2.z', normal_weights = 1.0, -1.0,",
+    ),
+    "stops": (PLACES.format("x"), "dofs = 'joint_1.z', 'joint_2.z', weights = -1.0, 1.0,"),
+}
+REDUCED_PLACES = {
+    "jenkins_2d": ("dof = 'joint.x', second_dofs = 'joint.y',", "normal_dofs = 'joint.z',"),
+    "stops": ("dof = 'joint.x',", "dofs = 'joint.z', weights = -1.0,"),
+}
+
+
+@pytest.mark.parametrize("name", ["jenkins_2d", "stops"])
+def test_other_laws_of_a_whole_model(joint, name):
+    law = {"jenkins_2d": PLANE, "stops": STOPS}[name]
+    start = REST.replace("order = 5", "order = 3")
+    texts = []
+    for file, places in (("parts.h5", WHOLE_PLACES), ("small.h5", REDUCED_PLACES)):
+        tangential, normal = places[name]
+        texts.append(start.format(file=file, load=1400.0) + law.format(places=tangential, normal=normal))
+    off = "\n&stability method = 'off' /\n"
+    whole = solve(texts[0], joint, name=f"whole_{name}", status=None)
+    small = solve(texts[1] + off, joint, name=f"reduced_{name}", status=None)
+    assert read(whole, "status").tolist() == read(small, "status").tolist()
+    expected = shaken(small, whole)
+    assert np.abs(shaken(whole, small) - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_two_tones_on_a_whole_model(joint):
+    whole = solve(TWO_TONES.format(file="parts.h5") + WHOLE, joint, name="whole_two", status=None)
+    text = TWO_TONES.format(file="small.h5") + REDUCED + "\n&stability method = 'off' /\n"
+    small = solve(text, joint, name="small_two", status=None)
+    assert read(whole, "status").tolist() == read(small, "status").tolist()
+    expected = shaken(small, whole)
+    assert np.abs(shaken(whole, small) - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("method", ["auto", "integration"])
+def test_missing_stability_of_a_whole_model_is_explained(joint, method):
+    text = REST.format(file="parts.h5", load=700.0) + WHOLE + f"&stability method = '{method}' /\n"
+    (joint / "verdict.nml").write_text(text)
+    found = run("solve", "verdict.nml", "--overwrite", cwd=joint)
+    assert "nhbm-model reduce" in found.stdout + found.stderr
+
+
+def test_error_estimate_in_many_harmonics(joint):
+    text = REST.replace("order = 5", "order = 15").format(file="parts.h5", load=1400.0) + WHOLE
+    result = solve(text, joint, name="many_harmonics", status=None)
+    assert np.isfinite(read(result, "truncation_estimate")).all()
+    coarse = solve(REST.format(file="parts.h5", load=1400.0) + WHOLE, joint, name="few_harmonics", status=None)
+    assert read(result, "truncation_estimate")[0] < 0.5 * read(coarse, "truncation_estimate")[0]
+
+
+@pytest.mark.long
+def test_frequencies_beyond_the_modes_are_condensed(joint):
+    text = REST.replace("order = 5", "order = 3").replace("6000.0", "1.5e5").format(file="parts.h5", load=1400.0) + WHOLE
+    result = solve(text, joint, name="high", status=None)
+    assert np.isfinite(read(result, "truncation_estimate")).all()
+
+
+def test_time_limit_of_a_whole_model(joint):
+    text = REST.format(file="parts.h5", load=5600.0) + WHOLE + "\n&solver time_limit = 0.5 /\n"
+    begun = seconds_of_children()
+    result = solve(text, joint, name="limited", status=None)
+    assert seconds_of_children() - begun < 5.0
+    assert "time_limit" in run("why", result, cwd=joint).stdout
+
+
+def test_ranks_have_the_points_of_one_process(joint):
+    swept = "\n&sweep parameter = 'load(2)%cos', values = 700.0, 1000.0, 1400.0 /\n&error_estimate is_on = .false. /\n"
+    swept += "&solver first_guess = 'linear' /\n"
+    text = REST.replace("order = 5", "order = 3").format(file="parts.h5", load=1.0) + WHOLE + swept
+    alone = solve(text, joint, name="one_rank", status=None)
+    shared = solve(text, joint, name="two_ranks", status=None, ranks=2)
+    np.testing.assert_array_equal(read(shared, "coefficients"), read(alone, "coefficients"))

@@ -19,6 +19,7 @@ from nhbm.located import located_kinds
 from nhbm.schema import SOLVED
 from nhbm.tables import writing
 
+_LARGEST_FOR_STABILITY = 1000  # degrees of freedom: max_dense of hb_structure
 _HEIGHT = 900  # of a report in a page [pixels]
 _MOST_VALUES = 6  # of a list in a table
 _ESTIMATES = {"truncation_estimate": "truncation", "aliasing_estimate": "aliasing"}
@@ -94,6 +95,8 @@ def left_out(data: xr.Dataset) -> str:
         return ""
     groups = Groups.of_text(found.source.text)
     asked = groups.first("stability")
+    if data.sizes.get("dof", 0) > _LARGEST_FOR_STABILITY and groups.first("normal_mode") is None:
+        return f" is computed for at most {_LARGEST_FOR_STABILITY} degrees of freedom: reduce the model (nhbm-model reduce)"
     if groups.first("normal_mode") is not None or (asked is not None and asked.keys.get("method", "auto") != "auto"):
         return ""
     n = int((data["status"].isin(SOLVED) & (data.nhbm.details["stability_method"] == "off")).sum())
