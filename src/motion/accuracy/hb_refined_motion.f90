@@ -339,7 +339,7 @@ contains
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
             call add_stability(self%system, self%discretisation, self%options, self%top, solver_tolerance(self%options), &
                                self%solver%work_spent, compares, result)
-         if (result%reason == reason%tolerance .and. .not. allocated(result%message) .and. estimate_of_wanted(result) < reliable) &
+         if (result%reason == reason%tolerance .and. .not. allocated(result%message) .and. estimate_of_wanted(result) < minor) &
             result%message = trim(message_on_tolerance(estimate_of_wanted(result)))
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
