@@ -605,12 +605,14 @@ contains
       integer, intent(in) :: interior(:)
       type(error_t), allocatable, intent(inout) :: error
       real(wp), parameter :: golden = 0.6180339887498949_wp           ! multiples of it are spread without a pattern
-      complex(wp) :: force(structure%n_dofs)
+      complex(wp), dimension(structure%n_dofs) :: at_rest, in_motion, motion
       integer, allocatable :: empty(:)
       integer :: i
 
-      force = structure%force_in([(cmplx(1.0_wp + modulo(i*golden, 1.0_wp), kind=wp), i=1, structure%n_dofs)], 1.0_wp, 0.0_wp)
-      empty = pack(interior, .not. abs(force(interior)) > 0.0_wp)
+      motion = [(cmplx(1.0_wp + modulo(i*golden, 1.0_wp), kind=wp), i=1, structure%n_dofs)]
+      at_rest = structure%force_in(motion, 0.0_wp, 0.0_wp)
+      in_motion = structure%force_in(motion, 1.0_wp, 0.0_wp)          ! alone it vanishes at a natural frequency of 1 rad/s
+      empty = pack(interior, .not. abs(at_rest(interior)) + abs(in_motion(interior)) > 0.0_wp)
       if (size(empty) == 0) return
       call fail(error, "dynamic stiffness: singular: degree of freedom '"//trim(structure%labels(empty(1)))//"', the first of "// &
                 to_text(size(empty))//", has neither mass nor stiffness, as constrained rows that files of other "// &

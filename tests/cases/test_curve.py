@@ -523,7 +523,8 @@ def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
 """
     (tmp_path / "near.nml").write_text(model)
     done = run("solve", "near.nml", "-o", "near.h5", cwd=tmp_path)
-    assert "nearly vanishes (see 'combination'); first in point 0: " in done.stdout, done.stdout + done.stderr
+    assert "nearly vanishes (see 'combination'), first at point 0" in done.stdout, done.stdout + done.stderr
+    assert "their combination (2,-1) " in done.stdout
 
 
 def test_stability_that_was_not_looked_for_is_reported(tmp_path):
@@ -532,7 +533,7 @@ def test_stability_that_was_not_looked_for_is_reported(tmp_path):
 &tones frequency = 30.0 /
 &harmonics order = 3 /
 &load dof = 'v61', tuple = 1, cos = 0.05 /
-&law type = 'elastic_stop', dof = 'v61', stiffness = 2e3, gap = 2e-3 /
+&law type = 'elastic_stop', dof = 'v61', stiffness = 2e3, gap = 1e-4 /
 &curve parameter = 'tones%frequency', from = 30.0, to = 31.0, max_step = 1.0 /
 """
     (tmp_path / "beam.nml").write_text(model)

@@ -757,7 +757,7 @@ def test_long_calls_report_their_progress():
     model = duffing()
     model["structure.damping_mass"] = 0.01
     motion = model.solve(order=5)
-    for call in (lambda report: model.verify(motion, periods=400, progress=report),
+    for call in (lambda report: model.verify(motion, periods=4000, progress=report),
                  lambda report: model.census(starts=200, order=5, progress=report)):  # fmt: skip
         seen = []
         call(lambda *numbers, seen=seen: seen.append(numbers))

@@ -259,7 +259,8 @@ contains
       character(*), intent(in) :: text
       logical, intent(in) :: is_first                                 !! before what there is
 
-      if (.not. allocated(self%message)) then
+      if (.not. allocated(self%message)) self%message = ""
+      if (len(self%message) == 0) then
          self%message = text
       else if (is_first) then
          self%message = text//"; "//self%message

@@ -72,8 +72,10 @@ def opened(path: str | Path) -> xr.Dataset:
     check_file(path)
     if str(path).lower().endswith(".nml"):
         raise ModelError(f"'{path}' is an input, not a result: nhbm.Model.from_file({str(path)!r})")
+    is_open = False
     try:
         with open_hdf5(path) as file:
+            is_open = True
             is_model, version = file.attrs.get("format") == FORMAT, int(file.attrs.get("schema_version", _SCHEMA))
             is_foreign = not {"schema_version", "varies"} & set(file.attrs) and not {"status", "displacement"} & set(file)
         if is_model:  # which h5netcdf opens or not, by its version
@@ -83,9 +85,11 @@ def opened(path: str | Path) -> xr.Dataset:
         if version != _SCHEMA:
             raise ModelError(f"file '{path}' has the schema version {version}; this nhbm reads {_SCHEMA}")
         data = xr.open_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
-        raise ModelError(f"file '{path}' cannot be read: {error}") from None
-    except (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError) as error:
+    except ModelError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as error:
+        if not is_open:
+            raise ModelError(f"file '{path}' cannot be read: {error}") from None
         why = " ".join(f"{type(error).__name__}: {error}".split())  # h5py and h5netcdf raise any of these where a part is damaged
         raise ModelError(f"file '{path}' is damaged: {why}") from None
     if "status" not in data or "point" not in data.dims:
