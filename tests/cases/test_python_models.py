@@ -757,8 +757,8 @@ def test_long_calls_report_their_progress():
     model = duffing()
     model["structure.damping_mass"] = 0.01
     motion = model.solve(order=5)
-    for call in (lambda report: model.verify(motion, periods=4000, progress=report),
-                 lambda report: model.census(starts=200, order=5, progress=report)):  # fmt: skip
+    for call in (lambda report: model.verify(motion, periods=400, progress=report),
+                 lambda report: model.census(starts=4000, order=5, progress=report)):  # fmt: skip
         seen = []
         call(lambda *numbers, seen=seen: seen.append(numbers))
         assert seen and all(0 <= n <= total for n, total in seen) and [n for n, _ in seen] == sorted(n for n, _ in seen)
