@@ -95,6 +95,7 @@ def test_time_ends_a_census(folder):
     assert "from 1 directed start and 0 random starts" in done.stdout
 
 
+@pytest.mark.long
 def test_the_time_limit_holds_for_the_first_motion(tmp_path):
     """Its motion, tangents and estimates take several times as long as the limit."""
     text = (
