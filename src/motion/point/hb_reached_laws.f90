@@ -14,6 +14,8 @@ module hb_reached_laws
                                                                       ! by 2 %, which is within the margin
    integer, parameter :: max_samples = 100000                         ! of the torus; with more a box around it decides
    integer, parameter :: per_part = 4096                              ! samples at one time
+   integer, parameter :: samples_at_first = 256                       ! spread over the torus: most motions reach a law there
+   real(wp), parameter :: golden_ratio = 0.6180339887498949_wp        ! multiples of it are spread without a pattern
 
 contains
 
@@ -37,7 +39,7 @@ contains
       real(wp), intent(in) :: margin
       class(law_t), allocatable :: law
       complex(wp), allocatable :: amplitudes(:, :)
-      integer :: counts(size(motion%tuples, 1)), first, n
+      integer :: counts(size(motion%tuples, 1)), first, i, n
 
       reaches = .true.
       if (.not. has_reach(given) .or. given%needs_velocity .or. allocated(given%positions)) return
@@ -51,8 +53,10 @@ contains
       counts = samples_of_harmonic*max(1, maxval(abs(motion%tuples), dim=2))
       if (product(real(counts, wp)) > max_samples) return
       n = product(counts)
-      do first = 1, n, per_part
-         if (touches(motion_at(motion%tuples, amplitudes, counts, first, min(n, first + per_part - 1)))) return
+      if (touches(motion_at(motion%tuples, amplitudes, counts, &
+                            [(int(n*modulo(i*golden_ratio, 1.0_wp)), i=1, samples_at_first)]))) return
+      do first = 0, n - 1, per_part
+         if (touches(motion_at(motion%tuples, amplitudes, counts, [(i, i=first, min(n, first + per_part) - 1)]))) return
       end do
       reaches = .false.
 
@@ -82,27 +86,27 @@ contains
       end do
    end function corners_of
 
-   !> Coordinates at some of the points of a grid over the torus, counted along the first tone first, (points, coordinates).
-   pure function motion_at(tuples, amplitudes, counts, first, last) result(z)
+   !> Coordinates at some of the points of a grid over the torus, (points, coordinates).
+   pure function motion_at(tuples, amplitudes, counts, at) result(z)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_coordinates, n_harmonics)
       integer, intent(in) :: counts(:)                                !! points along each tone
-      integer, intent(in) :: first, last
-      real(wp) :: z(last - first + 1, size(amplitudes, 1))
+      integer, intent(in) :: at(:)                                    !! the points, counted from 0 along the first tone first
+      real(wp) :: z(size(at), size(amplitudes, 1))
       complex(wp) :: turns(0:maxval(counts) - 1, size(counts)), waves(size(tuples, 2))
       integer :: i, k, rest
 
       do k = 1, size(counts)
          turns(:counts(k) - 1, k) = [(exp(cmplx(0.0_wp, two_pi*i/counts(k), wp)), i=0, counts(k) - 1)]
       end do
-      do i = first, last
-         rest = i - 1
+      do i = 1, size(at)
+         rest = at(i)
          waves = 1.0_wp
          do k = 1, size(counts)
             waves = waves*turns(modulo(modulo(rest, counts(k))*tuples(k, :), counts(k)), k)
             rest = rest/counts(k)
          end do
-         z(i - first + 1, :) = real(matmul(amplitudes, waves))
+         z(i, :) = real(matmul(amplitudes, waves))
       end do
    end function motion_at
 end module hb_reached_laws
