@@ -12,7 +12,9 @@ module hb_reached_laws
    real(wp), parameter :: few_percent = 0.05_wp                       !! of a motion: a law that is so near may be reached
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one of a tone: a peak between them is higher
                                                                       ! by 2 %, which is within the margin
-   integer, parameter :: max_samples = 100000                         ! of the torus; with more a box around it decides
+   real(wp), parameter :: max_samples = 1.0e5_wp                      ! of the torus; with more a box around it decides
+   real(wp), parameter :: max_terms = 2.0e7_wp                        ! of the series at them, for all laws: .2 s
+   integer, parameter :: points_across = 33                           ! of a box along a coordinate, fewer of several
    integer, parameter :: per_part = 4096                              ! samples at one time
    integer, parameter :: samples_at_first = 256                       ! spread over the torus: most motions reach a law there
    real(wp), parameter :: golden_ratio = 0.6180339887498949_wp        ! multiples of it are spread without a pattern
@@ -28,15 +30,16 @@ contains
       logical :: is_reached(size(laws))
       integer :: i
 
-      is_reached = [(reaches(laws(i)%law, motion, margin), i=1, size(laws))]
+      is_reached = [(reaches(laws(i)%law, motion, margin, max_terms/size(laws)), i=1, size(laws))]
       reached = laws(pack([(i, i=1, size(laws))], is_reached))
    end function reached_laws
 
    !> Whether a motion reaches a law. Those on velocities and between surfaces count as reached.
-   logical function reaches(given, motion, margin)
+   logical function reaches(given, motion, margin, terms)
       class(law_t), intent(in) :: given
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: margin
+      real(wp), intent(in) :: terms                                   ! of the series that may be summed up
       class(law_t), allocatable :: law
       complex(wp), allocatable :: amplitudes(:, :)
       integer :: counts(size(motion%tuples, 1)), first, i, n
@@ -46,12 +49,10 @@ contains
       allocate (law, source=given)
       call law%prepare(1.0_wp)                                        ! the sign of a force does not depend on it
       amplitudes = matmul(transpose(cmplx(law%shape, 0.0_wp, wp)), motion%amplitudes(law%dofs, :))
-      if (law%is_multiplier) then                                     ! what walls admit is convex
-         reaches = touches(corners_of(motion%tuples, amplitudes))
-         if (.not. reaches) return
-      end if
+      reaches = touches(box_around(motion%tuples, amplitudes))
+      if (.not. reaches) return
       counts = samples_of_harmonic*max(1, maxval(abs(motion%tuples), dim=2))
-      if (product(real(counts, wp)) > max_samples) return
+      if (product(real(counts, wp)) > min(max_samples, terms/size(motion%tuples, 2))) return
       n = product(counts)
       if (touches(motion_at(motion%tuples, amplitudes, counts, &
                             [(int(n*modulo(i*golden_ratio, 1.0_wp)), i=1, samples_at_first)]))) return
@@ -70,21 +71,23 @@ contains
       end function touches
    end function reaches
 
-   !> Corners of the box that no phase leaves, (corners, coordinates).
-   pure function corners_of(tuples, amplitudes) result(z)
+   !> Points of the box that no phase leaves, with its corners, (points, coordinates).
+   pure function box_around(tuples, amplitudes) result(z)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_coordinates, n_harmonics)
-      real(wp) :: z(2**size(amplitudes, 1), size(amplitudes, 1))
+      real(wp), allocatable :: z(:, :)
       logical :: is_mean(size(tuples, 2))
-      integer :: c, i
+      integer :: c, i, n
 
       is_mean = all(tuples == 0, dim=1)
+      n = max(2, nint(real(points_across, wp)**(1.0_wp/size(amplitudes, 1))))
+      allocate (z(n**size(amplitudes, 1), size(amplitudes, 1)))
       do c = 1, size(z, 2)
          associate (mean => sum(real(amplitudes(c, :)), mask=is_mean), extent => sum(abs(amplitudes(c, :)), mask=.not. is_mean))
-            z(:, c) = [(mean + merge(extent, -extent, btest(i - 1, c - 1)), i=1, size(z, 1))]
+            z(:, c) = [(mean + extent*(2.0_wp*modulo((i - 1)/n**(c - 1), n)/(n - 1) - 1.0_wp), i=1, size(z, 1))]
          end associate
       end do
-   end function corners_of
+   end function box_around
 
    !> Coordinates at some of the points of a grid over the torus, (points, coordinates).
    pure function motion_at(tuples, amplitudes, counts, at) result(z)
