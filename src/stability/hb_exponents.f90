@@ -1,11 +1,11 @@
 !> Lyapunov exponents along a motion of several tones: the growth rates of disturbances, averaged over the torus.
 !>
-!> Disturbances are propagated period by period, each of the slowest tone, and orthogonalised after each (Benettin).
-!> The logarithms of their growth are averaged with a smooth window, which converges faster than any power of the
-!> length if the linear equations can be reduced to constant ones. The largest difference between this average and averages over
-!> half the record, or its change by sorting, is the spread; the difference of both halves alone may vanish by chance. Disturbances may beat for longer than the
-!> record: they then grow in both halves and decay later. Exponents whose disturbances have not become very different in size may all
-!> equal their mean, and growth counts only if that is growth too.
+!> Disturbances are propagated period by period, each of the slowest tone, and orthogonalised after each (Benettin). The
+!> logarithms of their growth are averaged with a smooth window, which converges faster than any power of the length if the
+!> linear equations can be reduced to constant ones. The largest difference between this average and averages over half the
+!> record, or its change by sorting, is the spread; the difference of both halves alone may vanish by chance. Disturbances may
+!> beat for longer than the record: they then grow in both halves and decay later. Exponents whose disturbances have not become
+!> very different in size may all equal their mean, and growth counts only if that is growth too.
 !> Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y.
 !> Saiki, E. Sander and J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents
